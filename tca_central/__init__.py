@@ -1,0 +1,1 @@
+"""The daemon: a pure, deterministic core and one ZeroMQ shell around it."""

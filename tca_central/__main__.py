@@ -1,0 +1,87 @@
+"""The command line of the daemon: arguments, journal, signals."""
+
+import logging
+import os
+import signal
+import time
+from importlib.metadata import version
+from pathlib import Path
+from secrets import token_hex
+
+import click
+
+from tca_central.core import Central
+from tca_central.errors import CentralError
+from tca_central.journal_writer import JournalWriter, Sync
+from tca_central.server import Server
+from tca_wire.endpoint import VARIABLE, default_endpoint
+
+LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
+
+
+def default_journals() -> Path:
+    """The folder that holds a journal per run, where nobody names another: ``$XDG_STATE_HOME/tca/journals``."""
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "tca" / "journals"
+
+
+def _new_journal_folder() -> Path:
+    return default_journals() / f"{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
+
+
+def _check_address(bind: str, *, insecure: bool) -> None:
+    """Only programs of this user should reach central, until connections can prove who they are."""
+    port = bind.rpartition(":")[2]
+    is_tcp = bind.startswith("tcp://") and (port == "*" or 0 < _number(port) < 65536)
+    if not is_tcp and not bind.startswith("ipc:///"):
+        msg = f"'{bind}' is no address: use ipc:///path/of/socket or tcp://127.0.0.1:port (port * takes a free one)"
+        raise click.UsageError(msg)
+    if bind.startswith("tcp://") and not bind.startswith(LOOPBACK) and not insecure:
+        msg = f"{bind} can be reached from other machines, and nothing checks who connects: use an ssh tunnel to a \
+loopback address, or --insecure on a network that you trust"
+        raise click.UsageError(msg)
+
+
+def _number(text: str) -> int:
+    return int(text) if text.isascii() and text.isdigit() else 0
+
+
+@click.command()
+@click.option("--bind", metavar="ADDRESS", help=f"Where to listen [default: ${VARIABLE}, else a socket of your own].")
+@click.option("--journal", type=click.Path(path_type=Path), help="Folder for the journal [default: a new one per run].")
+@click.option("--no-journal", is_flag=True, help="Keep no journal.")
+@click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
+              help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
+before and on the disk within a second, 'none' when convenient.")  # fmt: skip
+@click.option("--insecure", is_flag=True, help="Allow addresses that other machines can reach.")
+@click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
+def central(
+    bind: str | None, journal: Path | None, sync: str, *, no_journal: bool, insecure: bool, quiet: bool
+) -> None:
+    """Run the daemon that routes messages and keeps the task tree."""
+    logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, format="central: %(message)s")
+    endpoint = bind or default_endpoint()
+    _check_address(endpoint, insecure=insecure)
+    epoch = token_hex(8)
+    folder = journal or _new_journal_folder()
+    try:
+        server = Server(Central(epoch), None, endpoint)
+    except CentralError as error:
+        raise click.ClickException(str(error)) from None
+    try:
+        if not no_journal:
+            server.journal = JournalWriter(folder, epoch=epoch, version=version("tca"), sync=Sync(sync))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
+        log = logging.getLogger("tca.central")
+        log.info("listening on %s", server.endpoint)
+        log.info("no journal" if no_journal else f"journal in {folder}")
+        server.serve()
+    except CentralError as error:
+        raise click.ClickException(str(error)) from None
+    finally:
+        server.close()
+
+
+if __name__ == "__main__":
+    central(prog_name="tca central")

@@ -1,0 +1,97 @@
+"""Whether one point must already come before another: the search that refuses circular constraints.
+
+It looks from both ends at once, one point at a time, and stops when either side is exhausted, so that its cost is
+that of the smaller side; points already reached hold nothing back and are left out. Edges are the constraints, the
+order within a task, and the parent/child rules: a parent starts before, and ends after, each of its children.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from tca_central.intervals import (
+    END_ACHIEVING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_PLANNING,
+    predecessors_within,
+    successors_within,
+)
+from tca_central.task_tree import Task, TaskTree
+
+
+class Place(NamedTuple):
+    """A point of a live task."""
+
+    task: Task
+    moment: int
+
+
+def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
+    """The points that lead from *start* to *goal*, both included; None if nothing does."""
+    if start == goal:
+        return [start]
+    ahead = _Side(start, _successors)
+    behind = _Side(goal, lambda place: _predecessors(tree, place))
+    while True:
+        for side, other in ((ahead, behind), (behind, ahead)):
+            found = side.step()
+            if found is None:
+                return None
+            if found in other.came_from:
+                return ahead.trail(found)[::-1] + behind.trail(found)[1:]
+
+
+class _Side:
+    """One end of the search: the points met and by which way."""
+
+    def __init__(self, origin: Place, neighbours: Callable[[Place], Iterator[Place]]) -> None:
+        self.came_from: dict[Place, Place | None] = {origin: None}
+        self._walk = self._points(origin, neighbours)
+
+    def step(self) -> Place | None:
+        """One more point; None if there are no more."""
+        return next(self._walk, None)
+
+    def _points(self, origin: Place, neighbours: Callable[[Place], Iterator[Place]]) -> Iterator[Place]:
+        frontier = [origin]
+        for place in frontier:  # grows while it is walked
+            for neighbour in neighbours(place):
+                if not neighbour.task.reached & neighbour.moment and neighbour not in self.came_from:
+                    self.came_from[neighbour] = place
+                    frontier.append(neighbour)
+                    yield neighbour
+
+    def trail(self, place: Place) -> list[Place]:
+        """The way from *place* back to the origin."""
+        trail = [place]
+        while (previous := self.came_from[trail[-1]]) is not None:
+            trail.append(previous)
+        return trail
+
+
+def _successors(place: Place) -> Iterator[Place]:
+    task, moment = place
+    for following in successors_within(task.is_goal, moment):
+        yield Place(task, following)
+    for at, follower, its_moment in task.followers or ():
+        if at == moment:
+            yield Place(follower, its_moment)
+    if moment in (START_PLANNING, START_ACHIEVING):
+        for child in (task.children or {}).values():
+            yield Place(child, moment)
+    elif moment in (END_PLANNING, END_ACHIEVING) and task.parent is not None:
+        yield Place(task.parent, moment)
+
+
+def _predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
+    task, moment = place
+    for preceding in predecessors_within(task.is_goal, moment):
+        yield Place(task, preceding)
+    for at, leader_id, its_moment in task.leaders or ():
+        if at == moment and (leader := tree.tasks.get(leader_id)) is not None:
+            yield Place(leader, its_moment)
+    if moment in (START_PLANNING, START_ACHIEVING) and task.parent is not None:
+        yield Place(task.parent, moment)
+    elif moment in (END_PLANNING, END_ACHIEVING):
+        for child in (task.children or {}).values():
+            yield Place(child, moment)

@@ -1,0 +1,149 @@
+"""Brings deliveries to handlers: chooses the resource, queues, and hands on a slot that became free.
+
+Knows messages' handlers and resources' order; knows nothing of points and constraints. What it delivers and drops it
+reports through the two functions it is given.
+"""
+
+from collections.abc import Callable
+
+from tca_central.registry import Connection, Handler, MessageType
+from tca_central.resources import Delivery, Resource
+from tca_wire.facts import HandlerRemoved, Queued
+
+QUEUE_LIMIT = 10_000
+"""Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
+refused. Tasks are not counted: they are in the tree anyway."""
+
+
+class Dispatcher:
+    """Every delivery between its start and its handler's return."""
+
+    def __init__(self, facts: list[object], deliver: Callable[[Delivery, Connection], None]) -> None:
+        self._facts = facts
+        self._deliver = deliver
+        self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+
+    def route(self, delivery: Delivery, *targets: Resource) -> None:
+        """Deliver, or queue until a slot of a resource that handles the message is free.
+
+        *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
+        """
+        resources = targets or tuple(delivery.message.candidates())
+        for resource in resources:
+            if slot := resource.take_slot():
+                self._attend(delivery, slot)
+                return
+        if (slot := own_slot(delivery, resources)) is not None:
+            delivery.nested = True
+            self._attend(delivery, slot)
+            return
+        delivery.queues = resources
+        if not resources:
+            delivery.message.waiting[delivery.id] = delivery
+            self._facts.append(Queued(delivery.id, "", ""))
+            return
+        for resource in resources:
+            resource.queue(delivery)
+        self._facts.append(Queued(delivery.id, resources[0].module, resources[0].name))
+
+    def _attend(self, delivery: Delivery, slot: Connection) -> None:
+        delivery.slot = slot
+        self.attended[delivery.id] = delivery
+        self._deliver(delivery, slot)
+
+    def complete(self, delivery: Delivery) -> None:
+        """The handler returned: its slot takes the next one."""
+        del self.attended[delivery.id]
+        slot, delivery.slot = delivery.slot, None
+        if delivery.nested:
+            delivery.nested = False
+        elif slot is not None and slot.resource is not None:
+            self._give_slot(slot, slot.resource)
+
+    def _give_slot(self, slot: Connection, resource: Resource) -> None:
+        following = resource.next_queued()
+        if following is None:
+            resource.free_slot(slot)
+        else:
+            following.withdraw()
+            self._attend(following, slot)
+
+    def withdraw(self, delivery: Delivery) -> None:
+        """Take a delivery out of wherever it waits."""
+        if delivery.queues == ():
+            del delivery.message.waiting[delivery.id]
+        delivery.withdraw()
+
+    def is_full(self, message: MessageType) -> bool:
+        """Whether too much waits already where a message of this type would have to wait."""
+        resources = list(message.candidates())
+        if not resources:
+            return len(message.waiting) >= QUEUE_LIMIT
+        return all(resource.waiting >= QUEUE_LIMIT for resource in resources)
+
+    # --- slots and handlers come and go ----------------------------------------------------------------------------
+
+    def slot_came(self, slot: Connection, resource: Resource) -> None:
+        """A connection offers to handle messages for a resource."""
+        slot.resource = resource
+        resource.add_slot(slot)
+        if resource.next_queued() is not None:
+            taken = resource.take_slot()
+            assert taken is slot
+            self._give_slot(slot, resource)
+
+    def slot_gone(self, slot: Connection) -> list[Delivery]:
+        """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
+        if slot.resource is not None:
+            slot.resource.remove_slot(slot)
+        orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
+        for delivery in orphans:
+            del self.attended[delivery.id]
+            delivery.slot, delivery.nested = None, False
+        return orphans
+
+    def handler_came(self, handler: Handler) -> None:
+        """The newest handler takes over what waits for its message."""
+        message = handler.message
+        queued = [] if message.fans_out else self._take_queued(message)
+        message.handlers.append(handler)
+        handler.module.handlers[message.name] = handler
+        for delivery in queued:
+            self.route(delivery)
+
+    def handler_gone(self, handler: Handler) -> list[Delivery]:
+        """What waited for that handler goes to the one before it, or waits. What was meant for it alone (its copy of a
+        broadcast or multi-query) is returned.
+        """
+        message = handler.message
+        queued = self._take_queued(message, handler.resource if message.fans_out else None)
+        message.handlers.remove(handler)
+        del handler.module.handlers[message.name]
+        self._facts.append(HandlerRemoved(message.name, handler.module.name))
+        if message.fans_out:
+            return queued
+        for delivery in queued:
+            self.route(delivery)
+        return []
+
+    @staticmethod
+    def _take_queued(message: MessageType, only: Resource | None = None) -> list[Delivery]:
+        """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""
+        resources = [only] if only else {handler.resource: None for handler in message.handlers}
+        found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
+        found.update(message.waiting)
+        message.waiting.clear()
+        queued = [found[delivery_id] for delivery_id in sorted(found)]
+        for delivery in queued:
+            delivery.withdraw()
+        return queued
+
+
+def own_slot(delivery: Delivery, resources: tuple[Resource, ...]) -> Connection | None:
+    """The sender's own slot, if it blocks for this answer there: such a message ignores capacity, or it would wait for
+    itself (TCA 8.5: self-queries).
+    """
+    sender = delivery.sender
+    if sender is not None and sender.resource in resources and delivery.number in sender.outstanding:
+        return sender if not delivery.message.message_class.is_task else None
+    return None

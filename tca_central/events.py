@@ -1,0 +1,55 @@
+"""What can happen to central, and the effects it asks for. The core sees nothing else of the world."""
+
+from typing import NewType
+
+import msgspec
+
+from tca_wire.facts import Entry
+from tca_wire.headers import ToCentral, ToModule
+
+ConnectionId = NewType("ConnectionId", bytes)
+
+
+class Received(msgspec.Struct, frozen=True):
+    """A module's message arrived. *time* in seconds, as in every event, on a clock that never jumps."""
+
+    time: float
+    connection: ConnectionId
+    header: ToCentral
+    body: bytes = b""
+
+
+class BadBytes(msgspec.Struct, frozen=True):
+    """Bytes arrived that are no message."""
+
+    time: float
+    connection: ConnectionId
+    why: str
+
+
+class ConnectionLost(msgspec.Struct, frozen=True):
+    """A connection closed without Bye: its process died or the network failed."""
+
+    time: float
+    connection: ConnectionId
+    why: str = "its connection closed"
+
+
+Event = Received | BadBytes | ConnectionLost
+
+
+class Transmit(msgspec.Struct, frozen=True):
+    """Send this message to that connection."""
+
+    connection: ConnectionId
+    header: ToModule
+    body: bytes = b""
+
+
+class Record(msgspec.Struct, frozen=True):
+    """Write this entry to the journal before any Transmit of the same event leaves."""
+
+    entry: Entry
+
+
+Effect = Record | Transmit

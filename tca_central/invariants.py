@@ -1,0 +1,137 @@
+"""What is true of central between two events: the Z schemas of the TCA paper and our own bookkeeping.
+
+Costs a walk over everything; for tests. The schemas are those of the paper's section "Design and Analysis Tools"; where
+the scan contradicts itself (a child's constraints inside its parent's) we take what TCA did: children inherit.
+"""
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from tca_central.agenda import held_counts
+from tca_central.intervals import (
+    END_ACHIEVING,
+    END_PLANNING,
+    MUST_FOLLOW_IN_COMMAND,
+    MUST_FOLLOW_IN_GOAL,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    delivered_at,
+)
+from tca_central.resources import Resource
+from tca_central.task_tree import Task
+from tca_wire.points import ALL_MOMENTS, ROOT
+
+if TYPE_CHECKING:
+    from tca_central.core import Central
+
+
+def check_invariants(central: "Central") -> None:
+    """Raise AssertionError, naming the task or resource, where an invariant does not hold."""
+    tree = central.tree
+    held, leaders = _constraints_in_force(central)
+    for task in tree.tasks.values():
+        _check_place(central, task)
+        _check_family(task)
+        _check_order(task)
+        assert held_counts(task) == dict(held.get(task.id, {})), f"{task}: held by {held_counts(task)}"
+        assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders.get(task.id, set()), f"{task}"
+        _check_delivery(central, task)
+    root_children = tree.root.children or {}
+    assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
+    _check_resources(central)
+    _check_connections(central)
+
+
+def _constraints_in_force(central: "Central") -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
+    """What the followers' lists say about who is held, counted anew."""
+    held: dict[int, Counter[int]] = {}
+    leaders: dict[int, set[tuple[int, int, int]]] = {}
+    for task in central.tree.tasks.values():
+        for moment, follower, its_moment in task.followers or ():
+            assert not task.reached & moment, f"{task}: {follower} still waits for a moment that is past"
+            held.setdefault(follower.id, Counter())[its_moment] += 1
+            leaders.setdefault(follower.id, set()).add((its_moment, task.id, moment))
+    return held, leaders
+
+
+def _check_place(central: "Central", task: Task) -> None:
+    """Task tree schema: every node but the root has one parent, which is a node or the root; the root is no node."""
+    tree = central.tree
+    assert task.id != ROOT, "the root is among the tasks"
+    parent = task.parent
+    assert parent is not None, f"{task}: no parent"
+    assert parent is tree.root or tree.tasks.get(parent.id) is parent, f"{task}: its parent is not in the tree"
+    assert parent.children is not None, f"{task}: its parent does not know it"
+    assert parent.children.get(task.id) is task, f"{task}: its parent does not know it"
+    assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
+    assert task.unplanned == sum(
+        child.is_goal and not child.reached & END_PLANNING for child in (task.children or {}).values()
+    ), f"{task}: {task.unplanned} children to plan"
+
+
+def _check_family(task: Task) -> None:
+    """A child starts planning (achieving) after its parent; a parent ends after its children. Killed ones just end."""
+    parent = task.parent
+    assert parent is not None
+    assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"
+    if not task.killed:
+        for moment in (START_PLANNING, START_ACHIEVING) if task.is_goal else (START_ACHIEVING,):
+            assert parent.reached & moment or not task.reached & moment, f"{task}: started before its parent"
+        assert not parent.killed, f"{task}: outlives its killed parent"
+    assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
+
+
+def _check_order(task: Task) -> None:
+    """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may be planned."""
+    for moment, needed in MUST_FOLLOW_IN_GOAL if task.is_goal else MUST_FOLLOW_IN_COMMAND:
+        assert not task.reached & moment or task.reached & needed == needed, f"{task}: {moment} too early"
+    start = delivered_at(task.is_goal)
+    assert bool(task.reached & start) == bool(task.reached & START_HANDLING), f"{task}: started in part"
+    for moment in held_counts(task):
+        assert task.killed or not task.reached & moment, f"{task}: moment {moment} is past, and still held"
+
+
+def _check_delivery(central: "Central", task: Task) -> None:
+    """A task is in one place: held by constraints, in a queue, with a handler, or returned."""
+    parent = task.parent
+    assert parent is not None
+    is_attended = task.id in central.dispatcher.attended
+    assert is_attended == task.is_running, f"{task}: attended or not?"
+    assert not (is_attended and task.queues is not None), f"{task}: with a handler and in a queue"
+    assert not (is_attended and task.returned), f"{task}: returned and with a handler"
+    if task.killed or task.reached & START_HANDLING:
+        return
+    start = delivered_at(task.is_goal)
+    may_start = start not in held_counts(task) and bool(parent.reached & start)
+    assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
+
+
+def _check_resources(central: "Central") -> None:
+    """A resource is never over its capacity, and nothing waits while a slot is free."""
+    attending: Counter[Resource] = Counter()
+    slots = set()
+    for delivery in central.dispatcher.attended.values():
+        assert delivery.slot is not None, f"delivery {delivery.id}: attended by nobody"
+        assert delivery.slot.resource is not None
+        if not delivery.nested:
+            assert delivery.slot not in slots, f"delivery {delivery.id}: its slot handles two messages"
+            slots.add(delivery.slot)
+            attending[delivery.slot.resource] += 1
+    for module in central.registry.modules.values():
+        for resource in module.resources.values():
+            name = f"resource '{resource.name}' of '{module.name}'"
+            assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
+            assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
+            assert not (resource.waiting and resource.free), f"{name}: messages wait while a slot is free"
+    for message in central.registry.messages.values():
+        assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
+
+
+def _check_connections(central: "Central") -> None:
+    registry = central.registry
+    for connection in registry.connections.values():
+        assert registry.modules.get(connection.module.incarnation) is connection.module
+        assert connection.module.connections.get(connection.session) is connection
+    known = sum(len(module.connections) for module in registry.modules.values())
+    assert known == len(registry.connections), "connections without a module"

@@ -1,0 +1,133 @@
+"""Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
+
+from typing import TYPE_CHECKING
+
+from tca_central.errors import RequestError
+from tca_central.events import ConnectionId
+from tca_central.registry import Connection, Handler, Module
+from tca_central.requests import fail_delivery, give_up
+from tca_central.task_tree import Task
+from tca_wire import facts, headers
+from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Refusal
+
+if TYPE_CHECKING:
+    from tca_central.core import Central
+
+MODULE_LOST = "module lost"
+
+
+def hello(central: "Central", connection_id: ConnectionId, header: headers.Hello) -> None:
+    """A connection introduces itself, for the first time or after a reconnect."""
+    registry = central.registry
+    if header.version != PROTOCOL_VERSION:
+        text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if not all(name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource)):
+        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
+    module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
+    if is_new:
+        central.facts.append(facts.ModuleJoined(module.name, header.process))
+    session = f"{header.incarnation}/{header.connection}"
+    connection = module.connections.get(session)
+    if connection is not None:  # the same one, reconnected before its loss was noticed
+        del registry.connections[connection.id]
+        connection.id = connection_id
+        registry.connections[connection_id] = connection
+    else:
+        connection = _join(central, Connection(connection_id, session, module), header.resource)
+    on_hello_again(central, connection, header, b"")
+
+
+def _join(central: "Central", connection: Connection, resource_name: str) -> Connection:
+    module = connection.module
+    if before := central.registry.lost.pop(connection.session, None):
+        connection.answers, connection.last_number = before.answers, before.last_number
+    module.connections[connection.session] = connection
+    central.registry.connections[connection.id] = connection
+    if resource_name:
+        resource = module.resource(resource_name)
+        central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
+        central.dispatcher.slot_came(connection, resource)
+    return connection
+
+
+def on_hello_again(central: "Central", connection: Connection, header: headers.Hello, _: bytes) -> None:
+    """A connection that is known asks whether it still is."""
+    welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
+    central.tell(connection, welcome)
+
+
+def on_bye(central: "Central", connection: Connection, _header: headers.Bye, _: bytes) -> None:
+    """A connection closes of its own will."""
+    leave(central, connection, "it said goodbye", lost=False)
+
+
+def leave(central: "Central", connection: Connection, why: str, *, lost: bool) -> None:
+    """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
+    module = connection.module
+    central.registry.forget_connection(connection)
+    for number in list(connection.outstanding):
+        give_up(central, connection, number)
+    if connection.resource is None:
+        remove_handlers(central, list(module.handlers.values()))
+    orphans = central.dispatcher.slot_gone(connection)
+    if connection.resource is not None:
+        resource = connection.resource
+        central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
+    if not module.connections:
+        remove_handlers(central, list(module.handlers.values()))
+        central.registry.forget_module(module)
+        central.tree.forget_module(module.name)
+        central.facts.append(facts.ModuleLeft(module.name, why))
+    for delivery in orphans:
+        if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
+            fail_delivery(central, delivery, MODULE_LOST, f"module '{module.name}' was lost: {why}", b"")
+        else:
+            central.dispatcher.route(delivery)
+
+
+# --- messages and handlers -------------------------------------------------------------------------------------------
+
+
+def on_register(central: "Central", connection: Connection, header: headers.Register, _: bytes) -> None:
+    """A module declares messages and handlers: all of them or none."""
+    module, registry = connection.module, central.registry
+    for declared in header.messages:
+        registry.check(declared, module)
+    declared_now = {declared.name for declared in header.messages}
+    for handled in header.handlers:
+        if handled.message not in declared_now and handled.message not in registry.messages:
+            raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
+    for declared in header.messages:
+        message, is_new = registry.declare(declared, module)
+        if is_new:
+            central.facts.append(
+                facts.FormatDefined(message.name, message.message_class, declared.data, declared.reply, module.name)
+            )
+    for handled in header.handlers:
+        _add_handler(central, module, handled)
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def _add_handler(central: "Central", module: Module, handled: headers.HandlerFormat) -> None:
+    if handled.message in module.handlers:
+        remove_handlers(central, [module.handlers[handled.message]])
+    resource = module.resource(handled.resource)
+    central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
+    message = central.registry.messages[handled.message]
+    central.dispatcher.handler_came(Handler(message, module, resource, handled.pool))
+
+
+def on_unregister(central: "Central", connection: Connection, header: headers.Unregister, _: bytes) -> None:
+    """A module stops handling messages; those under way are finished."""
+    handlers = connection.module.handlers
+    names = header.messages or list(handlers)
+    remove_handlers(central, [handlers[name] for name in names if name in handlers])
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def remove_handlers(central: "Central", handlers: list[Handler]) -> None:
+    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails."""
+    for handler in handlers:
+        for delivery in central.dispatcher.handler_gone(handler):
+            fail_delivery(central, delivery, MODULE_LOST, f"module '{handler.module.name}' no longer handles it", b"")

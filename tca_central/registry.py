@@ -1,0 +1,159 @@
+"""Who is connected, which messages exist and who handles them. Knows nothing of tasks, time or sockets."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from tca_central.errors import RequestError
+from tca_central.events import ConnectionId
+from tca_central.resources import Delivery, Resource
+from tca_wire.formats import first_difference
+from tca_wire.headers import Limit, MessageClass, MessageFormat, Refusal, ToModule
+
+REMEMBERED_ANSWERS = 64
+"""Answers kept per connection for a request that is repeated after a reconnect."""
+
+REMEMBERED_CONNECTIONS = 256
+
+
+class Connection:
+    """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
+
+    __slots__ = ("answers", "id", "last_number", "module", "outstanding", "resource", "session")
+
+    def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
+        self.id = connection_id
+        self.session = session  #: names it across reconnects
+        self.module = module
+        self.resource: Resource | None = None
+        self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
+        self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
+        self.last_number = 0  #: the highest request number seen
+
+    def remember(self, number: int, header: ToModule, body: bytes) -> None:
+        """Keep an answer in case the request is repeated."""
+        answers = self.answers
+        answers[number] = (header, body)
+        if len(answers) > REMEMBERED_ANSWERS:
+            del answers[next(iter(answers))]
+
+
+class Module:
+    """A connected program. It is there as long as one of its connections is."""
+
+    def __init__(self, name: str, incarnation: str, process: str) -> None:
+        self.name = name  #: unique among those connected
+        self.incarnation = incarnation
+        self.process = process
+        self.connections: dict[str, Connection] = {}  #: by session
+        self.resources: dict[str, Resource] = {}
+        self.handlers: dict[str, Handler] = {}  #: by message name
+
+    def resource(self, name: str) -> Resource:
+        """The resource of that name; made when first named."""
+        if name not in self.resources:
+            self.resources[name] = Resource(self.name, name)
+        return self.resources[name]
+
+
+class Handler:
+    """That a module handles a message, in one of its resources."""
+
+    __slots__ = ("message", "module", "pool", "resource")
+
+    def __init__(self, message: "MessageType", module: Module, resource: Resource, pool: str) -> None:
+        self.message = message
+        self.module = module
+        self.resource = resource
+        self.pool = pool  #: handlers of one pool share the messages
+
+
+class MessageType:
+    """A declared message: its format, who uses it, who handles it, and what waits because nobody does."""
+
+    def __init__(self, declared: MessageFormat, by: str) -> None:
+        self.format = declared
+        self.name = declared.name
+        self.message_class = declared.message_class
+        self.is_goal = declared.message_class is MessageClass.GOAL
+        self.fans_out = declared.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
+        self.first_declared_by = by
+        self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
+        self.handlers: list[Handler] = []  #: newest last
+        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
+
+    def candidates(self) -> Iterator[Resource]:
+        """The resources that may handle this message: of the newest handler and of those in its pool."""
+        if not self.handlers:
+            return
+        newest = self.handlers[-1]
+        yield newest.resource
+        if newest.pool:
+            for handler in reversed(self.handlers[:-1]):
+                if handler.pool == newest.pool:
+                    yield handler.resource
+
+
+class Registry:
+    """All connections, modules and messages."""
+
+    def __init__(self) -> None:
+        self.connections: dict[ConnectionId, Connection] = {}
+        self.modules: dict[str, Module] = {}  #: by incarnation
+        self.messages: dict[str, MessageType] = {}
+        self.lost: dict[str, Connection] = {}  #: lately lost, by session: they may come back and repeat requests
+        self._names: set[str] = set()
+
+    def module(self, name: str, incarnation: str, process: str) -> tuple[Module, bool]:
+        """The module of that incarnation, and whether it is new. A name in use gets a number: "legs#2"."""
+        if known := self.modules.get(incarnation):
+            return known, False
+        unique, number = name, 2
+        while unique in self._names:
+            unique, number = f"{name}#{number}", number + 1
+        self._names.add(unique)
+        self.modules[incarnation] = Module(unique, incarnation, process)
+        return self.modules[incarnation], True
+
+    def forget_connection(self, connection: Connection) -> None:
+        """A connection is gone; what it asked and was told is kept for a while."""
+        del self.connections[connection.id]
+        del connection.module.connections[connection.session]
+        self.lost[connection.session] = connection
+        if len(self.lost) > REMEMBERED_CONNECTIONS:
+            del self.lost[next(iter(self.lost))]
+
+    def forget_module(self, module: Module) -> None:
+        """The last connection of a module is gone. Messages that nobody else declared may be declared anew."""
+        del self.modules[module.incarnation]
+        self._names.discard(module.name)
+        for message in [message for message in self.messages.values() if module.incarnation in message.declarers]:
+            del message.declarers[module.incarnation]
+            if not message.declarers and not message.waiting:
+                del self.messages[message.name]
+
+    def check(self, declared: MessageFormat, module: Module) -> None:
+        """Raises RequestError if others know a message of that name with another format or class."""
+        known = self.messages.get(declared.name)
+        if not declared.name.isprintable() or not 0 < len(declared.name) <= Limit.NAME:
+            raise RequestError(Refusal.PROTOCOL, f"{declared.name!r:.40} is no message name")
+        if known is None or known.format == declared:
+            return
+        if known.message_class != declared.message_class:
+            difference = f"a {declared.message_class} here, a {known.message_class} there"
+        else:
+            what = "result" if declared.message_class is MessageClass.COMMAND else "reply"
+            data = first_difference(declared.data, known.format.data)
+            reply = first_difference(declared.reply, known.format.reply)
+            difference = f"data {data}" if data else f"{what} {reply}" if reply else ""
+        if difference:
+            sides = f"here = module '{module.name}', there = module '{known.first_declared_by}'"
+            raise RequestError(Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})")
+
+    def declare(self, declared: MessageFormat, module: Module) -> tuple[MessageType, bool]:
+        """The message of that name, and whether it is new; ``check`` has passed."""
+        message = self.messages.get(declared.name)
+        is_new = message is None
+        if message is None:
+            self.messages[declared.name] = message = MessageType(declared, module.name)
+        message.declarers[module.incarnation] = None
+        return message, is_new

@@ -1,0 +1,344 @@
+"""What each message from a module does, once it has joined: check, record, tell the parts of central it concerns.
+
+One function a message; HANDLERS in core.py says which. A function that raises RequestError has changed nothing.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from tca_central import status
+from tca_central.errors import RequestError
+from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND, SINGLE_MOMENTS
+from tca_central.registry import Connection, MessageType
+from tca_central.resources import Delivery, Resource
+from tca_central.task_tree import Task
+from tca_wire import facts, headers
+from tca_wire.constraints import Constraint
+from tca_wire.headers import Accepted, Answer, Cancelled, Limit, MessageClass, Outcome, Refusal
+from tca_wire.points import ROOT, TaskId
+
+if TYPE_CHECKING:
+    from tca_central.core import Central
+
+NIL = b"\xc0"  # None as MessagePack
+
+
+class Wait:
+    """A connection waits until a task reaches a moment."""
+
+    __slots__ = ("connection", "number", "origin", "task_id")
+
+    def __init__(self, connection: Connection, header: headers.WaitFor) -> None:
+        self.connection, self.number, self.origin = connection, header.number, header.origin
+        self.task_id = header.point.task
+
+
+class Collector:
+    """A multi-query under way: how many replies are wanted still, and from which deliveries."""
+
+    __slots__ = ("connection", "id", "number", "pending", "wanted")
+
+    def __init__(self, connection: Connection, number: int, message_id: int, wanted: int) -> None:
+        self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
+        self.pending: dict[int, Delivery] = {}
+
+
+# --- sending ---------------------------------------------------------------------------------------------------------
+
+
+def on_send(central: "Central", connection: Connection, header: headers.Send, body: bytes) -> None:
+    """A message to be routed by its class."""
+    message = central.registry.messages.get(header.message)
+    if message is None:
+        text = f"nobody has declared message '{header.message}': register it before it is sent"
+        raise RequestError(Refusal.UNKNOWN, text)
+    if not header.number and message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY):
+        raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    ROUTES[message.message_class](central, connection, header, message, body)
+
+
+def _received(
+    connection: Connection, header: headers.Send, made: Delivery, constraints: list[Constraint]
+) -> facts.Received:
+    message = made.message
+    parent = header.parent if message.message_class.is_task else ROOT
+    sender, origin = connection.module.name, header.origin
+    return facts.Received(
+        made.id, message.name, message.message_class, sender, parent, origin, header.blocking, made.body, constraints
+    )
+
+
+def _make(
+    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+) -> Delivery:
+    delivery = Delivery(central.new_id(), message, body, connection)
+    delivery.priority = header.priority
+    central.facts.append(_received(connection, header, delivery, []))
+    return delivery
+
+
+def _route_inform(
+    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+) -> None:
+    delivery = _make(central, connection, header, message, body)
+    _route_or_drop(central, delivery)
+    if header.number:
+        central.send(connection, header.number, Accepted(header.number, delivery.id))
+
+
+def _route_or_drop(central: "Central", delivery: Delivery, *targets: Resource) -> None:
+    if central.dispatcher.is_full(delivery.message):
+        central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
+    else:
+        central.dispatcher.route(delivery, *targets)
+
+
+def _route_query(
+    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+) -> None:
+    if central.dispatcher.is_full(message):
+        raise RequestError(Refusal.OVERLOAD, f"too many messages wait for the handler of '{message.name}': try later")
+    delivery = _make(central, connection, header, message, body)
+    delivery.number = header.number
+    connection.outstanding[header.number] = delivery
+    central.dispatcher.route(delivery)
+
+
+def _copies(central: "Central", original: Delivery) -> list[tuple[Delivery, Resource]]:
+    """One delivery for each handler of a broadcast or multi-query."""
+    copies = []
+    for handler in original.message.handlers:
+        copy = Delivery(central.new_id(), original.message, original.body, original.sender)
+        copy.message_id, copy.priority = original.id, original.priority
+        copies.append((copy, handler.resource))
+    return copies
+
+
+def _route_broadcast(
+    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+) -> None:
+    original = _make(central, connection, header, message, body)
+    copies = _copies(central, original)
+    for copy, resource in copies:
+        _route_or_drop(central, copy, resource)
+    if not copies:
+        central.facts.append(facts.Dropped(original.id, "nobody listens"))
+    if header.number:
+        central.send(connection, header.number, Accepted(header.number, original.id))
+
+
+def _route_multi_query(
+    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+) -> None:
+    original = _make(central, connection, header, message, body)
+    copies = _copies(central, original)
+    wanted = min(header.maximum, len(copies)) if header.maximum > 0 else len(copies)
+    collector = Collector(connection, header.number, original.id, wanted)
+    connection.outstanding[header.number] = collector
+    for copy, _ in copies:
+        collector.pending[copy.id] = copy
+        central.collectors[copy.id] = collector
+    for copy, resource in copies:
+        central.dispatcher.route(copy, resource)
+    _end_if_complete(central, collector)
+
+
+def _route_task(
+    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+) -> None:
+    parent = central.tree.root if header.parent == ROOT else central.agenda.task(header.parent)
+    if parent is None:
+        text = f"task {header.parent} has ended: nothing can be added under it"
+        raise RequestError(Refusal.TOO_LATE, text)
+    task = Task(TaskId(central.new_id()), message, body, connection)
+    task.priority = header.priority
+    mark = len(central.facts)
+    constraints = central.agenda.add(task, parent, header.flags, header.constraints)
+    birth: list[Any] = [_received(connection, header, task, constraints)]
+    if not task.is_goal:
+        birth.append(facts.Reached(TaskId(task.id), REACHED_AT_BIRTH_BY_COMMAND))
+    central.facts[mark:mark] = birth
+    if header.number:
+        central.send(connection, header.number, Accepted(header.number, task.id))
+
+
+ROUTES = {
+    MessageClass.INFORM: _route_inform,
+    MessageClass.QUERY: _route_query,
+    MessageClass.BROADCAST: _route_broadcast,
+    MessageClass.MULTI_QUERY: _route_multi_query,
+    MessageClass.GOAL: _route_task,
+    MessageClass.COMMAND: _route_task,
+}
+"""One row per message class: how it is routed."""
+
+
+# --- handlers return -------------------------------------------------------------------------------------------------
+
+
+def _attended(central: "Central", connection: Connection, delivery_id: int) -> Delivery:
+    delivery = central.dispatcher.attended.get(delivery_id)
+    if delivery is None or delivery.slot is not connection:
+        text = (
+            f"module '{connection.module.name}' answers delivery {delivery_id}, which it was not given or has answered"
+        )
+        raise RequestError(Refusal.UNKNOWN, text)
+    return delivery
+
+
+def on_reply(central: "Central", connection: Connection, header: headers.Reply, body: bytes) -> None:
+    """A handler returned."""
+    delivery = _attended(central, connection, header.delivery)
+    central.facts.append(facts.Returned(delivery.id, Outcome.DONE, body))
+    central.dispatcher.complete(delivery)
+    if isinstance(delivery, Task):
+        delivery.result = b"" if body == NIL else body
+        _returned(central, delivery)
+    else:
+        _answer_query(central, delivery, Answer(delivery.number), body)
+
+
+def on_fail(central: "Central", connection: Connection, header: headers.Fail, body: bytes) -> None:
+    """A handler failed."""
+    delivery = _attended(central, connection, header.delivery)
+    central.facts.append(facts.Returned(delivery.id, Outcome.FAILED, body))
+    central.dispatcher.complete(delivery)
+    fail_delivery(central, delivery, header.failure, header.text, body)
+
+
+def fail_delivery(central: "Central", delivery: Delivery, failure: str, text: str, body: bytes) -> None:
+    """Raise a failure on a delivery that no handler has any more."""
+    central.facts.append(facts.Failed(delivery.id, failure, text))
+    if isinstance(delivery, Task):
+        if not delivery.killed:
+            _raise(central, delivery, failure, text, body)
+        _returned(central, delivery)
+    else:
+        _answer_query(central, delivery, Answer(delivery.number, Outcome.FAILED, failure, text), body)
+
+
+def _returned(central: "Central", task: Task) -> None:
+    task.body = b""
+    central.agenda.returned(task)
+
+
+def _raise(central: "Central", task: Task, failure: str, text: str, body: bytes) -> None:
+    """Nobody handles the failure: the top-level task is killed, and whoever waits for it is told."""
+    task.failure = (failure, text, body)
+    top = task.top_level()
+    if top is not task and top.failure is None:
+        top.failure = (failure, f"in {task}: {text}", body)
+    kill(central, top, f"failure '{failure}' of {task} was not handled")
+
+
+def kill(central: "Central", task: Task, why: str) -> None:
+    """End a task and all under it; handlers that run are told, and not interrupted."""
+    for running in central.agenda.kill(task, why):
+        if running.slot is not None:
+            central.tell(running.slot, Cancelled(running.id))
+
+
+def _answer_query(central: "Central", delivery: Delivery, answer: Answer, body: bytes) -> None:
+    if collector := central.collectors.pop(delivery.id, None):
+        _collect(central, collector, delivery, answer, body)
+        return
+    sender = delivery.sender
+    if sender is not None and delivery.number and sender.outstanding.pop(delivery.number, None) is not None:
+        central.facts.append(facts.Answered(delivery.id))
+        central.send(sender, delivery.number, answer, body)
+
+
+def _collect(central: "Central", collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
+    del collector.pending[delivery.id]
+    if answer.outcome is Outcome.DONE and collector.wanted:
+        collector.wanted -= 1
+        central.tell(collector.connection, Answer(collector.number, more=True), body)
+    _end_if_complete(central, collector)
+
+
+def _end_if_complete(central: "Central", collector: Collector) -> None:
+    is_complete = not collector.wanted or not collector.pending
+    if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
+        central.facts.append(facts.Answered(collector.id))
+        central.send(collector.connection, collector.number, Answer(collector.number))
+
+
+# --- tasks: constraints, waits, kills --------------------------------------------------------------------------------
+
+
+def on_constrain(central: "Central", connection: Connection, header: headers.Constrain, _: bytes) -> None:
+    """Constraints between tasks that exist."""
+    added = central.agenda.constrain(header.constraints)
+    if added:
+        central.facts.append(facts.Constrained(added))
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def on_wait_for(central: "Central", connection: Connection, header: headers.WaitFor, _: bytes) -> None:
+    """A module waits for a moment of a task."""
+    moment = int(header.point.moment)
+    if moment not in SINGLE_MOMENTS:
+        raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
+    task = central.agenda.task(header.point.task)
+    wait = Wait(connection, header)
+    connection.outstanding[header.number] = wait
+    origin = header.origin
+    central.facts.append(facts.WaitBegan(connection.module.name, origin, wait.task_id, moment))
+    if task is None:
+        answer_wait(central, wait, central.outcomes.get(wait.task_id, (Outcome.DONE, "", "", b"")))
+    elif task.reached & moment:
+        answer_wait(central, wait, central.outcome(task))
+    else:
+        central.agenda.wait(task, moment, wait)
+
+
+def answer_wait(central: "Central", wait: Any, outcome: tuple[Outcome, str, str, bytes]) -> None:
+    """Tell who waited for a task how it stands."""
+    if wait.connection.outstanding.pop(wait.number, None) is not None:
+        central.facts.append(facts.WaitEnded(wait.connection.module.name, wait.origin, wait.task_id))
+        result, failure, text, body = outcome
+        central.send(wait.connection, wait.number, Answer(wait.number, result, failure, text), body)
+
+
+def on_give_up(central: "Central", connection: Connection, header: headers.GiveUp, _: bytes) -> None:
+    """The sender no longer waits for an answer."""
+    give_up(central, connection, header.request)
+
+
+def give_up(central: "Central", connection: Connection, number: int) -> None:
+    """Forget that an answer is due; a query that no handler has yet is dropped."""
+    due = connection.outstanding.pop(number, None)
+    if isinstance(due, Wait):
+        if (task := central.tree.tasks.get(due.task_id)) is not None:
+            central.agenda.stop_waiting(task, due)
+        central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
+    elif isinstance(due, Collector):
+        for delivery in due.pending.values():
+            _abandon(central, delivery)
+        central.facts.append(facts.Dropped(due.id, "its sender gave up"))
+    elif isinstance(due, Delivery):
+        _abandon(central, due)
+        central.facts.append(facts.Dropped(due.id, "its sender gave up"))
+
+
+def _abandon(central: "Central", delivery: Delivery) -> None:
+    if delivery.queues is not None:
+        central.dispatcher.withdraw(delivery)
+        central.collectors.pop(delivery.id, None)
+
+
+def on_kill(central: "Central", connection: Connection, header: headers.Kill, _: bytes) -> None:
+    """A module ends a task."""
+    task = central.agenda.task(header.task)
+    if task is not None:
+        kill(central, task, header.why or f"by module '{connection.module.name}'")
+    central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def on_ask(central: "Central", connection: Connection, header: headers.Ask, _: bytes) -> None:
+    """A module asks what central knows."""
+    body = msgspec.msgpack.encode(status.TOPICS[header.topic](central))
+    if len(body) > Limit.BODY:
+        raise RequestError(Refusal.OVERLOAD, f"the answer to '{header.topic}' has {len(body)} bytes: read the journal")
+    central.send(connection, header.number, Answer(header.number), body)

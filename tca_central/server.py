@@ -1,0 +1,273 @@
+"""The ZeroMQ shell around the core: the only file of central that knows sockets and clocks.
+
+A turn of the loop: read what has arrived, let it happen, journal it, send what follows. Messages to one connection
+that arise in the same turn leave in one packet. A connection that takes no more has its packets kept, up to a bound.
+"""
+
+import contextlib
+import fcntl
+import logging
+import os
+import socket as sockets
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import zmq
+import zmq.utils.monitor
+
+from tca_central.core import Central
+from tca_central.errors import CentralError
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Event, Received, Record, Transmit
+from tca_central.journal_writer import JournalWriter
+from tca_wire import codec, facts
+from tca_wire.errors import ProtocolError
+from tca_wire.headers import Beat, Closing, Limit, ToModule
+
+log = logging.getLogger("tca.central")
+
+BEAT_PERIOD = 1.0
+PACKETS_PER_TURN = 256
+OUTBOX_BYTES = 64 << 20
+PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
+
+
+class Outbox:
+    """What has still to be sent to one connection."""
+
+    __slots__ = ("bytes", "packets", "turn")
+
+    def __init__(self) -> None:
+        self.turn: list[bytes] = []  #: items of this turn
+        self.packets: deque[bytes] = deque()  #: packets that the connection did not take yet
+        self.bytes = 0
+
+
+class Server:
+    """Central as a daemon: the core, its journal and its socket."""
+
+    def __init__(self, central: Central, journal: JournalWriter | None, endpoint: str) -> None:
+        self.central = central
+        self.journal = journal
+        self.stopping = ""  #: why the loop shall end
+        self._began = time.monotonic()
+        self._outboxes: dict[ConnectionId, Outbox] = {}
+        self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
+        self._too_slow: dict[ConnectionId, str] = {}
+        self._next_beat = BEAT_PERIOD
+        self._context = zmq.Context()
+        self._lock = _lock_of(endpoint)
+        self.socket = self._bind(endpoint)
+        self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
+        self._monitor = self.socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._wake, self._woken = sockets.socketpair()
+        self._poller = zmq.Poller()
+        self._poller.register(self._woken, zmq.POLLIN)
+        self._poller.register(self.socket, zmq.POLLIN)
+        self._poller.register(self._monitor, zmq.POLLIN)
+
+    def stop(self, why: str) -> None:
+        """End the loop; may be called from a signal handler or another thread."""
+        self.stopping = why
+        self._wake.send(b".")
+
+    # --- the loop --------------------------------------------------------------------------------------------------
+
+    def serve(self) -> None:
+        """Run until ``stopping`` says why to stop."""
+        while not self.stopping:
+            for event in self._events():
+                for effect in self.central.handle(event):
+                    self._perform(effect)
+            self._flush()
+
+    def _events(self) -> Iterator[Event]:
+        """What has happened since the last turn; waits for something to happen, at most until the next beat."""
+        ready = dict(self._poller.poll(self._patience()))
+        if self.socket in ready:
+            yield from self._received()
+        if self._monitor in ready or self.now() >= self._next_beat:
+            yield from self._lost()
+
+    def _perform(self, effect: Record | Transmit) -> None:
+        if isinstance(effect, Record):
+            if self.journal is not None:
+                self.journal.add(effect.entry)
+            _log_what_people_should_know(effect.entry)
+        else:
+            self._put(effect.connection, effect.header, effect.body)
+
+    def _flush(self) -> None:
+        """End a turn: first the journal, then the messages that it justifies."""
+        if self.journal is not None:
+            self.journal.flush()
+        for connection, outbox in list(self._dirty.items()):
+            self._send(connection, outbox)
+
+    def now(self) -> float:
+        """Seconds since central began, on a clock that never jumps."""
+        return time.monotonic() - self._began
+
+    def _patience(self) -> int:
+        """Milliseconds until something is due: the next beat, or another try with a slow connection."""
+        return 10 if self._dirty else max(0, int((self._next_beat - self.now()) * 1000) + 1)
+
+    # --- receiving -------------------------------------------------------------------------------------------------
+
+    def _received(self) -> Iterator[Event]:
+        for _ in range(PACKETS_PER_TURN):
+            try:
+                routing_id, *frames = self.socket.recv_multipart(zmq.DONTWAIT)
+            except zmq.Again:
+                return
+            connection, now = ConnectionId(routing_id), self.now()
+            try:
+                if len(frames) != 1:
+                    msg = f"{len(frames)} frames; a packet is one"
+                    raise ProtocolError(msg)  # noqa: TRY301
+                items = codec.unpack_to_central(frames[0])
+            except ProtocolError as error:
+                yield BadBytes(now, connection, str(error))
+                continue
+            for header, body in items:
+                yield Received(now, connection, header, body)
+
+    def _lost(self) -> Iterator[Event]:
+        """Beat to every connection; the socket knows which are gone (a monitor event tells only that some are)."""
+        while self._monitor.poll(0):
+            zmq.utils.monitor.recv_monitor_message(self._monitor)
+        self._next_beat = self.now() + BEAT_PERIOD
+        for connection, why in self._too_slow.items():
+            yield ConnectionLost(self.now(), connection, why)
+        self._too_slow.clear()
+        beat = codec.pack_item(Beat())
+        for connection in list(self.central.registry.connections):
+            try:
+                self.socket.send_multipart((connection, beat), zmq.DONTWAIT)
+            except zmq.Again:
+                continue
+            except zmq.ZMQError:
+                yield ConnectionLost(self.now(), connection)
+        for gone in [known for known in self._outboxes if known not in self.central.registry.connections]:
+            self._forget(gone)
+
+    # --- sending ---------------------------------------------------------------------------------------------------
+
+    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+        outbox = self._outboxes.get(connection)
+        if outbox is None:
+            self._outboxes[connection] = outbox = Outbox()
+        item = codec.pack_item(header, body)
+        outbox.turn.append(item)
+        outbox.bytes += len(item)
+        self._dirty[connection] = outbox
+
+    def _send(self, connection: ConnectionId, outbox: Outbox) -> None:
+        outbox.packets.extend(_packets(outbox.turn))
+        outbox.turn.clear()
+        try:
+            while outbox.packets:
+                self.socket.send_multipart((connection, outbox.packets[0]), zmq.DONTWAIT)
+                outbox.bytes -= len(outbox.packets.popleft())
+        except zmq.Again:
+            if outbox.bytes > OUTBOX_BYTES:
+                self._too_slow[connection] = f"it reads too slowly: {outbox.bytes} bytes wait for it"
+                self._next_beat = 0.0
+                self._forget(connection)
+            return
+        except zmq.ZMQError:  # gone; the next beat tells the core
+            self._next_beat = 0.0
+            self._forget(connection)
+            return
+        del self._dirty[connection]
+
+    def _forget(self, connection: ConnectionId) -> None:
+        self._outboxes.pop(connection, None)
+        self._dirty.pop(connection, None)
+
+    # --- beginning and end -----------------------------------------------------------------------------------------
+
+    def _bind(self, endpoint: str) -> zmq.Socket[bytes]:
+        socket = self._context.socket(zmq.ROUTER)
+        socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
+        socket.setsockopt(zmq.SNDHWM, 1000)
+        socket.setsockopt(zmq.RCVHWM, 1000)
+        socket.setsockopt(zmq.MAXMSGSIZE, Limit.PACKET)
+        socket.setsockopt(zmq.LINGER, 1000)
+        socket.setsockopt(zmq.HANDSHAKE_IVL, 2000)
+        socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)
+        socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 5000)
+        try:
+            socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            socket.close()
+            reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
+            msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
+            raise CentralError(msg) from None
+        return socket
+
+    def close(self) -> None:
+        """Say goodbye to the modules, close the journal, free the address."""
+        for connection in self.central.registry.connections:
+            self._put(connection, Closing(self.stopping), b"")
+        with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
+            self._flush()
+            if self.journal is not None:
+                self.journal.close(self.central.events + 1, self.now(), self.stopping or "an error")
+        self.socket.disable_monitor()
+        self._monitor.close()
+        self.socket.close()
+        self._context.term()
+        self._wake.close()
+        self._woken.close()
+        if self._lock >= 0:
+            os.close(self._lock)
+
+
+def _packets(items: list[bytes]) -> Iterator[bytes]:
+    """Items joined into packets of a sensible size."""
+    size, begin = 0, 0
+    for at, item in enumerate(items):
+        if size and size + len(item) > PACKET_BYTES:
+            yield b"".join(items[begin:at])
+            size, begin = 0, at
+        size += len(item)
+    if size:
+        yield b"".join(items[begin:])
+
+
+def _lock_of(endpoint: str) -> int:
+    """Make sure that no other central has this Unix socket: ZeroMQ itself would take it over without a word."""
+    if not endpoint.startswith("ipc:///"):
+        return -1
+    path = Path(endpoint.removeprefix("ipc://"))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        owner = path.parent.stat().st_uid
+        lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        msg = f"can't listen on {endpoint}: another central uses it; stop that one, or choose another with --bind"
+        raise CentralError(msg) from None
+    except OSError as error:
+        msg = f"can't listen on {endpoint}: {error.strerror}; choose another address with --bind"
+        raise CentralError(msg) from None
+    if owner not in (os.getuid(), 0):
+        msg = f"{path.parent} belongs to another user: choose another address with --bind"
+        raise CentralError(msg)
+    return lock
+
+
+def _log_what_people_should_know(entry: facts.Entry) -> None:
+    """Failures, refusals and comings and goings, a line each."""
+    for fact in entry.facts:
+        if isinstance(fact, facts.Failed):
+            last_line = fact.text.strip().rpartition("\n")[2]
+            log.warning("failure '%s' of %d: %s", fact.failure, fact.id, last_line)
+        elif isinstance(fact, facts.RequestRefused):
+            log.warning("refused module '%s': %s", fact.sender, fact.text)
+        elif isinstance(fact, facts.ModuleJoined):
+            log.info("module '%s' joined (%s)", fact.module, fact.process)
+        elif isinstance(fact, facts.ModuleLeft):
+            log.info("module '%s' left: %s", fact.module, fact.why)

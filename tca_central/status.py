@@ -1,0 +1,95 @@
+"""What central tells people about itself: one function a topic, plain values out. Changes nothing."""
+
+from typing import TYPE_CHECKING, Any
+
+from tca_central.agenda import held_counts
+from tca_wire.points import Moment, describe_moments
+
+if TYPE_CHECKING:
+    from tca_central.core import Central
+
+SHOWN_TASKS = 10_000
+
+
+def overview(central: "Central") -> dict[str, Any]:
+    """Counts of everything."""
+    registry = central.registry
+    return {
+        "epoch": central.epoch,
+        "events": central.events,
+        "modules": len(registry.modules),
+        "connections": len(registry.connections),
+        "messages": len(registry.messages),
+        "tasks": len(central.tree.tasks),
+        "being handled": len(central.dispatcher.attended),
+        "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
+        "newest id": central.tree.newest,
+    }
+
+
+def modules(central: "Central") -> list[dict[str, Any]]:
+    """Each module with its resources and what they do."""
+    busy: dict[tuple[str, str], list[int]] = {}
+    for delivery in central.dispatcher.attended.values():
+        if delivery.slot is not None and delivery.slot.resource is not None:
+            resource = delivery.slot.resource
+            busy.setdefault((resource.module, resource.name), []).append(delivery.id)
+    return [
+        {
+            "module": module.name,
+            "process": module.process,
+            "handles": sorted(module.handlers),
+            "resources": [
+                {
+                    "resource": resource.name,
+                    "capacity": resource.capacity,
+                    "handling": busy.get((module.name, resource.name), []),
+                    "waiting": resource.waiting,
+                }
+                for resource in module.resources.values()
+            ],
+        }
+        for module in central.registry.modules.values()
+    ]
+
+
+def messages(central: "Central") -> list[dict[str, Any]]:
+    """Each message with its class, its handlers (newest first) and how many wait for one."""
+    return [
+        {
+            "message": message.name,
+            "class": str(message.message_class),
+            "handlers": [handler.module.name for handler in reversed(message.handlers)],
+            "waiting": len(message.waiting),
+            "data": message.format.data,
+            "reply": message.format.reply,
+        }
+        for message in central.registry.messages.values()
+    ]
+
+
+def tree(central: "Central") -> list[dict[str, Any]]:
+    """The live tasks, parents first, at most SHOWN_TASKS."""
+    tasks = []
+    for task in central.tree.subtree(central.tree.root):
+        if task is central.tree.root:
+            continue
+        tasks.append(
+            {
+                "task": task.id,
+                "parent": task.parent.id if task.parent else 0,
+                "message": task.message.name,
+                "class": str(task.message.message_class),
+                "reached": describe_moments(task.reached),
+                "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
+                "module": task.slot.module.name if task.slot else "",
+                "killed": task.killed,
+            }
+        )
+        if len(tasks) == SHOWN_TASKS:
+            break
+    return tasks
+
+
+TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree}
+"""One row per topic that can be asked for."""

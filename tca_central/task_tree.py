@@ -1,0 +1,119 @@
+"""The tree of live tasks: parents, children, lineage. Knows nothing of constraints, resources or messages' meaning.
+
+Only tasks that have not ended are here; what has ended lives on in the journal.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from tca_central.resources import Delivery
+from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
+
+if TYPE_CHECKING:
+    from tca_central.registry import Connection, MessageType
+
+_STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIEVING)
+
+
+class Task(Delivery):
+    """One node of the task tree: a goal or command, from its arrival until it is achieved or killed.
+
+    What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
+    """
+
+    __slots__ = ("children", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders", "origin",
+                 "parent", "reached", "requested", "result", "returned", "unplanned", "waiters")  # fmt: skip
+
+    def __init__(self, task_id: TaskId, message: "MessageType", body: bytes, sender: "Connection | None") -> None:
+        super().__init__(task_id, message, body, sender)
+        self.is_goal = message.is_goal
+        self.parent: Task | None = None  #: None: the root
+        self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
+        self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to
+        self.unplanned = 0  #: number of children that are not planned yet
+        self.reached = 0  #: moments reached, as bits
+        self.held = 0  #: unmet constraints per moment, packed (agenda.py)
+        self.followers: list[tuple[int, Task, int]] | None = None  #: (moment, task, its moment) that wait for this one
+        self.leaders: list[tuple[int, int, int]] | None = None  #: (moment, task id, its moment) that this one waits for
+        self.requested = False  #: all conditions of its start are met: it was given to the resources
+        self.returned = False  #: its handler has returned, or will never be called
+        self.killed = ""  #: why it was killed
+        self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
+        self.result = b""  #: what its handler returned
+        self.waiters: list[tuple[int, object]] | None = None  #: (moment, wait) to be told
+
+    def __repr__(self) -> str:
+        return f"task {self.id} '{self.message.name}'"
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a handler has it."""
+        return self.slot is not None
+
+    def lineage(self) -> Iterator["Task"]:
+        """This task, its parent and so on; the root left out."""
+        task: Task | None = self
+        while task is not None and task.id != ROOT:
+            yield task
+            task = task.parent
+
+    def top_level(self) -> "Task":
+        """The ancestor right under the root, or this task itself."""
+        *_, top = self.lineage()
+        return top
+
+
+class TaskTree:
+    """All live tasks by id, under a root that is always being achieved."""
+
+    def __init__(self, root_message: "MessageType") -> None:
+        self.root = Task(ROOT, root_message, b"", None)
+        self.root.reached = _STARTS
+        self.tasks: dict[int, Task] = {}
+        self.newest = 0  #: the highest id given so far
+        self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
+
+    def last_sibling(self, parent: Task, sender: str) -> Task | None:
+        """The task that flags of a new child refer to. Under the root each module has its own, so that top-level
+        tasks of different modules are not put in sequence.
+        """
+        last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
+        return last if last is not None and last.reached != ALL_MOMENTS else None
+
+    def attach(self, task: Task, parent: Task) -> None:
+        """Hang a new task under its parent."""
+        task.parent = parent
+        if parent.children is None:
+            parent.children = {}
+        parent.children[task.id] = task
+        self.tasks[task.id] = task
+
+    def become_last(self, task: Task, sender: str) -> None:
+        """From now on flags refer to this task."""
+        parent = task.parent
+        if parent is self.root:
+            self.last_of_module[sender] = task
+        elif parent is not None:
+            parent.last_child = task
+
+    def detach(self, task: Task) -> None:
+        """Take an ended task out."""
+        del self.tasks[task.id]
+        parent = task.parent
+        if parent is not None and parent.children is not None:
+            del parent.children[task.id]
+            if parent.last_child is task:
+                parent.last_child = None
+
+    def forget_module(self, sender: str) -> None:
+        """A module is gone; its next namesake starts a sequence of its own."""
+        self.last_of_module.pop(sender, None)
+
+    def subtree(self, task: Task) -> Iterator[Task]:
+        """*task* and all below it, parents first. The tree must not change meanwhile."""
+        stack = [task]
+        while stack:
+            node = stack.pop()
+            yield node
+            if node.children:
+                stack.extend(reversed(node.children.values()))

@@ -1,0 +1,68 @@
+"""Packets: header and body pairs to bytes and back. One packet is one ZeroMQ frame.
+
+A packet holds one or more *items*, each ``length of header (u32, big endian), length of body (u32), header, body``.
+Items that wait for the same peer share a packet: with small messages, frames and calls are what costs.
+"""
+
+import struct
+from collections.abc import Iterable, Iterator
+
+import msgspec
+
+from tca_wire.errors import ProtocolError
+from tca_wire.headers import Limit, ToCentral, ToModule
+
+_LENGTHS = struct.Struct(">II")
+_encode = msgspec.msgpack.Encoder().encode
+_to_central = msgspec.msgpack.Decoder(ToCentral)
+_to_module = msgspec.msgpack.Decoder(ToModule)
+
+# What msgspec raises on hostile bytes; the last two are no MsgspecError.
+_BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
+
+def pack_item(header: ToCentral | ToModule, body: bytes = b"") -> bytes:
+    """One item; packets are items joined."""
+    encoded = _encode(header)
+    return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
+
+
+def pack(items: Iterable[tuple[ToCentral | ToModule, bytes]]) -> bytes:
+    """A packet of several items."""
+    return b"".join(pack_item(header, body) for header, body in items)
+
+
+def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:
+    if not packet or len(packet) > Limit.PACKET:
+        msg = f"a packet of {len(packet)} bytes; 8 to {Limit.PACKET:d} are allowed"
+        raise ProtocolError(msg)
+    at, end = 0, len(packet)
+    while at < end:
+        if at + 8 > end:
+            msg = f"the packet ends inside the lengths of an item (byte {at} of {end})"
+            raise ProtocolError(msg)
+        header_length, body_length = _LENGTHS.unpack_from(packet, at)
+        header_end = at + 8 + header_length
+        at = header_end + body_length
+        if at > end:
+            msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {end} hold"
+            raise ProtocolError(msg)
+        yield packet[header_end - header_length : header_end], packet[header_end:at]
+
+
+def unpack_to_central(packet: bytes) -> list[tuple[ToCentral, bytes]]:
+    """The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
+    try:
+        return [(_to_central.decode(header), body) for header, body in _split(packet)]
+    except _BAD_BYTES as error:
+        msg = f"a header is no message to central: {error}"
+        raise ProtocolError(msg) from None
+
+
+def unpack_to_module(packet: bytes) -> list[tuple[ToModule, bytes]]:
+    """The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
+    try:
+        return [(_to_module.decode(header), body) for header, body in _split(packet)]
+    except _BAD_BYTES as error:
+        msg = f"a header is no message to a module: {error}"
+        raise ProtocolError(msg) from None

@@ -1,0 +1,52 @@
+"""Temporal constraints: one shape, several good names. What they mean for a running tree is central's business."""
+
+from enum import IntFlag
+
+import msgspec
+
+from tca_wire.points import Moment, Point, TaskId
+
+
+class Flags(IntFlag):
+    """Constraints of a new task relative to its *last sibling* or to itself (TCA 8.5: the ``tplConstr`` bit mask)."""
+
+    NONE = 0
+    SEQ_ACH = 1  # end(achieving last) <= start(achieving this): the default
+    SEQ_PLANNING = 2  # end(planning last) <= start(planning this)
+    PLAN_FIRST = 4  # end(planning this) <= start(achieving this)
+    DELAY_PLANNING = 8  # start(planning this) not before start(achieving this)
+
+
+class Constraint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """Point *before* is reached no later than point *after*."""
+
+    before: Point
+    after: Point
+
+    def __str__(self) -> str:
+        return f"{self.before} <= {self.after}"
+
+
+def sequential_achievement(first: TaskId, second: TaskId) -> Constraint:
+    """*second* is not achieved until *first* has been achieved; it may be planned before."""
+    return Constraint(Point(first, Moment.END_ACHIEVING), Point(second, Moment.START_ACHIEVING))
+
+
+def sequential_planning(first: TaskId, second: TaskId) -> Constraint:
+    """*second* is not planned until *first* has been planned."""
+    return Constraint(Point(first, Moment.END_PLANNING), Point(second, Moment.START_PLANNING))
+
+
+def plan_first(task: TaskId) -> Constraint:
+    """Nothing of *task* is done before all of it has been planned."""
+    return Constraint(Point(task, Moment.END_PLANNING), Point(task, Moment.START_ACHIEVING))
+
+
+def delay_planning(task: TaskId) -> Constraint:
+    """*task* is not planned before it may be achieved."""
+    return Constraint(Point(task, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))
+
+
+def plan_ahead(behind: TaskId, task: TaskId) -> Constraint:
+    """*task* is not planned until *behind* is being achieved (bounds how far planning runs ahead)."""
+    return Constraint(Point(behind, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))

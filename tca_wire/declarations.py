@@ -1,0 +1,202 @@
+"""Messages as a robot's vocabulary declares them: a name, a class and the types of data and reply.
+
+Declared once, in the robot's own ``messages.py``::
+
+    TAKE_STEPS = Goal("take steps", Arc)
+    MOVE_LEG = Command("move leg", LegMove, result=Footfall)
+    NEXT_STANCE = Query("next stance", Pose, reply=Stance)
+"""
+
+from typing import Any, ClassVar, Generic, TypeVar, overload
+
+from tca_wire.errors import BadData, BadFormat
+from tca_wire.formats import Format
+from tca_wire.headers import Limit, MessageClass, MessageFormat
+
+D = TypeVar("D")
+R = TypeVar("R")
+
+NOTHING: Any = None
+"""Default of data parameters: messages without data are sent without."""
+
+
+def _checked_name(name: str) -> str:
+    if not isinstance(name, str) or not name.strip() or len(name) > Limit.NAME or not name.isprintable():
+        msg = f"{name!r:.40} is no message name: 1 to {Limit.NAME:d} printable characters are"
+        raise BadFormat(msg)
+    return name
+
+
+class Message(Generic[D, R]):
+    """A declared message: data of type D, reply or result of type R. Use one of the subclasses."""
+
+    message_class: ClassVar[MessageClass]
+
+    def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
+        self.name = _checked_name(name)
+        self.data: Format[D] = Format(type(None) if data is None else data)
+        self.reply: Format[R] = Format(type(None) if reply is None else reply)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
+
+    @property
+    def format(self) -> MessageFormat:
+        """What central is told of this message."""
+        return MessageFormat(self.name, self.message_class, self.data.schema, self.reply.schema)
+
+    def encode_data(self, data: D) -> bytes:
+        """*data* as bytes. Raises BadData, naming message and field."""
+        try:
+            return self.data.encode(data)
+        except BadData as error:
+            msg = f"{self.message_class} '{self.name}' wants data of type {self.data}: {error}"
+            raise BadData(msg) from None
+
+    def decode_data(self, data: bytes) -> D:
+        """The data of a message received. Raises BadData, naming message and field."""
+        try:
+            return self.data.decode(data)
+        except BadData as error:
+            msg = f"{self.message_class} '{self.name}' came with data that is no {self.data}: {error}"
+            raise BadData(msg) from None
+
+    def encode_reply(self, reply: R) -> bytes:
+        """A handler's return value as bytes. Raises BadData, naming message and field."""
+        try:
+            return self.reply.encode(reply)
+        except BadData as error:
+            msg = f"the handler of {self.message_class} '{self.name}' must return {self.reply}: {error}"
+            raise BadData(msg) from None
+
+    def decode_reply(self, reply: bytes) -> R:
+        """The reply or result of a message sent. Raises BadData, naming message and field."""
+        try:
+            return self.reply.decode(reply)
+        except BadData as error:
+            msg = f"the answer to {self.message_class} '{self.name}' is no {self.reply}: {error}"
+            raise BadData(msg) from None
+
+
+class Inform(Message[D, None]):
+    """One way, to the one handler; at most once, in order."""
+
+    message_class = MessageClass.INFORM
+
+    @overload
+    def __init__(self: "Inform[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+
+class Broadcast(Message[D, None]):
+    """One way, to every module that handles it."""
+
+    message_class = MessageClass.BROADCAST
+
+    @overload
+    def __init__(self: "Broadcast[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+
+class Query(Message[D, R]):
+    """A question with a reply. It belongs to no task's intervals and is answered even while goals are held back."""
+
+    message_class = MessageClass.QUERY
+
+    @overload
+    def __init__(self: "Query[None, R]", name: str, *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None:
+        super().__init__(name, data, reply)
+
+
+class MultiQuery(Message[D, R]):
+    """A question to every module that handles it."""
+
+    message_class = MessageClass.MULTI_QUERY
+
+    @overload
+    def __init__(self: "MultiQuery[None, R]", name: str, *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None:
+        super().__init__(name, data, reply)
+
+
+class Goal(Message[D, None]):
+    """A task that expands into subtasks; planned as soon as planning may start, even while achieving is held back."""
+
+    message_class = MessageClass.GOAL
+
+    @overload
+    def __init__(self: "Goal[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+
+class Command(Message[D, R]):
+    """A task that acts: handled only when it may be achieved. Its handler may return a result."""
+
+    message_class = MessageClass.COMMAND
+
+    @overload
+    def __init__(self: "Command[None, None]", name: str) -> None: ...
+    @overload
+    def __init__(self: "Command[D, None]", name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self: "Command[None, R]", name: str, *, result: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, result: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any = None, *, result: Any = None) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, result: Any = None) -> None:
+        super().__init__(name, data, result)
+
+
+class Failure(Generic[D]):
+    """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``."""
+
+    @overload
+    def __init__(self: "Failure[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        self.name = _checked_name(name)
+        self.data: Format[D] = Format(type(None) if data is None else data)
+
+    def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":
+        """The Python exception to raise. Raises BadData if *data* does not fit."""
+        try:
+            return FailureRaised(self.name, text, self.data.encode(data))
+        except BadData as error:
+            msg = f"failure '{self.name}' wants data of type {self.data}: {error}"
+            raise BadData(msg) from None
+
+
+class FailureRaised(Exception):
+    """A failure on its way from a handler to its task."""
+
+    def __init__(self, name: str, text: str, body: bytes) -> None:
+        super().__init__(f"{name}: {text}" if text else name)
+        self.name, self.text, self.body = name, text, body

@@ -1,0 +1,28 @@
+"""Errors of the shared language.
+
+WireError            do not raise or catch this one; it groups the others
+├── ProtocolError    the peer sent bytes that are no legal message
+├── BadData          user data does not fit the format of its message
+├── BadFormat        a type cannot be a message format
+└── JournalDamaged   a journal is not one, comes from a later version, or is damaged before its tail
+"""
+
+
+class WireError(Exception):
+    """Base of all errors of this package."""
+
+
+class ProtocolError(WireError):
+    """The peer sent bytes that are no legal message."""
+
+
+class BadData(WireError):
+    """Data does not fit the format declared for its message."""
+
+
+class BadFormat(WireError):
+    """A type that cannot be encoded, so it can't be the format of a message."""
+
+
+class JournalDamaged(WireError):
+    """A journal cannot be read any further; what was read before is good."""

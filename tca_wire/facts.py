@@ -1,0 +1,220 @@
+"""What the journal records: one type a fact; the field order is the order on disk.
+
+A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every message accepted by
+central has an *id* from one counter; a goal's or command's id is its task. A *delivery* is one message on its way to
+one handler; its id is the message's own, except that each receiver of a broadcast or multi-query has one of its own.
+"""
+
+import msgspec
+
+from tca_wire.constraints import Constraint
+from tca_wire.headers import MessageClass, Outcome, Refusal
+from tca_wire.points import TaskId, describe_moments
+
+JOURNAL_VERSION = 1
+
+
+class _Fact(msgspec.Struct, frozen=True, array_like=True):
+    """What all facts share: an array whose first element is the kind."""
+
+
+class Opened(_Fact, frozen=True, tag="opened"):
+    """A segment begins. *began* is wall-clock time (seconds since 1970) at which the entries' clock showed 0."""
+
+    version: int
+    epoch: str
+    segment: int
+    began: float
+    central: str
+
+
+class Closed(_Fact, frozen=True, tag="closed"):
+    """Central ended of its own will."""
+
+    why: str
+
+
+class ModuleJoined(_Fact, frozen=True, tag="module joined"):
+    """A module said hello; *module* is its name, made unique among those connected."""
+
+    module: str
+    process: str
+
+
+class ModuleLeft(_Fact, frozen=True, tag="module left"):
+    """A module closed its connection or was lost."""
+
+    module: str
+    why: str
+
+
+class ResourceChanged(_Fact, frozen=True, tag="resource"):
+    """A resource of a module now takes *capacity* messages at a time."""
+
+    module: str
+    resource: str
+    capacity: int
+
+
+class FormatDefined(_Fact, frozen=True, tag="format"):
+    """The first declaration of a message (formats as JSON Schema)."""
+
+    message: str
+    message_class: MessageClass
+    data: str
+    reply: str
+    module: str
+
+
+class HandlerAdded(_Fact, frozen=True, tag="handler"):
+    """A module now handles a message, in this resource."""
+
+    message: str
+    module: str
+    resource: str
+
+
+class HandlerRemoved(_Fact, frozen=True, tag="no handler"):
+    """A module no longer handles a message."""
+
+    message: str
+    module: str
+
+
+class Received(_Fact, frozen=True, tag="received"):
+    """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
+
+    *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says that the sender does
+    nothing until the answer comes.
+    """
+
+    id: int
+    message: str
+    message_class: MessageClass
+    sender: str
+    parent: TaskId
+    origin: int
+    blocking: bool
+    body: bytes
+    constraints: list[Constraint]
+
+
+class Constrained(_Fact, frozen=True, tag="constrained"):
+    """Constraints were added between tasks that existed."""
+
+    constraints: list[Constraint]
+
+
+class Queued(_Fact, frozen=True, tag="queued"):
+    """A delivery waits: for a resource that is busy, or for a handler (module and resource "")."""
+
+    id: int
+    module: str
+    resource: str
+
+
+class Delivered(_Fact, frozen=True, tag="delivered"):
+    """A delivery of message *message_id* was sent to a handler."""
+
+    id: int
+    message_id: int
+    module: str
+    resource: str
+
+
+class Returned(_Fact, frozen=True, tag="returned"):
+    """The handler of a delivery ended; the body is its reply or result, or the data of its failure."""
+
+    id: int
+    outcome: Outcome
+    body: bytes
+
+
+class Reached(_Fact, frozen=True, tag="reached"):
+    """A task reached moments (a bit mask, see points.Moment)."""
+
+    task: TaskId
+    moments: int
+
+
+class Failed(_Fact, frozen=True, tag="failed"):
+    """A failure was raised on a task or message."""
+
+    id: int
+    failure: str
+    text: str
+
+
+class Killed(_Fact, frozen=True, tag="killed"):
+    """A task was killed. It ends when its handler, if one runs, has returned."""
+
+    task: TaskId
+    why: str
+
+
+class Dropped(_Fact, frozen=True, tag="dropped"):
+    """A message or delivery came to nothing."""
+
+    id: int
+    why: str
+
+
+class Answered(_Fact, frozen=True, tag="answered"):
+    """The sender of a message got its (last) answer."""
+
+    id: int
+
+
+class WaitBegan(_Fact, frozen=True, tag="wait began"):
+    """The handler of delivery *origin* (0: code outside a handler) of a module blocks until a task reaches a moment."""
+
+    module: str
+    origin: int
+    task: TaskId
+    moment: int
+
+
+class WaitEnded(_Fact, frozen=True, tag="wait ended"):
+    """Such a wait ended."""
+
+    module: str
+    origin: int
+    task: TaskId
+
+
+class RequestRefused(_Fact, frozen=True, tag="refused"):
+    """A request of a connection (a module's name or, before it said hello, "?") was refused."""
+
+    sender: str
+    refusal: Refusal
+    text: str
+
+
+Fact = (
+    Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
+    | Received | Constrained | Queued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
+    | WaitBegan | WaitEnded | RequestRefused
+)  # fmt: skip
+
+
+class Entry(msgspec.Struct, frozen=True, array_like=True):
+    """All facts that one event caused. *time* is in seconds since the epoch began, on a clock that never jumps."""
+
+    number: int
+    time: float
+    facts: list[Fact]
+
+
+def kind_of(fact: Fact) -> str:
+    """The word that names a fact's kind: "received"."""
+    return str(fact.__struct_config__.tag)
+
+
+def fields_of(fact: Fact) -> dict[str, object]:
+    """A fact as a dictionary for text forms: moments as words, bodies left out."""
+    fields = {name: getattr(fact, name) for name in fact.__struct_fields__ if name != "body"}
+    if isinstance(fact, Reached):
+        fields["moments"] = describe_moments(fact.moments)
+    elif isinstance(fact, WaitBegan):
+        fields["moment"] = describe_moments(fact.moment)[0]
+    return fields

@@ -1,0 +1,67 @@
+"""The moments of a task: three intervals with a start and an end each. Knows nothing of order or rules."""
+
+from enum import IntFlag, StrEnum
+from typing import NewType
+
+import msgspec
+
+TaskId = NewType("TaskId", int)
+
+ROOT = TaskId(0)
+"""The task that every top-level task hangs under; it is always being achieved."""
+
+THIS = TaskId(-1)
+"""In the constraints that travel with a message: the task which that message will become."""
+
+
+class Interval(StrEnum):
+    """What a task is doing (TCA 8.5 manual, temporal constraints): three spans that overlap."""
+
+    HANDLING = "handling"  # its handler runs
+    PLANNING = "planning"  # it and everything under it is being expanded into subtasks
+    ACHIEVING = "achieving"  # it and everything under it is being done
+
+
+class Edge(StrEnum):
+    """The two ends of an interval."""
+
+    START = "start"
+    END = "end"
+
+
+class Moment(IntFlag):
+    """An edge of an interval, as a bit, so that a set of moments is one small integer."""
+
+    START_HANDLING = 1
+    END_HANDLING = 2
+    START_PLANNING = 4
+    END_PLANNING = 8
+    START_ACHIEVING = 16
+    END_ACHIEVING = 32
+
+
+MOMENTS = tuple(Moment)
+ALL_MOMENTS = 63
+
+_WORDS = {moment: str(moment.name).lower().replace("_", " ") for moment in MOMENTS}
+
+
+def moment_of(interval: Interval, edge: Edge) -> Moment:
+    """The moment at which *interval* starts or ends."""
+    return Moment[f"{edge.name}_{interval.name}"]
+
+
+def describe_moments(moments: int) -> list[str]:
+    """The moments in a set, as words: ``["start handling", "start planning"]``."""
+    return [words for moment, words in _WORDS.items() if moments & moment]
+
+
+class Point(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """One moment of one task: ``Point(task=7, moment=Moment.END_ACHIEVING)``."""
+
+    task: TaskId
+    moment: Moment
+
+    def __str__(self) -> str:
+        words = _WORDS.get(self.moment, f"moment {int(self.moment)} of")
+        return f"{words} {'this task' if self.task == THIS else f'task {self.task}'}"

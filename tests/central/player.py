@@ -1,0 +1,130 @@
+"""Plays modules against the pure core: each call is one event, each returns what central sent."""
+
+from typing import Any
+
+import msgspec
+
+from tca_central.core import Central
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Received, Record, Transmit
+from tca_central.invariants import check_invariants
+from tca_wire import headers
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.facts import Entry
+from tca_wire.headers import HandlerFormat, MessageClass, MessageFormat
+from tca_wire.points import Moment, Point, TaskId
+
+ANY = '{"type":"integer"}'
+
+
+class Player:
+    """One central and any number of modules, named by single words. Invariants are checked after every event."""
+
+    def __init__(self, *, check: bool = True) -> None:
+        self.central = Central()
+        self.time = 0.0
+        self.check = check
+        self.entries: list[Entry] = []
+        self.inbox: dict[str, list[tuple[Any, bytes]]] = {}
+        self.numbers: dict[str, int] = {}
+
+    def event(self, event: Any) -> list[Effect]:
+        effects = self.central.handle(event)
+        if self.check:
+            check_invariants(self.central)
+        for effect in effects:
+            if isinstance(effect, Record):
+                self.entries.append(effect.entry)
+            elif isinstance(effect, Transmit):
+                self.inbox.setdefault(effect.connection.decode(), []).append((effect.header, effect.body))
+        return effects
+
+    def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
+        """Let central receive a message; the headers that it sent to anyone."""
+        self.time += 1.0
+        effects = self.event(Received(self.time, ConnectionId(connection.encode()), header, body))
+        return [effect.header for effect in effects if isinstance(effect, Transmit)]
+
+    def number(self, connection: str) -> int:
+        self.numbers[connection] = self.numbers.get(connection, 0) + 1
+        return self.numbers[connection]
+
+    def hello(self, connection: str, module: str = "", resource: str = "", incarnation: str = "") -> list[Any]:
+        module = module or connection
+        number = 0 if not resource else sum(c.startswith(f"{module}/") for c in self.inbox) + 1
+        return self.receive(
+            connection,
+            headers.Hello(
+                self.number(connection), 1, module, incarnation or f"run of {module}", number, resource, "here:1"
+            ),
+        )
+
+    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "") -> None:
+        """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
+        self.hello(name)
+        messages = [self.format(words) for words in handles]
+        handlers = [HandlerFormat(message.name, name, pool) for message in messages]
+        self.receive(name, headers.Register(self.number(name), messages, handlers))
+        for index in range(capacity if handles else 0):
+            self.hello(f"{name}/{index + 1}", name, name)
+
+    @staticmethod
+    def format(words: str) -> MessageFormat:
+        message_class, name = words.split(" ", 1)
+        reply = ANY if message_class in ("query", "multi-query", "command") else ""
+        return MessageFormat(name, MessageClass(message_class), ANY, reply)
+
+    def declare(self, connection: str, *messages: str) -> list[Any]:
+        return self.receive(connection, headers.Register(self.number(connection), [self.format(m) for m in messages]))
+
+    def send(
+        self,
+        connection: str,
+        message: str,
+        *,
+        under: int = 0,
+        flags: Flags = Flags.SEQ_ACH,
+        constraints: tuple[Constraint, ...] = (),
+        **options: Any,
+    ) -> list[Any]:
+        number = options.pop("number", None) or self.number(connection)
+        header = headers.Send(
+            number, message, TaskId(under), options.pop("origin", under), flags, list(constraints), **options
+        )
+        return self.receive(connection, header, msgspec.msgpack.encode(7))
+
+    def task(self, connection: str, message: str, **options: Any) -> int:
+        """Send a goal or command; its id."""
+        answers = self.send(connection, message, **options)
+        accepted = [a for a in answers if isinstance(a, headers.Accepted)]
+        assert accepted, answers
+        return accepted[-1].id
+
+    def delivered(self, connection: str) -> list[int]:
+        """The deliveries that a connection was given and has not answered."""
+        return [d.id for d in self.central.dispatcher.attended.values() if d.slot and d.slot.id == connection.encode()]
+
+    def reply(self, connection: str, delivery: int = 0, value: Any = None) -> list[Any]:
+        delivery = delivery or self.delivered(connection)[-1]
+        return self.receive(connection, headers.Reply(delivery), msgspec.msgpack.encode(value))
+
+    def fail(self, connection: str, failure: str, delivery: int = 0) -> list[Any]:
+        delivery = delivery or self.delivered(connection)[-1]
+        return self.receive(connection, headers.Fail(delivery, failure, "why"))
+
+    def lose(self, connection: str) -> list[Effect]:
+        self.time += 1.0
+        return self.event(ConnectionLost(self.time, ConnectionId(connection.encode())))
+
+    def garbage(self, connection: str) -> list[Effect]:
+        return self.event(BadBytes(self.time, ConnectionId(connection.encode()), "no message"))
+
+    def facts(self, kind: type) -> list[Any]:
+        return [fact for entry in self.entries for fact in entry.facts if isinstance(fact, kind)]
+
+
+def point(task: int, moment: Moment) -> Point:
+    return Point(TaskId(task), moment)
+
+
+def before(one: Point, other: Point) -> Constraint:
+    return Constraint(one, other)
