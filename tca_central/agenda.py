@@ -168,6 +168,8 @@ class Agenda:
             self._reach(task, now)
 
     def _may_start(self, task: Task) -> bool:
+        if task.delayed and not self._may_reach(task, START_ACHIEVING):
+            return False
         return self._may_reach(task, delivered_at(task.is_goal))
 
     def _may_reach(self, task: Task, moment: int) -> bool:
@@ -231,9 +233,12 @@ class Agenda:
             return []
         if after is None or after.task.reached & after.moment:
             raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
-        if check and (path := find_path(self.tree, after, before)) is not None:
-            raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: {_describe_cycle(path)}")
         task, moment = after
+        if before == (task, START_ACHIEVING) and moment == START_PLANNING:
+            self._delay_planning(task, constraint)
+            return [constraint]
+        if check:
+            self._refuse_cycle(constraint, after, before)
         if before.task.followers is None:
             before.task.followers = []
         before.task.followers.append((before.moment, task, moment))
@@ -242,6 +247,21 @@ class Agenda:
         task.leaders.append((moment, before.task.id, before.moment))
         task.held += 1 << _SHIFT[moment]
         return [constraint]
+
+    def _delay_planning(self, task: Task, constraint: Constraint) -> None:
+        """Planning starts no earlier than achieving, which starts no earlier than planning: they start together. So
+        this is no count on a point; whatever holds back either holds back both.
+        """
+        if task.children or task.followers:
+            text = f"{constraint}: planning can only be delayed when the goal is sent"
+            raise RequestError(Refusal.TOO_LATE, text)
+        self._refuse_cycle(constraint, Place(task, END_HANDLING), Place(task, START_ACHIEVING))
+        task.delayed = True
+
+    def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
+        """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
+        if (path := find_path(self.tree, start, goal)) is not None:
+            raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: {_describe_cycle(path)}")
 
     def _place(self, point: Point) -> Place | None:
         """The live task and moment of a point; None if the task has ended."""
@@ -262,6 +282,9 @@ class Agenda:
             before, after = self._place(constraint.before), self._place(constraint.after)
             assert before is not None
             assert after is not None
+            if before == (after.task, START_ACHIEVING) and after.moment == START_PLANNING:
+                after.task.delayed = False
+                continue
             assert before.task.followers is not None
             assert after.task.leaders is not None
             before.task.followers.pop()
@@ -289,10 +312,10 @@ def _from_flags(flags: Flags, task: Task, last: Task | None) -> list[Constraint]
             constraints.append(sequential_achievement(TaskId(last.id), this))
         if value & _SEQ_PLANNING and task.is_goal:
             constraints.append(sequential_planning(TaskId(last.id), this))
-    if value & _PLAN_FIRST:
-        constraints.append(plan_first(this))
     if value & _DELAY_PLANNING and task.is_goal:
         constraints.append(delay_planning(this))
+    if value & _PLAN_FIRST:
+        constraints.append(plan_first(this))
     return constraints
 
 

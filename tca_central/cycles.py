@@ -73,6 +73,8 @@ def _successors(place: Place) -> Iterator[Place]:
     task, moment = place
     for following in successors_within(task.is_goal, moment):
         yield Place(task, following)
+    if task.delayed and moment == START_ACHIEVING:
+        yield Place(task, START_PLANNING)
     for at, follower, its_moment in task.followers or ():
         if at == moment:
             yield Place(follower, its_moment)
@@ -87,6 +89,8 @@ def _predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
     task, moment = place
     for preceding in predecessors_within(task.is_goal, moment):
         yield Place(task, preceding)
+    if task.delayed and moment == START_PLANNING:
+        yield Place(task, START_ACHIEVING)
     for at, leader_id, its_moment in task.leaders or ():
         if at == moment and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)

@@ -88,6 +88,9 @@ def _check_order(task: Task) -> None:
         assert not task.reached & moment or task.reached & needed == needed, f"{task}: {moment} too early"
     start = delivered_at(task.is_goal)
     assert bool(task.reached & start) == bool(task.reached & START_HANDLING), f"{task}: started in part"
+    if task.delayed and not task.killed:
+        together = bool(task.reached & START_PLANNING) == bool(task.reached & START_ACHIEVING)
+        assert together, f"{task}: its planning did not start with its achieving"
     for moment in held_counts(task):
         assert task.killed or not task.reached & moment, f"{task}: moment {moment} is past, and still held"
 
@@ -103,7 +106,8 @@ def _check_delivery(central: "Central", task: Task) -> None:
     if task.killed or task.reached & START_HANDLING:
         return
     start = delivered_at(task.is_goal)
-    may_start = start not in held_counts(task) and bool(parent.reached & start)
+    starts = (start, START_ACHIEVING) if task.delayed else (start,)
+    may_start = all(moment not in held_counts(task) and parent.reached & moment for moment in starts)
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
 
 

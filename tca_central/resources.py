@@ -67,8 +67,12 @@ class Resource:
         self._free.pop(slot, None)
 
     def take_slot(self) -> "Connection | None":
-        """A free slot, no longer free; None if all are busy."""
-        return self._free.popitem()[0] if self._free else None
+        """The slot that has been free longest, no longer free; None if all are busy."""
+        if not self._free:
+            return None
+        longest_free = next(iter(self._free))
+        del self._free[longest_free]
+        return longest_free
 
     def free_slot(self, slot: "Connection") -> None:
         """That slot's message is completed."""

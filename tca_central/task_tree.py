@@ -21,12 +21,13 @@ class Task(Delivery):
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = ("children", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders", "origin",
+    __slots__ = ("children", "delayed", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders", "origin",
                  "parent", "reached", "requested", "result", "returned", "unplanned", "waiters")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: "MessageType", body: bytes, sender: "Connection | None") -> None:
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
+        self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
         self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
         self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to

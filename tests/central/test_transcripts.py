@@ -1,0 +1,24 @@
+"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` writes them anew: commit only what you can explain."""
+
+from pathlib import Path
+
+import pytest
+
+from central.transcript import Transcript
+
+FOLDER = Path(__file__).parent / "transcripts"
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.txt")), ids=lambda path: path.stem)
+def test_transcript(path: Path, rewrite: bool) -> None:
+    text = path.read_text()
+    title, *blocks = text.strip().split("\n\n")
+    transcript, played = Transcript(), [title]
+    for block in blocks:
+        commands = block.split("\n----")[0]
+        output = [transcript.play(command) for command in commands.splitlines()]
+        played.append(f"{commands}\n----\n" + "\n".join(filter(None, output)))
+    result = "\n\n".join(part.rstrip() for part in played) + "\n"
+    if rewrite:
+        path.write_text(result)
+    assert result == text

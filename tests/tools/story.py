@@ -1,0 +1,205 @@
+"""Builders of journals: a story is told event by event, with the facts that central would write."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from tca_wire import facts
+from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
+from tca_wire.facts import JOURNAL_VERSION, Entry
+from tca_wire.headers import MessageClass, Outcome
+from tca_wire.journal import record
+from tca_wire.points import Moment, TaskId
+
+GOAL, COMMAND, QUERY = MessageClass.GOAL, MessageClass.COMMAND, MessageClass.QUERY
+PLANNING = Moment.START_HANDLING | Moment.START_PLANNING
+ACTING = Moment.START_HANDLING | Moment.START_ACHIEVING
+BORN_PLANNED = Moment.START_PLANNING | Moment.END_PLANNING
+
+
+class Story:
+    """A journal being told: ``at`` moves the clock, every other method adds facts to the event of that time."""
+
+    def __init__(self) -> None:
+        self.entries: list[Entry] = []
+        self._next_id = 1
+        self._places: dict[int, tuple[str, str]] = {}
+        self._classes: dict[int, MessageClass] = {}
+        self.at(0.0)
+        self.say(facts.Opened(JOURNAL_VERSION, "epoch", 1, 1_700_000_000.0, "0.1.0"))
+
+    def at(self, time: float) -> "Story":
+        self.entries.append(Entry(len(self.entries) + 1, time, []))
+        return self
+
+    def say(self, *said: Any) -> "Story":
+        self.entries[-1].facts.extend(said)
+        return self
+
+    def module(self, name: str, *handles: str, resource: str = "") -> "Story":
+        self.say(facts.ModuleJoined(name, f"pid {len(name)}"))
+        if handles:
+            self.say(facts.ResourceChanged(name, resource or name, 1))
+        return self.say(*(facts.HandlerAdded(message, name, resource or name) for message in handles))
+
+    def received(
+        self,
+        message: str,
+        kind: MessageClass,
+        sender: str,
+        parent: int = 0,
+        *constraints: Constraint,
+        origin: int | None = None,
+        data: Any = None,
+        blocking: bool = False,
+    ) -> int:
+        number, self._next_id = self._next_id, self._next_id + 1
+        this = [
+            msgspec.structs.replace(c, before=_resolved(c.before, number), after=_resolved(c.after, number))
+            for c in constraints
+        ]
+        body = b"" if data is None else msgspec.msgpack.encode(data)
+        origin = parent if origin is None else origin
+        self._classes[number] = kind
+        self.say(facts.Received(number, message, kind, sender, TaskId(parent), origin, blocking, body, this))
+        if kind is COMMAND:
+            self.reached(number, BORN_PLANNED)
+        return number
+
+    def goal(self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any) -> int:
+        return self.received(message, GOAL, sender, parent, *constraints, **more)
+
+    def command(self, message: str, sender: str, parent: int = 0, *constraints: Constraint, **more: Any) -> int:
+        return self.received(message, COMMAND, sender, parent, *constraints, **more)
+
+    def queued(self, number: int, module: str = "", resource: str = "") -> "Story":
+        return self.say(facts.Queued(number, module, resource or module))
+
+    def delivered(self, number: int, module: str, resource: str = "") -> "Story":
+        self.say(facts.Delivered(number, number, module, resource or module))
+        kind = self._classes[number]
+        if kind.is_task:
+            self.reached(number, PLANNING if kind is GOAL else ACTING)
+        return self
+
+    def returned(self, number: int, outcome: Outcome = Outcome.DONE, data: Any = None) -> "Story":
+        self.say(facts.Returned(number, outcome, b"" if data is None else msgspec.msgpack.encode(data)))
+        if self._classes[number].is_task:
+            self.reached(number, Moment.END_HANDLING)
+        return self
+
+    def reached(self, number: int, *moments: Moment) -> "Story":
+        bits = 0
+        for moment in moments:
+            bits |= moment
+        return self.say(facts.Reached(TaskId(number), bits))
+
+    def query(self, message: str, sender: str, origin: int, module: str, took: float, **more: Any) -> int:
+        """A query that is answered after a while; the clock stands at the answer then."""
+        time = self.entries[-1].time
+        number = self.received(message, QUERY, sender, 0, origin=origin, blocking=True, **more)
+        self.delivered(number, module)
+        self.at(round(time + took, 6)).returned(number, data={"ok": True}).say(facts.Answered(number))
+        return number
+
+    def acted(self, number: int, module: str, took: float) -> "Story":
+        """A command that is handled and achieved in one go."""
+        time = self.entries[-1].time
+        self.delivered(number, module)
+        return self.at(round(time + took, 6)).returned(number).reached(number, Moment.END_ACHIEVING)
+
+    def bytes(self) -> bytes:
+        return b"".join(map(record, self.entries))
+
+    def write(self, folder: Path, segments: int = 1) -> Path:
+        """The journal as a directory, its entries spread over so many segments."""
+        folder.mkdir(parents=True)
+        size = -(-len(self.entries) // segments)
+        for number in range(segments):
+            entries = self.entries[number * size : (number + 1) * size]
+            if number:
+                entries = [
+                    Entry(
+                        0,
+                        entries[0].time,
+                        [facts.Opened(JOURNAL_VERSION, "epoch", number + 1, 1_700_000_000.0, "0.1.0")],
+                    ),
+                    *entries,
+                ]
+            (folder / f"{number + 1:08d}.tcaj").write_bytes(b"".join(map(record, entries)))
+        return folder
+
+
+def _resolved(point: Any, number: int) -> Any:
+    return msgspec.structs.replace(point, task=TaskId(number)) if point.task == -1 else point
+
+
+THIS = TaskId(-1)
+
+
+def walking() -> Story:
+    """The Ambler traverses an arc (Simmons 1994, figure 2): its first step {2} is being taken, the second {3} has been
+    planned meanwhile, the third {4} must not be planned before the second is taken."""
+    story = Story().module("user interface")
+    story.at(0.1).module("gait planner", "traverse arc", "take steps").module("perception", "elevation map")
+    story.at(0.2).module("controller", "move leg", "move body")
+    story.at(0.5)
+    arc = story.goal("traverse arc", "user interface", data={"radius": 5.0, "angle": 0.6})
+    story.delivered(arc, "gait planner").reached(arc, Moment.START_ACHIEVING)
+    story.say(facts.WaitBegan("user interface", 0, TaskId(arc), Moment.END_ACHIEVING))
+    story.at(0.6)
+    first = story.goal("take steps", "gait planner", arc, data={"from": 0})
+    second = story.goal("take steps", "gait planner", arc, sequential_achievement(TaskId(first), THIS))
+    story.goal(
+        "take steps",
+        "gait planner",
+        arc,
+        sequential_achievement(TaskId(second), THIS),
+        plan_ahead(TaskId(second), THIS),
+    )
+    story.queued(first, "gait planner").queued(second, "gait planner")
+    story.at(0.7).returned(arc).delivered(first, "gait planner").reached(first, Moment.START_ACHIEVING)
+    leg, body = plan_step(story, first, until=1.4)
+    story.delivered(leg, "controller").delivered(second, "gait planner")
+    plan_step(story, second, until=2.2)
+    story.at(3.4).returned(leg, data={"contact": [1.0, 2.0, -0.25]}).reached(leg, Moment.END_ACHIEVING)
+    return story.delivered(body, "controller").at(4.0)
+
+
+def plan_step(story: Story, step: int, until: float) -> tuple[int, int]:
+    """The gait planner plans a step: asks for a map, then sends a leg and a body move in sequence."""
+    now = story.entries[-1].time
+    story.at(round(now + 0.1, 6)).query(
+        "elevation map", "gait planner", step, "perception", took=round((until - now) * 0.6, 6)
+    )
+    story.at(until)
+    leg = story.command("move leg", "gait planner", step, data={"leg": step, "height": 0.3})
+    body = story.command("move body", "gait planner", step, sequential_achievement(TaskId(leg), THIS))
+    story.returned(step).reached(step, Moment.END_PLANNING)
+    return leg, body
+
+
+def stumbling() -> Story:
+    """The walk goes on: the body move of the first step fails, nobody handles that, and the arc is killed."""
+    story = walking()
+    story.at(4.5).returned(7, Outcome.FAILED, data={"force": 812.0}).say(
+        facts.Failed(7, "terrain collision", "leg 4 met\x1b[31m rock")
+    )
+    for task in (1, 2, 3, 4, 9, 10):
+        story.say(facts.Killed(TaskId(task), "failure 'terrain collision' of move body {7} was not handled"))
+    for task in (7, 9, 10, 2, 3, 4, 1):
+        story.reached(task, *Moment)
+    return story.say(facts.WaitEnded("user interface", 0, TaskId(1))).at(5.0).say(facts.Closed("interrupted"))
+
+
+def arcs() -> Story:
+    """Arcs in sequence, each planned only when the one before has been traversed; none is handled yet."""
+    story = Story().at(1.0)
+    walk = story.goal("walk", "user interface")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    before: list[Constraint] = []
+    for _ in range(3):
+        arc = TaskId(story.goal("traverse arc", "planner", walk, *before))
+        before = [sequential_achievement(arc, THIS), delay_planning(THIS)]
+    return story.returned(walk)
