@@ -109,7 +109,8 @@ class Agenda:
     def started(self, task: Task) -> None:
         """A handler was given the task."""
         if not task.reached & START_HANDLING:
-            self._reach(task, STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND)
+            together = STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
+            self._reach(task, together & ~task.reached)
             self._look_at.append(task)
 
     def returned(self, task: Task) -> None:

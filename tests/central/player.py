@@ -121,6 +121,9 @@ class Player:
     def facts(self, kind: type) -> list[Any]:
         return [fact for entry in self.entries for fact in entry.facts if isinstance(fact, kind)]
 
+    def facts_of(self, kind: str) -> list[Any]:
+        return [fact for entry in self.entries for fact in entry.facts if fact.__struct_config__.tag == kind]
+
 
 def point(task: int, moment: Moment) -> Point:
     return Point(TaskId(task), moment)

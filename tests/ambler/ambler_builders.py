@@ -1,0 +1,49 @@
+"""Small robots, stances and maps for the tests of the Ambler."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from robots.ambler_sim.elevation import make_map
+from robots.ambler_sim.gait import body_height, next_step, standard_feet
+from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.robot import Robot
+from robots.ambler_sim.vocabulary import Arc, ElevationMap, Pose, Stance, Step
+from robots.ambler_sim.walk_alone import StepReport, take_step
+
+ORIGIN = Pose(0.0, 0.0, 0.0, 2.7)
+
+Ground = Callable[[Array, Array], Array]
+
+
+def flat(x: Array, y: Array) -> Array:
+    return 0.0 * (x + y)
+
+
+def a_map(ground: Ground = flat, size: float = 12.0, resolution: float = 0.1) -> ElevationMap:
+    """All cells known; *ground* gives their heights."""
+    side = round(size / resolution)
+    x, y = -size / 2 + resolution * np.indices((side, side))
+    return make_map(-size / 2, -size / 2, resolution, ground(x, y), np.ones((side, side), dtype=bool))
+
+
+def a_stance(pose: Pose = ORIGIN, height: float = 0.0) -> Stance:
+    """Standing in the standard configuration on level ground."""
+    feet = standard_feet(pose, height)
+    return Stance(Pose(pose.x, pose.y, pose.heading, body_height(feet)), feet)
+
+
+def an_arc(curvature: float = 0.0, length: float = 6.0, start: Pose = ORIGIN) -> Arc:
+    return Arc(start, curvature, length)
+
+
+def a_step(curvature: float = 0.0) -> Step:
+    return next_step(a_stance(), an_arc(curvature))
+
+
+def take_steps(robot: Robot, arc: Arc, count: int, known: ElevationMap | None = None) -> list[StepReport]:
+    reports: list[StepReport] = []
+    for _ in range(count):
+        reports.append(take_step(robot, arc, known))
+        known = reports[-1].ground
+    return reports

@@ -1,0 +1,113 @@
+"""Which leg steps next, where to, and how far along the arc the robot is."""
+
+import math
+
+import pytest
+from ambler_builders import ORIGIN, a_stance, an_arc
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robots.ambler_sim.errors import ArcFinished
+from robots.ambler_sim.gait import ADVANCE, after_step, next_leg, next_step, pose_on, progress, remaining
+from robots.ambler_sim.geometry import circulating_angle, is_left, side_of, stance_joints, within_limits
+from robots.ambler_sim.stability import support_margin
+from robots.ambler_sim.vocabulary import LEGS, Arc, Foot, Pose, Stance, Step
+
+curvatures = st.floats(-0.12, 0.12)
+poses = st.builds(Pose, st.floats(-9, 9), st.floats(-9, 9), st.floats(-9, 9), st.just(2.7))
+
+
+def planned_steps(arc: Arc, count: int) -> list[Step]:
+    """Steps planned ahead, each from the stance predicted after the one before."""
+    steps, stance = [], a_stance(arc.start)
+    for _ in range(count):
+        steps.append(next_step(stance, arc))
+        stance = after_step(steps[-1])
+    return steps
+
+
+def test_the_rear_most_leg_goes_first_and_sides_alternate() -> None:
+    legs = [step.leg for step in planned_steps(an_arc(length=8.0), 12)]
+    assert legs == [2, 5, 1, 4, 0, 3] * 2
+
+
+@given(curvatures)
+def test_on_every_arc_each_leg_steps_once_in_six_and_the_order_in_the_stack_stays(curvature: float) -> None:
+    steps = planned_steps(an_arc(curvature, 9.0), 18)
+    for six in (steps[i : i + 6] for i in range(12)):
+        assert {step.leg for step in six} == set(LEGS)
+        assert all(is_left(a.leg) != is_left(b.leg) for a, b in zip(six, six[1:], strict=False))
+
+
+@given(curvatures)
+def test_planned_stances_are_in_reach_and_stable(curvature: float) -> None:
+    for step in planned_steps(an_arc(curvature, 9.0), 14)[1:]:
+        assert within_limits(stance_joints(step.before)).all()
+        assert support_margin(step.before, step.leg) > 0.3
+
+
+def test_a_step_goes_half_a_metre_and_places_the_foot_ahead() -> None:
+    step = next_step(a_stance(), an_arc())
+    assert step.goal.x == pytest.approx(ADVANCE)
+    assert (step.ideal.x, step.ideal.y) == pytest.approx((1.5, 2.3))
+    assert step.remaining == pytest.approx(5.5)
+    assert [pose.x for pose in step.support] == pytest.approx([0.5 * number for number in range(7)])
+
+
+def test_the_last_step_ends_where_the_arc_ends() -> None:
+    step = next_step(a_stance(), an_arc(length=0.3))
+    assert step.goal.x == pytest.approx(0.3)
+    assert step.remaining == 0.0
+
+
+def test_a_walked_arc_has_no_next_step() -> None:
+    with pytest.raises(ArcFinished, match="has been walked"):
+        next_step(a_stance(Pose(5.95, 0.0, 0.0, 2.7)), an_arc(length=6.0))
+
+
+def test_the_next_step_brings_the_body_back_onto_the_arc() -> None:
+    step = next_step(a_stance(Pose(1.0, 0.2, 0.1, 2.7)), an_arc())
+    assert (step.goal.x, step.goal.y, step.goal.heading) == pytest.approx((1.5, 0.0, 0.0))
+
+
+@given(poses, curvatures, st.floats(0.0, 70.0))
+def test_progress_measures_the_way_to_a_pose_on_the_arc(start: Pose, curvature: float, distance: float) -> None:
+    arc = Arc(start, curvature, 80.0)
+    assert progress(arc, pose_on(arc, distance)) == pytest.approx(distance, abs=1e-4)
+    assert remaining(arc, pose_on(arc, distance)) == pytest.approx(80.0 - distance, abs=1e-4)
+
+
+def test_a_quarter_circle_ends_beside_its_start() -> None:
+    pose = pose_on(an_arc(curvature=0.1), math.pi / 2 / 0.1)
+    assert (pose.x, pose.y, pose.heading) == pytest.approx((10.0, 10.0, math.pi / 2))
+
+
+def test_the_prediction_replaces_one_foot_and_the_pose() -> None:
+    step = next_step(a_stance(), an_arc())
+    landed = Foot(step.leg, 1.4, 2.2, 0.3)
+    stance = after_step(step, landed)
+    assert stance.pose == step.goal
+    assert stance.last_leg == step.leg
+    assert [foot for foot in stance.feet if foot not in step.before.feet] == [landed]
+
+
+def test_a_leg_that_was_stopped_on_its_way_steps_again() -> None:
+    stance = a_stance()
+    feet = tuple(Foot(2, 0.2, -0.1, 0.0) if foot.leg == 2 else foot for foot in stance.feet)
+    assert next_leg(Stance(stance.pose, feet, last_leg=4)) == 2
+
+
+def test_the_front_leg_of_a_side_has_turned_least() -> None:
+    for step in planned_steps(an_arc(0.1, 9.0), 8):
+        landed = after_step(step)
+        angles = {leg: circulating_angle(step.before.pose, landed.feet[leg]) for leg in side_of(step.leg)}
+        assert min(angles, key=lambda leg: angles[leg]) == step.leg
+
+
+def test_where_the_arc_begins_does_not_matter() -> None:
+    turned = Pose(3.0, -2.0, 1.0, 2.7)
+    here, there = next_step(a_stance(), an_arc()), next_step(a_stance(turned), an_arc(start=turned))
+    assert here.leg == there.leg
+    assert math.dist((here.ideal.x, here.ideal.y), (ORIGIN.x, ORIGIN.y)) == pytest.approx(
+        math.dist((there.ideal.x, there.ideal.y), (turned.x, turned.y))
+    )

@@ -1,0 +1,200 @@
+"""Random lives of central: the invariants hold after every event, and everything comes to an end."""
+
+from central.player import Player, before, point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tca_central.core import Central
+from tca_central.task_tree import Task
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.facts import Delivered, Reached, Received
+from tca_wire.points import Moment, TaskId
+
+MODULES = {
+    "planner": ("goal walk", "goal step", "query where"),
+    "legs": ("command move", "command lift", "inform note"),
+    "map": ("query where", "multi-query all", "broadcast pose"),
+}
+MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
+small = st.integers(0, 1000)
+operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail", "kill", "constrain", "wait", "lose",
+                                       "join", "bye", "give up"]), small, small, small, small)  # fmt: skip
+
+
+class Life:
+    """Turns numbers into something that a module could do now."""
+
+    def __init__(self) -> None:
+        self.player = Player()
+        self.generation = 0
+        self.player.module("user")
+        self.player.declare("user", *MESSAGES)
+        for module in MODULES:
+            self.join(module)
+
+    @property
+    def central(self) -> Central:
+        return self.player.central
+
+    def connections(self) -> list[str]:
+        return [connection.decode() for connection in self.central.registry.connections]
+
+    def join(self, module: str) -> None:
+        self.generation += 1
+        name = f"{module}{self.generation}"
+        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "")
+
+    def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
+        getattr(self, name.replace(" ", "_"))(a, b, c, d)
+
+    def send(self, a: int, b: int, c: int, d: int) -> None:
+        senders = self.connections()
+        tasks = [0, *self.central.tree.tasks]
+        constraints = []
+        if d % 4 == 0 and len(tasks) > 2:
+            one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
+            constraints.append(before(point(one, moment), point(-1, list(Moment)[a % 6])))
+        self.player.send(
+            senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].split(" ", 1)[1], under=tasks[c % len(tasks)],
+            flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
+        )  # fmt: skip
+
+    def reply(self, a: int, *_: int) -> None:
+        attended = list(self.central.dispatcher.attended.values())
+        if attended:
+            delivery = attended[a % len(attended)]
+            assert delivery.slot
+            self.player.reply(delivery.slot.id.decode(), delivery.id, value=a)
+
+    def fail(self, a: int, *_: int) -> None:
+        attended = list(self.central.dispatcher.attended.values())
+        if attended:
+            delivery = attended[a % len(attended)]
+            assert delivery.slot
+            self.player.fail(delivery.slot.id.decode(), "slipped", delivery.id)
+
+    def kill(self, a: int, *_: int) -> None:
+        tasks = list(self.central.tree.tasks)
+        if tasks:
+            self.player.receive("user", headers.Kill(self.player.number("user"), TaskId(tasks[a % len(tasks)])))
+
+    def constrain(self, a: int, b: int, c: int, d: int) -> None:
+        tasks = list(self.central.tree.tasks)
+        if tasks:
+            one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
+            wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]))
+            self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
+
+    def wait(self, a: int, b: int, c: int, d: int) -> None:
+        tasks = list(self.central.tree.tasks)
+        if tasks:
+            where = point(tasks[a % len(tasks)], list(Moment)[b % 6])
+            self.player.receive("user", headers.WaitFor(self.player.number("user"), where))
+
+    def give_up(self, a: int, *_: int) -> None:
+        self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
+
+    def lose(self, a: int, *_: int) -> None:
+        others = [name for name in self.connections() if name != "user"]
+        if others:
+            self.player.lose(others[a % len(others)])
+
+    def bye(self, a: int, *_: int) -> None:
+        others = [name for name in self.connections() if name != "user"]
+        if others:
+            self.player.receive(others[a % len(others)], headers.Bye())
+
+    def join_(self, a: int, *_: int) -> None:
+        self.join(list(MODULES)[a % 3])
+
+
+@given(st.lists(operation, max_size=60))
+@settings(max_examples=150, deadline=None)
+def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[tuple[str, int, int, int, int]]) -> None:
+    life = Life()
+    for name, *numbers in operations:
+        life.do("join_" if name == "join" else name, *numbers)
+    _end_everything(life)
+    assert not life.central.tree.tasks
+    assert not life.central.dispatcher.attended
+    assert not life.central.collectors
+    assert not any(connection.outstanding for connection in life.central.registry.connections.values())
+    _check_ledger(life)
+
+
+def _end_everything(life: Life) -> None:
+    """Handlers for all there is, and every handler returns: nothing may be left waiting, for there are no circles."""
+    for module in MODULES:
+        life.join(module)
+    life.player.module("latecomer", "command later")
+    rounds = 0
+    while life.central.dispatcher.attended:
+        life.reply(0)
+        rounds += 1
+        assert rounds < 5000
+    assert not life.central.tree.tasks, [stuck(task) for task in life.central.tree.tasks.values()]
+
+
+def stuck(task: Task) -> str:
+    return f"{task} {task.reached} held {task.held} {task.children and list(task.children)}"
+
+
+def _check_ledger(life: Life) -> None:
+    """Every task reaches each moment once, and none before the constraints that it was given."""
+    reached: dict[tuple[int, int], int] = {}
+    killed = {fact.task for fact in life.player.facts_of("killed")}
+    constraints = []
+    order = 0
+    for entry in life.player.entries:
+        for fact in entry.facts:
+            if isinstance(fact, Received):
+                constraints += fact.constraints
+            elif fact.__struct_config__.tag == "constrained":
+                constraints += fact.constraints  # type: ignore[union-attr]
+            elif isinstance(fact, Reached):
+                order += 1
+                for moment in Moment:
+                    if fact.moments & moment:
+                        assert (fact.task, moment) not in reached
+                        reached[fact.task, moment] = order
+    for constraint in constraints:
+        if constraint.after.task not in killed:
+            one, other = constraint.before, constraint.after
+            assert reached[one.task, one.moment] <= reached[other.task, other.moment], constraint
+
+
+@given(st.lists(st.integers(-3, 3), max_size=30), st.integers(1, 3))
+@settings(max_examples=100, deadline=None)
+def test_a_resource_serves_by_priority_then_arrival_and_never_over_capacity(priorities: list[int], capacity: int) -> None:
+    player = Player()
+    player.module("legs", "inform note", capacity=capacity)
+    player.module("user")
+    player.declare("user", "inform note")
+    for priority in priorities:
+        player.send("user", "note", priority=priority)
+    while player.central.dispatcher.attended:
+        assert len(player.central.dispatcher.attended) <= capacity
+        delivery = next(iter(player.central.dispatcher.attended.values()))
+        assert delivery.slot
+        player.reply(delivery.slot.id.decode(), delivery.id)
+    order = [fact.id for fact in player.facts(Delivered)]
+    first = list(range(1, min(capacity, len(priorities)) + 1))
+    rest = sorted(range(len(first) + 1, len(priorities) + 1), key=lambda i: (-priorities[i - 1], i))
+    assert order == first + rest
+
+
+def test_a_deep_and_a_wide_tree_need_no_recursion_and_come_to_an_end() -> None:
+    for depth, width in ((3000, 1), (1, 3000)):
+        player = Player(check=False)
+        player.module("planner", "goal walk", capacity=1)
+        player.module("user")
+        player.declare("user", "goal walk")
+        parent = player.task("user", "walk")
+        top = parent
+        for _ in range(max(depth, width)):
+            child = player.task("user", "walk", under=parent, flags=Flags.NONE)
+            parent = child if depth > 1 else top
+        while player.central.dispatcher.attended:
+            player.reply("planner/1")
+        assert not player.central.tree.tasks
