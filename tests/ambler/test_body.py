@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from ambler_builders import ORIGIN, a_stance, a_step
+from ambler.builders import ORIGIN, a_stance, a_step
 
 from robots.ambler_sim.body import ACCELERATION, duration, plan_body_move, plan_shift
 from robots.ambler_sim.errors import OutOfReach, UnstableMove

@@ -1,16 +1,17 @@
 """Choosing a foothold from a map."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from ambler_builders import a_map, a_step, flat
+from ambler.builders import a_map, a_step, flat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robots.ambler_sim.errors import NoFootfall
-from robots.ambler_sim.footfall import SEARCH_RADIUS, candidates, choose_foothold
-from robots.ambler_sim.geometry import AMBLER, Array, leg_joints
+from robots.ambler_sim.footfall import LEG_SPACING, SEARCH_RADIUS, candidates, choose_foothold
+from robots.ambler_sim.geometry import AMBLER, Array, circulating_angle, leg_joints
 from robots.ambler_sim.terrain import make_terrain
 from robots.ambler_sim.vocabulary import TerrainSpec
 
@@ -37,7 +38,8 @@ def test_a_ledge_beside_a_steep_slope_is_preferred() -> None:
     step = a_step()
 
     def bank(x: Array, y: Array) -> Array:
-        return 0.5 * np.maximum(step.ideal.y + 0.1 - y, 0.0) + 0.0 * x
+        height: Array = flat(x, y) + 0.5 * np.maximum(step.ideal.y + 0.1 - y, 0.0)
+        return height
 
     assert choose_foothold(a_map(bank), step).y > step.ideal.y + 0.1
 
@@ -80,3 +82,12 @@ def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(seed: int, slo
         assert AMBLER.min_reach < reach < AMBLER.max_reach
     others = [other for other in step.before.feet if other.leg != foot.leg]
     assert min(math.dist((foot.x, foot.y), (other.x, other.y)) for other in others) > 0.3
+
+
+def test_a_foot_is_not_put_where_another_one_stands() -> None:
+    step = a_step()
+    x, y = step.ideal.x, step.ideal.y - 0.1
+    standing = replace(step.before, feet=(replace(step.before.feet[0], x=x, y=y), *step.before.feet[1:]))
+    foot = choose_foothold(a_map(), replace(step, before=standing))
+    assert math.dist((foot.x, foot.y), (x, y)) >= LEG_SPACING
+    assert circulating_angle(standing.pose, foot) < circulating_angle(standing.pose, standing.feet[0])

@@ -1,9 +1,10 @@
 """Which leg steps next, where to, and how far along the arc the robot is."""
 
+import itertools
 import math
 
 import pytest
-from ambler_builders import ORIGIN, a_stance, an_arc
+from ambler.builders import ORIGIN, a_stance, an_arc
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,7 +37,7 @@ def test_on_every_arc_each_leg_steps_once_in_six_and_the_order_in_the_stack_stay
     steps = planned_steps(an_arc(curvature, 9.0), 18)
     for six in (steps[i : i + 6] for i in range(12)):
         assert {step.leg for step in six} == set(LEGS)
-        assert all(is_left(a.leg) != is_left(b.leg) for a, b in zip(six, six[1:], strict=False))
+        assert all(is_left(a.leg) != is_left(b.leg) for a, b in itertools.pairwise(six))
 
 
 @given(curvatures)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from ambler_builders import ORIGIN, a_stance
+from ambler.builders import ORIGIN, a_stance
 from hypothesis import given
 from hypothesis import strategies as st
 

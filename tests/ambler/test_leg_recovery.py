@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from ambler_builders import ORIGIN, a_map, a_stance, a_step, flat
+from ambler.builders import ORIGIN, a_map, a_stance, a_step, flat
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from ambler_builders import a_stance
+from ambler.builders import a_stance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

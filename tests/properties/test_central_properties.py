@@ -166,7 +166,9 @@ def _check_ledger(life: Life) -> None:
 
 @given(st.lists(st.integers(-3, 3), max_size=30), st.integers(1, 3))
 @settings(max_examples=100, deadline=None)
-def test_a_resource_serves_by_priority_then_arrival_and_never_over_capacity(priorities: list[int], capacity: int) -> None:
+def test_a_resource_serves_by_priority_then_arrival_and_never_over_capacity(
+    priorities: list[int], capacity: int
+) -> None:
     player = Player()
     player.module("legs", "inform note", capacity=capacity)
     player.module("user")

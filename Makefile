@@ -1,0 +1,35 @@
+# demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
+# check  format, lint, types, tests with coverage                    bench   what things cost here
+# soak   long walks and long random lives                            clean   away with what the others made
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/ready
+
+.PHONY: demo test check bench soak clean
+.DELETE_ON_ERROR:
+
+demo: $(READY)
+	$(BIN)/python -m robots.ambler_sim --out walk
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+check: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy .
+	$(BIN)/python -m pytest --cov --cov-report=term:skip-covered
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks
+
+soak: $(READY)
+	$(BIN)/python -m pytest -m soak
+
+$(READY): setup.cfg pyproject.toml scripts/setup.sh
+	PYTHON=$(PYTHON) scripts/setup.sh
+	touch $@
+
+clean:
+	rm -rf .venv walk build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,127 @@
+"""Which simulator is taken, how time is held back, and that snapshots are never half written."""
+
+import os
+from pathlib import Path
+
+import msgspec
+import pytest
+from ambler.builders import a_stance
+
+from robots.ambler_sim import robot as robot_module
+from robots.ambler_sim.body import plan_shift
+from robots.ambler_sim.pacing import Pacer, Watch
+from robots.ambler_sim.robot import make_robot
+from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.urdf import ambler_urdf
+from robots.ambler_sim.vocabulary import TerrainSpec
+
+
+def test_without_pybullet_the_kinematic_backend_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_module, "pybullet_is_installed", lambda: False)
+    assert make_robot().backend == "kinematic"
+
+
+def test_with_pybullet_physics_is_taken() -> None:
+    pytest.importorskip("pybullet")
+    robot = make_robot()
+    assert robot.backend == "pybullet"
+    robot.close()
+
+
+def test_a_snapshot_brings_its_own_ground_and_backend() -> None:
+    robot = make_robot("kinematic", terrain=TerrainSpec(seed=9, slope=0.2))
+    other = make_robot(terrain=TerrainSpec(seed=1), state=robot.state())
+    assert other.backend == "kinematic"
+    assert other.terrain.spec == TerrainSpec(seed=9, slope=0.2)
+
+
+def test_a_snapshot_of_one_backend_can_be_continued_on_the_other() -> None:
+    pytest.importorskip("pybullet")
+    physical = make_robot("pybullet")
+    other = make_robot("kinematic", state=physical.state())
+    assert other.stance().pose.x == pytest.approx(physical.stance().pose.x, abs=0.01)
+    physical.close()
+
+
+def test_pace_holds_simulated_time_back_to_a_multiple_of_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+    robot = make_robot("kinematic", pace=10.0)
+    began_simulated, began_real = robot.time, clock.now
+    robot.move_body(plan_shift(robot.stance(), a_stance().pose))
+    assert clock.now - began_real == pytest.approx((robot.time - began_simulated) / 10.0, abs=0.01)
+
+
+def test_pace_zero_never_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+    Pacer(0.0).passed(1000.0)
+    assert clock.now == 0.0
+
+
+def test_idle_time_is_not_caught_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr("robots.ambler_sim.pacing.time", clock)
+    pacer = Pacer(1.0)
+    clock.now = 100.0
+    pacer.restart()
+    pacer.passed(2.0)
+    assert clock.now == 102.0
+
+
+def test_a_listener_that_said_stop_is_not_asked_again() -> None:
+    asked: list[float] = []
+
+    def stop_at_once(fraction: float) -> bool:
+        asked.append(fraction)
+        return False
+
+    watch = Watch(10.0, stop_at_once)
+    watch.passed(1.0)
+    watch.passed(1.0)
+    assert (asked, watch.stopped) == ([0.1], True)
+
+
+def test_there_is_no_snapshot_before_the_first_is_saved(tmp_path: Path) -> None:
+    assert load_snapshot(tmp_path / "robot.json") is None
+
+
+def test_a_failed_save_leaves_the_old_snapshot_and_no_litter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "robot.json"
+    first = make_robot("kinematic").state()
+    save_snapshot(first, path)
+
+    def full(_: int) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="no space"):
+        save_snapshot(make_robot("kinematic", terrain=TerrainSpec(seed=7)).state(), path)
+    assert load_snapshot(path) == first
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_that_is_no_snapshot_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "robot.json"
+    path.write_text('{"backend": "kinematic"}', encoding="utf-8")
+    with pytest.raises(msgspec.ValidationError, match="missing required field"):
+        load_snapshot(path)
+
+
+def test_the_mechanism_as_text_weighs_as_much_as_the_robot() -> None:
+    masses = [float(part.split('"')[1]) for part in ambler_urdf().split("<mass value=")[1:]]
+    assert sum(masses) == 2500.0
+    assert len(masses) == 1 + 6 * 4
+
+
+class FakeClock:
+    """Stands in for the time module: sleeping only moves the clock."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds

@@ -1,0 +1,202 @@
+"""The robot on both backends: walking, stopping, going on from a snapshot, pictures."""
+
+import math
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ambler.builders import an_arc, take_steps
+
+from robots.ambler_sim import motion
+from robots.ambler_sim.body import plan_shift
+from robots.ambler_sim.errors import OutOfReach
+from robots.ambler_sim.footfall import choose_foothold
+from robots.ambler_sim.gait import next_leg, next_step
+from robots.ambler_sim.geometry import offset
+from robots.ambler_sim.leg_recovery import plan_leg_move, plan_swing
+from robots.ambler_sim.perception import build_elevation_map
+from robots.ambler_sim.robot import Backend, Robot, make_robot, pybullet_is_installed
+from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.stability import WEIGHT
+from robots.ambler_sim.vocabulary import BodyMove, LegMove, Stance, TerrainSpec
+
+BACKENDS = [
+    "kinematic",
+    pytest.param("pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")),
+]
+HILLS = TerrainSpec(seed=2, slope=0.15, length=20.0)
+
+
+@pytest.fixture(params=BACKENDS)
+def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
+    backend: Backend = request.param
+    made = make_robot(backend, terrain=HILLS)
+    yield made
+    made.close()
+
+
+def the_first_leg_move(robot: Robot) -> LegMove:
+    stance = robot.stance()
+    ground = build_elevation_map(robot.scan(), stance)
+    step = next_step(stance, an_arc())
+    return plan_leg_move(ground, step, choose_foothold(ground, step))
+
+
+def greatest_shift(before: Stance, after: Stance, *, without: int = -1) -> float:
+    """How far (m) any foot is from where it was."""
+    pairs = zip(before.feet, after.feet, strict=True)
+    return max(math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) for a, b in pairs if a.leg != without)
+
+
+def test_it_stands_level_on_six_feet(robot: Robot) -> None:
+    readings = robot.readings()
+    assert sum(readings.loads) == pytest.approx(WEIGHT, rel=0.1)
+    assert min(readings.loads) > 1000
+    assert math.degrees(max(abs(readings.roll), abs(readings.pitch))) < 0.3
+
+
+def test_three_steps_bring_it_one_and_a_half_metres_on(robot: Robot) -> None:
+    reports = take_steps(robot, an_arc(), 3)
+    pose = robot.stance().pose
+    assert [report.step.leg for report in reports] == [2, 5, 1]
+    assert (pose.x, pose.y, pose.heading) == pytest.approx((1.5, 0.0, 0.0), abs=0.06)
+    assert all(report.footfall.load > 1000 for report in reports)
+    assert min(report.margin for report in reports) > 0.4
+    assert math.degrees(robot.peak_tilt) < 1.5
+    assert robot.time > 15
+
+
+def test_feet_land_where_they_were_sent_and_the_others_stay(robot: Robot) -> None:
+    before, move = robot.stance(), the_first_leg_move(robot)
+    footfall = robot.move_leg(move)
+    assert footfall.reached
+    assert (footfall.foot.x, footfall.foot.y) == pytest.approx((move.foothold.x, move.foothold.y), abs=0.05)
+    assert footfall.foot.z == pytest.approx(robot.terrain.height(footfall.foot.x, footfall.foot.y), abs=0.05)
+    assert greatest_shift(before, robot.stance(), without=move.leg) < 0.05
+    assert robot.stance().last_leg == move.leg
+
+
+def test_a_turning_body_keeps_its_feet_in_place(robot: Robot) -> None:
+    before = robot.stance()
+    goal = replace(before.pose, x=before.pose.x + 0.2, heading=0.1)
+    reached = robot.move_body(plan_shift(before, goal))
+    assert (reached.x, reached.heading) == pytest.approx((goal.x, goal.heading), abs=0.02)
+    assert greatest_shift(before, robot.stance()) < 0.05
+
+
+def test_progress_is_reported_from_near_zero_to_one(robot: Robot) -> None:
+    seen: list[float] = []
+
+    def listen(fraction: float) -> bool:
+        seen.append(fraction)
+        return True
+
+    robot.move_leg(the_first_leg_move(robot), listen)
+    assert seen[0] < 0.02
+    assert seen == sorted(seen)
+    assert seen[-1] > 0.9
+
+
+def test_a_stopped_leg_is_put_down_where_it_is_and_steps_again(robot: Robot) -> None:
+    move = the_first_leg_move(robot)
+    asked: list[float] = []
+
+    def stop_half_way(fraction: float) -> bool:
+        asked.append(fraction)
+        return fraction < 0.5
+
+    footfall = robot.move_leg(move, stop_half_way)
+    stance = robot.stance()
+    assert not footfall.reached
+    assert max(asked) < 0.52
+    assert footfall.load > 300
+    assert math.dist((footfall.foot.x, footfall.foot.y), (move.foothold.x, move.foothold.y)) > 1.0
+    assert next_leg(stance) == move.leg
+    again = plan_swing(build_elevation_map(robot.scan(), stance), stance, move.foothold, move.sense)
+    landed = robot.move_leg(again)
+    assert landed.reached
+    assert landed.foot.x == pytest.approx(move.foothold.x, abs=0.05)
+
+
+def test_a_stopped_body_comes_to_rest_on_its_way(robot: Robot) -> None:
+    before = robot.stance()
+    move = plan_shift(before, replace(before.pose, x=before.pose.x + 0.4))
+    reached = robot.move_body(move, lambda fraction: fraction < 0.5)
+    assert 0.1 < reached.x - before.pose.x < 0.36
+    assert greatest_shift(before, robot.stance()) < 0.05
+
+
+def test_a_body_move_out_of_reach_is_refused_before_anything_moves(robot: Robot) -> None:
+    before, time = robot.stance(), robot.time
+    with pytest.raises(OutOfReach):
+        robot.move_body(BodyMove(replace(before.pose, x=3.0), 2.0))
+    assert (robot.stance(), robot.time) == (before, time)
+
+
+def test_another_robot_goes_on_from_a_saved_snapshot(robot: Robot, tmp_path: Path) -> None:
+    reports = take_steps(robot, an_arc(), 2)
+    save_snapshot(robot.state(), tmp_path / "robot.json")
+    state = load_snapshot(tmp_path / "robot.json")
+    assert state == robot.state()
+    other = make_robot(state=state)
+    assert other.backend == robot.backend
+    assert greatest_shift(robot.stance(), other.stance()) < 0.02
+    assert other.stance().last_leg == 5
+    following = take_steps(other, an_arc(), 1, reports[-1].ground)
+    assert following[0].step.leg == 1
+    assert other.stance().pose.x == pytest.approx(1.5, abs=0.06)
+    assert other.time > robot.time
+    other.close()
+
+
+def test_it_starts_anywhere_and_heads_anywhere(robot: Robot) -> None:
+    start = replace(robot.stance().pose, x=5.0, y=1.0, heading=2.5)
+    backend: Backend = "pybullet" if robot.backend == "pybullet" else "kinematic"
+    other = make_robot(backend, terrain=HILLS, start=start)
+    arc = an_arc(start=other.stance().pose)
+    take_steps(other, arc, 1)
+    x, y = offset(start, 0.5, 0.0)
+    pose = other.stance().pose
+    assert (pose.x, pose.y, pose.heading) == pytest.approx((x, y, 2.5), abs=0.06)
+    other.close()
+
+
+def test_a_leg_that_finds_no_ground_gives_up_and_says_so() -> None:
+    robot = make_robot("kinematic", terrain=HILLS)
+    move = the_first_leg_move(robot)
+    raised = motion.SEARCH_DEPTH + 0.3
+    above = replace(move, foothold=replace(move.foothold, z=move.foothold.z + raised), lift=move.lift + raised)
+    footfall = robot.move_leg(above)
+    assert footfall.load == 0
+    assert footfall.foot.z - move.foothold.z == pytest.approx(0.3, abs=0.1)
+
+
+def test_a_drawing_is_made_where_there_is_no_physics(tmp_path: Path) -> None:
+    robot = make_robot("kinematic", terrain=HILLS)
+    written = robot.picture(tmp_path / "ambler.png")
+    assert written == tmp_path / "ambler.svg"
+    drawing = ET.fromstring(written.read_text(encoding="utf-8"))
+    feet = [circle for circle in drawing.iter("{http://www.w3.org/2000/svg}circle") if circle.get("class") == "dark"]
+    assert len(feet) == 6 + 2
+
+
+def test_a_photograph_shows_ground_sky_and_robot(tmp_path: Path) -> None:
+    pytest.importorskip("pybullet")
+    robot = make_robot("pybullet", terrain=HILLS)
+    written = robot.picture(tmp_path / "ambler.png")
+    robot.close()
+    data = written.read_bytes()
+    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+    start = data.index(b"IDAT")
+    length = int.from_bytes(data[start - 4 : start], "big")
+    rows = np.frombuffer(zlib.decompress(data[start + 4 : start + 4 + length]), dtype=np.uint8)
+    pixels = rows.reshape(height, 1 + width * 3)[:, 1:].reshape(height, width, 3).astype(int)
+    red, blue = pixels[..., 0], pixels[..., 2]
+    assert (width, height) == (960, 600)
+    assert (blue[:60] > red[:60]).mean() > 0.9
+    assert (red[-60:] > blue[-60:]).mean() > 0.7
+    assert len(np.unique(pixels[150:500, 300:700].reshape(-1, 3), axis=0)) > 500

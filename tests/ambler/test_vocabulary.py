@@ -1,0 +1,44 @@
+"""Every noun can be sent: encoded by msgspec and decoded to an equal value."""
+
+from dataclasses import is_dataclass
+
+import msgspec
+import pytest
+from ambler.builders import ORIGIN, a_map, a_stance, a_step, an_arc
+
+from robots.ambler_sim import vocabulary
+from robots.ambler_sim.body import plan_body_move
+from robots.ambler_sim.leg_recovery import plan_leg_move
+from robots.ambler_sim.perception import pack_scan
+from robots.ambler_sim.robot import make_robot
+from robots.ambler_sim.vocabulary import Foot, Footfall, TerrainSpec
+
+STEP = a_step()
+ROBOT = make_robot("kinematic")
+EXAMPLES = [
+    ORIGIN,
+    Foot(1, 0.1, 0.2, 0.3),
+    a_stance(),
+    an_arc(),
+    STEP,
+    plan_leg_move(a_map(), STEP, STEP.ideal),
+    plan_body_move(STEP, STEP.ideal),
+    Footfall(STEP.ideal, 3000.0, reached=True),
+    a_map(size=2.0),
+    pack_scan(a_stance(), ROBOT.scan()),
+    TerrainSpec(),
+    ROBOT.readings(),
+    ROBOT.state(),
+    ROBOT.state().posture,
+]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: type(example).__name__)
+def test_a_noun_survives_being_sent(example: object) -> None:
+    for codec in (msgspec.msgpack, msgspec.json):
+        assert codec.decode(codec.encode(example), type=type(example)) == example
+
+
+def test_there_is_an_example_of_every_noun() -> None:
+    nouns = {noun for noun in vars(vocabulary).values() if is_dataclass(noun)}
+    assert nouns == {type(example) for example in EXAMPLES}

@@ -1,0 +1,28 @@
+"""The plain walk from the command line."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from robots.ambler_sim.walk_alone import main
+
+
+def test_five_metres_take_ten_steps(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    picture = tmp_path / "walk.svg"
+    assert main(["--metres", "5", "--backend", "kinematic", "--picture", str(picture)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len([line for line in lines if line.startswith("step")]) == 10
+    assert re.match(r"walked 5\.0\d m in 10 steps with kinematic: max tilt 0\.\d\d deg, min stability", lines[-2])
+    assert picture.exists()
+
+
+def test_a_curve_over_steep_hills_can_be_walked(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--metres", "4", "--curvature", "-0.1", "--slope", "0.3", "--seed", "5", "--backend", "kinematic"]
+    assert main(arguments) == 0
+    assert "walked 4.0" in capsys.readouterr().out
+
+
+def test_a_curve_that_is_too_tight_ends_with_one_line_that_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--metres", "4", "--curvature", "1.0", "--backend", "kinematic"]) == 1
+    assert capsys.readouterr().err.startswith("walk_alone: NoFootfall: no foothold for leg")

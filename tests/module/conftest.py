@@ -1,0 +1,21 @@
+"""A central in the test's own process, and a client of it."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tca_module import Client, connect
+from tca_module.testing import LocalCentral
+
+
+@pytest.fixture
+def central() -> Iterator[LocalCentral]:
+    with LocalCentral() as central:
+        yield central
+
+
+@pytest.fixture
+def user(central: LocalCentral) -> Iterator[Client]:
+    """Whoever sends from outside of handlers."""
+    with connect("user", central) as client:
+        yield client

@@ -1,0 +1,316 @@
+"""Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
+
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from tca_module.connection import Connection
+from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
+from tca_module.session import QUIET, Session
+from tca_wire.codec import pack, unpack_to_central
+from tca_wire.declarations import Goal
+from tca_wire.headers import (
+    Accepted,
+    Answer,
+    Beat,
+    Bye,
+    Deliver,
+    GiveUp,
+    Hello,
+    Refusal,
+    Refused as RefusedHeader,
+    Register,
+    Reply,
+    Send,
+    ToCentral,
+    ToModule,
+    Unknown,
+    Welcome,
+)
+
+WELCOME = Welcome(1, 1, "legs", "one")
+WALK = Goal("walk")
+
+Script = Callable[[ToCentral], list[ToModule]]
+
+
+class ScriptedCentral:
+    """A transport whose far end answers each header as *script* says; waiting takes time on its own clock."""
+
+    address = "ipc://scripted"
+
+    def __init__(self, script: Script) -> None:
+        self.script = script
+        self.now = 100.0
+        self.heard: list[ToCentral] = []
+        self.packets: list[tuple[float, bytes]] = []
+        self.is_there = True
+        self.is_closed = False
+
+    def say(self, *headers: ToModule, at: float = 0.0) -> None:
+        """Let these arrive; at a later time, if given."""
+        self.packets.append((at, pack((header, b"") for header in headers)))
+
+    def send(self, packet: bytes, wait_seconds: float) -> bool:
+        if not self.is_there:
+            self.now += wait_seconds
+            return False
+        for header, _ in unpack_to_central(packet):
+            self.heard.append(header)
+            if answers := self.script(header):
+                self.say(*answers)
+        return True
+
+    def receive(self, timeout_seconds: float) -> bytes | None:
+        if self.packets and self.packets[0][0] <= self.now + timeout_seconds:
+            at, packet = self.packets.pop(0)
+            self.now = max(self.now, at)
+            return packet
+        self.now += timeout_seconds
+        return None
+
+    def wake(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def friendly(header: ToCentral) -> list[ToModule]:
+    """A central that takes everything and answers no question."""
+    if isinstance(header, Hello):
+        return [WELCOME]
+    if isinstance(header, Send) and header.number and header.message == "walk":
+        return [Accepted(header.number, 17)]
+    if isinstance(header, Register):
+        return [Accepted(header.number)]
+    return []
+
+
+def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
+    central = ScriptedCentral(script)
+    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), clock=lambda: central.now)
+    connection.open()
+    central.heard.clear()
+    return connection, central
+
+
+def test_nobody_answers_hello() -> None:
+    central = ScriptedCentral(lambda _: [])
+    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), patience=5.0, clock=lambda: central.now)
+    with pytest.raises(CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"):
+        connection.open()
+    assert 105 <= central.now <= 105.5
+    assert len(central.heard) == 5  # Hello, once a second
+
+
+def test_nobody_listens() -> None:
+    central = ScriptedCentral(friendly)
+    central.is_there = False
+    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), patience=5.0, clock=lambda: central.now)
+    with pytest.raises(CentralLost):
+        connection.open()
+    assert 105 <= central.now <= 106.5
+
+
+def test_central_refuses_the_module() -> None:
+    central = ScriptedCentral(lambda _: [RefusedHeader(1, Refusal.PROTOCOL, "speak protocol 2")])
+    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), clock=lambda: central.now)
+    with pytest.raises(Refused, match="module 'legs' was refused: speak protocol 2"):
+        connection.open()
+
+
+def test_a_message_is_declared_once() -> None:
+    connection, central = connected()
+    connection.declare(WALK)
+    connection.declare(WALK)
+    assert central.heard == [Register(2, [WALK.format], [])]
+    connection.declare(Goal("walk"))  # another declaration of that name may have another format
+    assert len(central.heard) == 2
+
+
+def test_a_refused_format_is_declared_anew_next_time() -> None:
+    connection, central = connected(
+        lambda header: (
+            [RefusedHeader(header.number, Refusal.FORMAT, "two formats")]
+            if isinstance(header, Register)
+            else friendly(header)
+        )
+    )
+    for _ in range(2):
+        with pytest.raises(FormatRefused, match="declaring goal 'walk' was refused: two formats") as caught:
+            connection.declare(WALK)
+        assert (caught.value.refusal, caught.value.text) == (Refusal.FORMAT, "two formats")
+    assert len(central.heard) == 2
+
+
+def test_a_call_returns_the_id() -> None:
+    connection, _ = connected()
+    assert connection.call(Send(0, "walk"), "goal 'walk'") == 17
+
+
+def test_a_wait_ends_in_time_while_central_lives() -> None:
+    connection, central = connected()
+    for second in range(101, 200):
+        central.say(Beat(), at=second)
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    assert not connection.wait(request, 7.0, "query")
+    assert 107 <= central.now <= 107.1
+    connection.abandon(request)
+    assert central.heard == [Send(2, "stance"), GiveUp(2)]
+
+
+def test_a_wait_of_no_time_takes_what_is_there() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    assert not connection.wait(request, 0, "query")
+    central.say(Beat())
+    central.say(Answer(2))
+    assert not connection.wait(request, 0, "query")
+    assert connection.wait(request, 0, "query")
+    assert central.now == 100.0
+
+
+def test_what_central_does_not_acknowledge_is_given_up() -> None:
+    connection, central = connected()
+    for second in range(101, 200):
+        central.say(Beat(), at=second)
+    with pytest.raises(Timeout, match="goal 'x' was not acknowledged within 30 s, though central .* is alive"):
+        connection.call(Send(0, "x"), "goal 'x'")
+
+
+def test_a_silent_central_is_asked_and_then_given_up() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.script = lambda _: []
+    with pytest.raises(CentralLost):
+        connection.wait(request, None, "query")
+    assert 110 <= central.now <= 110.5
+    questions = [header for header in central.heard if isinstance(header, Register)]
+    assert len(questions) == 8  # from QUIET on, once a second
+    assert QUIET == 2.5
+
+
+def test_central_forgot_the_connection_while_it_waited() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.say(Unknown())
+    assert not connection.wait(request, 0.5, "query")
+    assert [type(header) for header in central.heard] == [Send, Hello, Send]
+
+
+def test_what_was_lost_with_central_raises() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    central.say(Unknown())
+    with pytest.raises(CentralLost, match="query 'stance' is lost: central was restarted .*; ask again"):
+        connection.wait(request, None, "query 'stance'")
+
+
+def test_a_sender_that_never_waits_still_finds_central_again() -> None:
+    connection, central = connected()
+    connection.post(Send(0, "position"), b"")
+    central.say(Unknown())
+    for _ in range(3):
+        connection.post(Send(0, "position"), b"")
+    assert [type(header) for header in central.heard] == [Send, Hello, Send, Send]
+    assert connection.session.dropped == 1
+
+
+def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    connection, central = connected()
+    central.is_there = False
+    for _ in range(3):
+        connection.post(Send(0, "position"), b"")
+    assert connection.session.dropped == 3
+    assert caplog.messages == ["central at ipc://scripted is not there: informs and broadcasts are lost"]
+
+
+def test_central_comes_back_for_a_connection_that_serves() -> None:
+    connection, central = connected()
+    stop = []
+    connection.attend = lambda delivery, _: stop.append(delivery)
+    central.is_there = False
+
+    def come_back() -> bool:
+        if central.now > 200 and not central.is_there:
+            central.is_there = True
+            central.script = lambda header: [Unknown()] if isinstance(header, Register) else friendly(header)
+            central.say(Deliver(8, "walk"), at=central.now + 5)
+        return bool(stop)
+
+    connection.serve(come_back)
+    assert Hello in map(type, central.heard)
+
+
+def test_what_is_delivered_is_handled_within_the_wait() -> None:
+    connection, central = connected()
+    handled = []
+
+    def attend(delivery: Deliver, _: bytes) -> None:
+        handled.append(delivery.delivery)
+        connection.reply(Reply(delivery.delivery), b"")
+        central.say(Answer(2))
+
+    connection.attend = attend
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.say(Deliver(8, "stance"))
+    assert connection.wait(request, 1.0, "query")
+    assert handled == [8]
+    assert central.heard[-1] == Reply(8)
+
+
+def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixture) -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+    central.packets.append((0.0, b"nonsense"))
+    central.say(Answer(2))
+    assert connection.wait(request, 1.0, "query")
+    assert "sent what is no message" in caplog.text
+
+
+def test_big_messages_leave_in_several_packets() -> None:
+    connection, central = connected()
+    central.is_there = False
+    requests = [connection.request(Send(0, f"{number}"), bytes(5 << 20)) for number in range(3)]
+    central.is_there = True
+    assert not connection.wait(requests[0], 0.3, "goal")
+    assert [header.message for header in central.heard if isinstance(header, Send)] == ["0", "1", "2"]
+
+
+def test_a_connection_belongs_to_one_thread() -> None:
+    connection, _ = connected()
+    caught: list[MisuseError] = []
+
+    def elsewhere() -> None:
+        with pytest.raises(MisuseError) as error:
+            connection.call(Send(0, "walk"), "goal 'walk'")
+        caught.append(error.value)
+
+    thread = threading.Thread(target=elsewhere, name="elsewhere")
+    thread.start()
+    thread.join()
+    assert "used from thread 'elsewhere', but belongs to the one that opened it" in str(caught[0])
+
+
+def test_an_interrupted_wait_is_not_asked_again() -> None:
+    connection, central = connected()
+    request = connection.request(Send(0, "stance"), wants_answer=True)
+
+    def interrupt(_delivery: Deliver, _body: bytes) -> None:
+        raise KeyboardInterrupt
+
+    connection.attend = interrupt
+    central.say(Deliver(8, "walk"))
+    with pytest.raises(KeyboardInterrupt):
+        connection.wait(request, None, "query")
+    assert connection.session.outgoing == [(GiveUp(2), b"")]
+
+
+def test_goodbye() -> None:
+    connection, central = connected()
+    connection.close()
+    assert central.heard == [Bye()]
+    assert central.is_closed

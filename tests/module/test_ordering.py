@@ -1,0 +1,157 @@
+"""The order of children: which constraints the next one gets, by itself and in blocks."""
+
+import pytest
+
+from tca_module.errors import MisuseError
+from tca_module.ordering import Ordering
+from tca_wire.constraints import Flags
+from tca_wire.points import ROOT, THIS, TaskId
+
+
+class Plan:
+    """Sends numbered children and writes down what each was sent with."""
+
+    def __init__(self, *, under_root: bool = False) -> None:
+        self.ordering = Ordering(under_root=under_root)
+        self.newest = 0
+
+    def child(self, *, is_goal: bool = True, sequential: bool = True) -> str:
+        flags, constraints = self.ordering.place(is_goal=is_goal, sequential=sequential)
+        self.newest += 1
+        self.ordering.add(TaskId(self.newest), sequential=sequential)
+        words = [flag.name.lower().replace("_", " ") for flag in Flags if flag in flags and flag.name]
+        for constraint in constraints:
+            assert constraint.after.task == THIS
+            words.append(str(constraint).replace("this task", "it"))
+        return ", ".join(words)
+
+
+@pytest.fixture
+def plan() -> Plan:
+    return Plan()
+
+
+def after(*tasks: int) -> str:
+    return ", ".join(f"end achieving task {task} <= start achieving it" for task in tasks)
+
+
+def planned_after(task: int) -> str:
+    return f"start achieving task {task} <= start planning it"
+
+
+def test_children_are_achieved_in_order_unless_told_otherwise(plan: Plan) -> None:
+    assert plan.child() == "seq ach"
+    assert plan.child(sequential=False) == ""
+    assert plan.child() == "seq ach"
+
+
+def test_in_parallel_there_is_no_order_and_around_it_there_is(plan: Plan) -> None:
+    plan.child()
+    with plan.ordering.parallel():
+        assert plan.child() == "seq ach"
+        assert plan.child() == after(1)
+        assert plan.child() == after(1)
+    assert plan.child() == after(2, 3, 4)
+    assert plan.child() == "seq ach"
+
+
+def test_a_parallel_block_at_the_beginning_orders_nothing(plan: Plan) -> None:
+    with plan.ordering.parallel():
+        assert [plan.child(), plan.child()] == ["", ""]
+    assert plan.child() == after(1, 2)
+
+
+def test_blocks_nest(plan: Plan) -> None:
+    with plan.ordering.parallel():
+        with plan.ordering.sequence():
+            assert [plan.child(), plan.child()] == ["", "seq ach"]
+        with plan.ordering.sequence():
+            assert [plan.child(), plan.child()] == ["", "seq ach"]
+            with plan.ordering.parallel():
+                assert [plan.child(), plan.child()] == ["seq ach", after(4)]
+        plan.child()
+    assert plan.child() == after(2, 5, 6, 7)
+
+
+def test_an_empty_block_changes_nothing(plan: Plan) -> None:
+    plan.child()
+    with plan.ordering.sequence(), plan.ordering.parallel():
+        pass
+    assert plan.child() == "seq ach"
+
+
+def test_a_child_out_of_sequence_still_belongs_to_its_block(plan: Plan) -> None:
+    with plan.ordering.sequence():
+        plan.child()
+        assert plan.child(sequential=False) == ""
+        assert plan.child() == after(1, 2)
+    assert plan.child() == "seq ach"
+
+
+def test_planning_runs_at_most_one_sibling_ahead(plan: Plan) -> None:
+    with plan.ordering.sequence(1):
+        assert plan.child() == ""
+        assert plan.child() == f"seq ach, {planned_after(1)}"
+        assert plan.child() == f"seq ach, {planned_after(2)}"
+    assert plan.child() == "seq ach"
+
+
+def test_planning_runs_at_most_n_siblings_ahead(plan: Plan) -> None:
+    with plan.ordering.sequence(2):
+        assert [plan.child(), plan.child()] == ["", "seq ach"]
+        assert plan.child() == f"seq ach, {planned_after(1)}"
+        assert plan.child() == f"seq ach, {planned_after(2)}"
+
+
+def test_nothing_is_planned_ahead(plan: Plan) -> None:
+    with plan.ordering.sequence(0):
+        plan.child()
+        assert plan.child() == "seq ach, delay planning"
+
+
+def test_commands_are_not_planned_and_count_as_siblings(plan: Plan) -> None:
+    with plan.ordering.sequence(1):
+        plan.child()
+        assert plan.child(is_goal=False) == "seq ach"
+        assert plan.child() == f"seq ach, {planned_after(2)}"
+
+
+def test_a_block_is_one_sibling_of_those_planned_ahead(plan: Plan) -> None:
+    with plan.ordering.sequence(1):
+        with plan.ordering.parallel():
+            plan.child(), plan.child()
+        assert plan.child() == f"{after(1, 2)}, {planned_after(1)}, {planned_after(2)}"
+        with plan.ordering.sequence():
+            assert plan.child() == f"seq ach, {planned_after(3)}"
+            assert plan.child() == f"seq ach, {planned_after(3)}"
+        assert plan.child() == f"seq ach, {planned_after(4)}"
+
+
+def test_under_the_root_blocks_do_not_rely_on_the_last_sibling() -> None:
+    plan = Plan(under_root=True)  # it may be another thread's
+    assert [plan.child(), plan.child()] == ["seq ach", "seq ach"]
+    with plan.ordering.sequence():
+        assert [plan.child(), plan.child()] == [after(2), after(3)]
+
+
+def test_a_block_ends_with_an_exception_too(plan: Plan) -> None:
+    with pytest.raises(RuntimeError), plan.ordering.parallel():
+        plan.child()
+        plan.child()
+        raise RuntimeError
+    assert plan.child() == after(1, 2)
+
+
+def test_what_central_forgot_orders_nothing(plan: Plan) -> None:
+    plan.child()
+    with plan.ordering.parallel():
+        plan.child()
+        plan.ordering.forget()
+    assert plan.child() == "seq ach"
+    assert ROOT == 0
+
+
+@pytest.mark.parametrize("number", [-1, 1.5, "two"])
+def test_plan_ahead_is_a_number_of_siblings(plan: Plan, number: int) -> None:
+    with pytest.raises(MisuseError, match="is no number of siblings"), plan.ordering.sequence(number):
+        pass

@@ -1,0 +1,252 @@
+"""Queries, multi-queries, informs and broadcasts between modules."""
+
+import queue
+import threading
+
+import pytest
+from gait_messages import ALARM, COLLISION, HEALTH, POSITION, REST, STANCE, TEMPERATURE, Arc, Footfall
+
+from tca_module import BadData, Client, FormatRefused, MisuseError, Module, Query, QueryFailed, Task, Timeout, connect
+from tca_module.testing import LocalCentral
+from tca_wire.facts import Dropped, Received
+
+SOON = 5.0
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+def test_a_query_gets_its_reply(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        return [round(radius), len(task.message), task.id]
+
+    with legs.running():
+        assert user.query(STANCE, 3.0) == [3, 6, 0]
+
+
+def test_a_message_without_data_needs_no_argument(legs: Module, user: Client) -> None:
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        return 36.6
+
+    with legs.running():
+        assert user.query(TEMPERATURE) == 36.6
+
+
+def test_a_query_waits_for_a_module_that_comes_later(legs: Module, user: Client) -> None:
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    pending = user.query_send(TEMPERATURE)
+    with legs.running():
+        assert pending.receive(SOON) == 36.6
+
+
+def test_split_queries_are_answered_in_any_order(legs: Module, user: Client) -> None:
+    legs.handles(STANCE)(lambda _, radius: [int(radius)])
+    with legs.running():
+        pending = [user.query_send(STANCE, float(number)) for number in range(3)]
+        assert [one.receive(SOON) for one in reversed(pending)] == [[2], [1], [0]]
+        assert pending[0].receive(0) == [0]
+
+
+def test_nobody_answers_in_time(user: Client) -> None:
+    with pytest.raises(Timeout) as caught:
+        user.query(TEMPERATURE, timeout=0.01)
+    assert str(caught.value) == (
+        "query 'temperature' was not answered within 0.01 s: nobody handles it, or its handler is busy; see "
+        "'tca messages', or give timeout="
+    )
+    assert isinstance(caught.value, TimeoutError)
+
+
+def test_a_query_that_was_given_up_is_not_handled(legs: Module, user: Client, central: LocalCentral) -> None:
+    handled = []
+    legs.handles(TEMPERATURE)(lambda _: handled.append(1) or 36.6)
+    pending = user.query_send(TEMPERATURE)
+    pending.cancel()
+    pending.cancel()
+    with pytest.raises(MisuseError, match="query 'temperature' was given up"):
+        pending.receive()
+    with legs.running():
+        assert user.query(TEMPERATURE) == 36.6
+    assert handled == [1]
+    assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == ["its sender gave up"]
+
+
+def test_a_handler_may_ask_its_own_resource(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        return [int(radius), *task.query(STANCE, radius - 1, timeout=SOON)] if radius > 1 else [1]
+
+    with legs.running():
+        assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
+
+
+def test_a_handler_may_ask_its_own_resource_and_fetch_the_reply_later(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        if radius <= 1:
+            return [1]
+        pending = [task.query_send(STANCE, radius - 1) for _ in range(2)]
+        assert not task.cancelled  # which reads what has arrived
+        return [int(radius), *pending[1].receive(SOON), *pending[0].receive(SOON)]
+
+    with legs.running():
+        assert user.query(STANCE, 3.0, timeout=SOON) == [3, 2, 1, 1, 2, 1, 1]
+
+
+def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        if radius < 0:
+            raise COLLISION(Footfall(3, 0.5), "leg 3 hit a rock")
+        return [round(1 / radius)]
+
+    with legs.running():
+        with pytest.raises(QueryFailed, match="query 'stance' failed: collision: leg 3 hit a rock") as failed:
+            user.query(STANCE, -1.0)
+        assert failed.value.failure == "collision"
+        assert failed.value.data_as(COLLISION) == Footfall(3, 0.5)
+        assert failed.value.data == {"leg": 3, "height": 0.5}
+        with pytest.raises(QueryFailed, match="handler error: ZeroDivisionError: float division by zero$") as error:
+            user.query(STANCE, 0.0)
+        assert "return [round(1 / radius)]" in error.value.text
+        assert "handlers.py" not in error.value.text
+        with pytest.raises(MisuseError, match="this is failure 'handler error', not 'collision'"):
+            error.value.data_as(COLLISION)
+
+
+def test_wrong_data_does_not_leave(user: Client, central: LocalCentral) -> None:
+    with pytest.raises(BadData, match="query 'stance' wants data of type float: Expected `float`, got `str`"):
+        user.query(STANCE, "wide")  # type: ignore[arg-type]
+    with pytest.raises(BadData, match=r"inform 'position' wants .*Arc.*steps"):
+        user.inform(POSITION, Arc(1.0, "many"))  # type: ignore[arg-type]
+    assert not [fact for fact in central.facts if isinstance(fact, Received)]
+
+
+def test_a_wrong_reply_fails_in_the_handler(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    def narrow_stance(task: Task, radius: float) -> list[int]:
+        return ["left"]  # type: ignore[list-item]
+
+    with legs.running(), pytest.raises(QueryFailed) as failed:
+        user.query(STANCE, 1.0)
+    assert failed.value.failure == "bad data"
+    assert "the handler of query 'stance' must return" in failed.value.text
+    assert "$[0]" in failed.value.text
+    assert "narrow_stance" in failed.value.text
+
+
+def test_data_that_does_not_decode_fails_in_the_receiver(legs: Module, user: Client) -> None:
+    """Two declarations whose formats agree for central, but not to the letter."""
+
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        raise AssertionError
+
+    liar = Query("stance", float, reply=list[int])
+    liar.data.encode = lambda _: b"\xa4wide"  # type: ignore[method-assign,assignment]
+    with legs.running(), pytest.raises(QueryFailed, match="bad data: query 'stance' came with data that is no float"):
+        user.query(liar, 1.0)
+
+
+def test_another_format_of_the_same_name_is_refused(legs: Module, user: Client) -> None:
+    legs.handles(STANCE)(lambda _, radius: [int(radius)])
+    with legs.running():
+        with pytest.raises(FormatRefused, match=r"data \$: integer here, number there .*module 'legs'"):
+            user.query(Query("stance", int, reply=list[int]), 1)
+        assert user.query(STANCE, 2.0) == [2]
+
+
+def test_everybody_is_asked(central: LocalCentral, user: Client) -> None:
+    assert user.multi_query(HEALTH) == []
+    modules = [Module(name, central) for name in ("legs", "eyes", "battery")]
+    for module in modules:
+        module.handles(HEALTH)(lambda _, name=module.name: f"{name} well")
+    with modules[0].running(), modules[1].running(), modules[2].running():
+        assert sorted(user.multi_query(HEALTH, timeout=SOON)) == ["battery well", "eyes well", "legs well"]
+        assert len(user.multi_query(HEALTH, maximum=2, timeout=SOON)) == 2
+
+
+def test_those_who_do_not_answer_in_time_or_fail_are_left_out(central: LocalCentral, user: Client) -> None:
+    legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
+    release = threading.Event()
+    legs.handles(HEALTH)(lambda _: "well" if release.wait(SOON) else "")
+    eyes.handles(HEALTH)(lambda _: 1 / 0)
+    battery.handles(HEALTH)(lambda _: "full")
+    with legs.running(), eyes.running(), battery.running():
+        assert user.multi_query(HEALTH, timeout=0.3) == ["full"]
+        release.set()
+
+
+def test_informs_arrive_in_order(legs: Module, user: Client) -> None:
+    heard: queue.Queue[int] = queue.Queue()
+    legs.handles(POSITION)(lambda _, arc: heard.put(arc.steps))
+    with legs.running():
+        for number in range(20):
+            user.inform(POSITION, Arc(1.0, number))
+        assert [heard.get(timeout=SOON) for _ in range(20)] == list(range(20))
+
+
+def test_a_broadcast_reaches_everybody_who_listens(central: LocalCentral, user: Client) -> None:
+    heard: queue.Queue[tuple[str, str]] = queue.Queue()
+    modules = [Module(name, central) for name in ("legs", "eyes")]
+    for module in modules:
+        module.handles(ALARM)(lambda _, text, name=module.name: heard.put((name, text)))
+    user.broadcast(ALARM, "too early")
+    with modules[0].running(), modules[1].running():
+        user.broadcast(ALARM, "fire")
+        assert sorted(heard.get(timeout=SOON) for _ in range(2)) == [("eyes", "fire"), ("legs", "fire")]
+
+
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        (lambda user: user.query(REST), r"query\(\) takes messages of class Query, and Goal\('rest', .*\) is none: use goal\(\)"),
+        (lambda user: user.goal(TEMPERATURE), r"goal\(\) takes messages of class Goal, and Query\(.*\) is none: use query\(\)"),
+        (lambda user: user.command(REST), r"command\(\) takes messages of class Command.*use goal\(\)"),
+        (lambda user: user.inform(ALARM, "x"), r"inform\(\) takes messages of class Inform.*use broadcast\(\)"),
+        (lambda user: user.broadcast("alarm"), r"broadcast\(\) takes messages of class Broadcast, and 'alarm' is none$"),
+        (lambda user: user.multi_query(TEMPERATURE), r"multi_query\(\).*use query\(\)"),
+        (lambda user: user.query_send(HEALTH), r"query\(\).*use multi_query\(\)"),
+    ],
+)
+def test_each_call_takes_its_class_of_message(user: Client, call, complaint: str) -> None:
+    with pytest.raises(MisuseError, match=complaint):
+        call(user)
+
+
+def test_a_client_can_be_closed_twice_and_used_no_more(central: LocalCentral) -> None:
+    client = connect("script", central)
+    assert client.name == "script"
+    assert client.status()["connections"] == 1
+    client.close()
+    client.close()
+    with pytest.raises(MisuseError, match="this client is closed"):
+        client.query(TEMPERATURE)
+
+
+def test_a_client_is_for_one_thread(user: Client) -> None:
+    caught: queue.Queue[BaseException] = queue.Queue()
+
+    def elsewhere() -> None:
+        try:
+            user.inform(ALARM, "x")  # type: ignore[arg-type]
+        except MisuseError as error:
+            caught.put(error)
+        try:
+            user.broadcast(ALARM, "x")
+        except MisuseError as error:
+            caught.put(error)
+
+    threading.Thread(target=elsewhere).start()
+    assert "inform() takes messages of class Inform" in str(caught.get(timeout=SOON))
+    assert "belongs to the one that opened it" in str(caught.get(timeout=SOON))
+
+
+@pytest.mark.parametrize("name", ["", "  ", "x\n", "x" * 200, None])
+def test_names_of_clients_are_printable(central: LocalCentral, name: str) -> None:
+    with pytest.raises(MisuseError, match="is no module name"):
+        connect(name, central)

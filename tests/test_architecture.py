@@ -1,0 +1,113 @@
+"""Who may import whom: the arrows of docs/architecture.md, and the few files that may touch the world."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("tca_wire", "tca_central", "tca_module", "tca_tools", "robots")
+OURS = {"tca_wire", "tca_central", "tca_module", "tca_tools", "robots"}
+
+MAY_IMPORT = {
+    "tca_wire": {"msgspec", "msgpack"},
+    "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
+    "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
+    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz"},
+    "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
+}
+"""Beside the package itself and the standard library."""
+
+ONLY_IN = {
+    "zmq": {"tca_central/server.py", "tca_module/transport.py"},
+    "pybullet": {"robots/ambler_sim/physics.py"},
+}
+EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
+
+# Inside central: what a file may import of its own package. Only core (with joining and requests, the rows of its
+# tables) joins the parts; the parts know nothing of each other beyond this.
+CENTRAL = {
+    "errors": set(),
+    "events": set(),
+    "resources": set(),
+    "intervals": set(),
+    "registry": {"errors", "events", "resources"},
+    "task_tree": {"resources"},
+    "cycles": {"intervals", "task_tree"},
+    "agenda": {"cycles", "errors", "intervals", "task_tree"},
+    "dispatcher": {"registry", "resources"},
+    "status": {"agenda"},
+    "invariants": {"agenda", "intervals", "resources", "task_tree"},
+    "requests": {"status", "errors", "intervals", "registry", "resources", "task_tree"},
+    "joining": {"errors", "events", "registry", "requests", "task_tree"},
+    "core": {"agenda", "dispatcher", "errors", "events", "joining", "registry", "requests", "resources", "task_tree"},
+    "journal_writer": {"errors"},
+    "server": {"core", "errors", "events", "journal_writer"},
+    "__main__": {"core", "errors", "journal_writer", "server"},
+    "__init__": set(),
+}
+
+
+def imports(path: Path) -> set[str]:
+    """Dotted names that a file imports while it runs (imports for type checkers are left out)."""
+    found = set()
+    tree = ast.parse(path.read_text())
+    skipped = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if node in skipped:
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{path}: relative import"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def files(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_import_along_the_arrows(package: str) -> None:
+    third_party = set().union(*MAY_IMPORT.values()) | {"numpy", "pytest", "hypothesis"}
+    for path in files(package):
+        name = str(path.relative_to(ROOT))
+        for imported in {dotted.split(".")[0] for dotted in imports(path)} & (OURS | third_party):
+            allowed = MAY_IMPORT[package] | {package}
+            assert imported in allowed or (name, imported) in EXCEPTIONS, f"{name} imports {imported}"
+            assert name in ONLY_IN.get(imported, {name}), f"{name} imports {imported}"
+
+
+def test_the_parts_of_central_do_not_know_each_other() -> None:
+    for path in files("tca_central"):
+        own = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")}
+        assert own <= CENTRAL[path.stem], f"{path.name} imports {own - CENTRAL[path.stem]}"
+
+
+def test_init_files_hold_only_imports() -> None:
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("__init__.py"):
+            for node in ast.parse(path.read_text()).body:
+                is_docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+                is_all = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+                assert is_docstring or is_all or isinstance(node, ast.Import | ast.ImportFrom), (
+                    f"{path}: {ast.unparse(node)}"
+                )
+
+
+def test_no_file_is_too_long() -> None:
+    for package in PACKAGES:
+        for path in files(package):
+            assert len(path.read_text().splitlines()) <= 400, path
+
+
+def test_nothing_unpickles() -> None:
+    for package in PACKAGES:
+        for path in files(package):
+            assert not imports(path) & {"pickle", "marshal", "shelve", "dill", "cloudpickle"}, path

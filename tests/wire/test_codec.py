@@ -1,0 +1,82 @@
+"""Packets: everything that goes in comes out, and no bytes whatever get past as something else than ProtocolError."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tca_wire import codec, headers
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.errors import ProtocolError
+from tca_wire.points import Moment, Point, TaskId
+
+points = st.builds(Point, st.integers(-1, 2**40).map(TaskId), st.sampled_from(Moment))
+sends = st.builds(
+    headers.Send,
+    number=st.integers(0, 2**62),
+    message=st.text(max_size=20),
+    parent=st.integers(0, 2**40).map(TaskId),
+    flags=st.integers(0, 15).map(Flags),
+    constraints=st.lists(st.builds(Constraint, points, points), max_size=3),
+)
+to_central = st.one_of(
+    sends,
+    st.builds(headers.Reply, st.integers(0, 2**62)),
+    st.builds(headers.Fail, st.integers(0, 2**62), st.text(max_size=9), st.text(max_size=9)),
+    st.builds(headers.WaitFor, st.integers(0, 2**62), points),
+)
+
+
+@given(st.lists(st.tuples(to_central, st.binary(max_size=50)), min_size=1, max_size=8))
+def test_a_packet_gives_back_what_was_put_in(items: list[tuple[headers.ToCentral, bytes]]) -> None:
+    assert codec.unpack_to_central(codec.pack(items)) == items
+
+
+@given(st.lists(st.tuples(to_central, st.binary(max_size=20)), min_size=1, max_size=3), st.data())
+def test_a_packet_cut_anywhere_is_refused_or_ends_at_an_item(
+    items: list[tuple[headers.ToCentral, bytes]], data: st.DataObject
+) -> None:
+    packet = codec.pack(items)
+    cut = data.draw(st.integers(0, len(packet) - 1))
+    try:
+        assert codec.unpack_to_central(packet[:cut]) == items[: len(codec.unpack_to_central(packet[:cut]))]
+    except ProtocolError:
+        pass
+
+
+@given(st.binary(max_size=200))
+def test_no_bytes_do_worse_than_a_protocol_error(packet: bytes) -> None:
+    for unpack in (codec.unpack_to_central, codec.unpack_to_module):
+        try:
+            unpack(packet)
+        except ProtocolError:
+            pass
+
+
+def item(header: bytes, body: bytes = b"") -> bytes:
+    return len(header).to_bytes(4, "big") + len(body).to_bytes(4, "big") + header + body
+
+
+@pytest.mark.parametrize(
+    ("packet", "why"),
+    [
+        (b"", "a packet of 0 bytes"),
+        (b"\0\0\0", "ends inside the lengths"),
+        (item(b"\x91\x05")[:-1], "more than the packet's"),
+        (item(b""), "truncated"),
+        (item(b"\xc1"), "malformed"),
+        (item(msgspec.msgpack.encode([99, 1])), "Invalid value 99"),
+        (item(msgspec.msgpack.encode([5, 1, 2])), "at most length 1"),
+        (item(msgspec.msgpack.encode([5, "one"])), "Expected `int`, got `str`"),
+        (item(b"\x92\x05" + b"\x91" * 100_000), "no message to central"),
+        (item(b"\x92\x05\xa2\xff\xfe"), "no message to central"),
+    ],
+)  # fmt: skip
+def test_bad_packets_are_refused_in_words(packet: bytes, why: str) -> None:
+    with pytest.raises(ProtocolError, match=why):
+        codec.unpack_to_central(packet)
+
+
+def test_the_bytes_are_those_of_the_documentation() -> None:
+    reply = codec.pack([(headers.Reply(7), b"\xc0")])
+    assert reply.hex(" ") == "00 00 00 03 00 00 00 01 92 05 07 c0"

@@ -1,0 +1,203 @@
+"""User data: what fits passes unchanged, what does not is named by its field; formats are compared by shape."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import Enum
+from typing import Any, Literal, TypedDict
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tca_wire.declarations import Command, Failure, Goal, Query
+from tca_wire.errors import BadData, BadFormat
+from tca_wire.formats import Format, decode_untyped, first_difference, schema_text
+
+
+class Side(Enum):
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@dataclass
+class Pose:
+    x: float
+    y: float
+    side: Side = Side.LEFT
+
+
+class Stance(msgspec.Struct):
+    feet: list[Pose]
+    at: datetime
+    note: str | None = None
+
+
+class Options(TypedDict, total=False):
+    speed: float
+
+
+@dataclass
+class Scan:
+    heights: NDArray[np.float32]
+    raw: bytes
+
+
+@dataclass
+class Tree:
+    value: int
+    children: "list[Tree]"
+
+
+POSE = Pose(1.0, 2.0, Side.RIGHT)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (Pose, POSE),
+        (Stance, Stance([POSE], datetime(2026, 1, 2, tzinfo=UTC))),
+        (Options, {"speed": 2.0}),
+        (Options, {}),
+        (dict[str, list[tuple[int, str]]], {"a": [(1, "b")]}),
+        (int | None, None),
+        (Side, Side.LEFT),
+        (Literal["on", "off"], "on"),
+        (Tree, Tree(1, [Tree(2, [])])),
+        (set[int], {1, 2}),
+        (type(None), None),
+    ],
+)  # fmt: skip
+def test_values_travel_unchanged(kind: Any, value: Any) -> None:
+    data = Format[Any](kind)
+    assert data.decode(data.encode(value)) == value
+
+
+def test_numpy_arrays_travel_unchanged_and_can_be_written_to() -> None:
+    data = Format[Scan](Scan)
+    sent = Scan(np.arange(6, dtype=np.float32).reshape(2, 3)[:, ::2], b"raw")
+    received = data.decode(data.encode(sent))
+    assert np.array_equal(received.heights, sent.heights)
+    assert received.heights.dtype == np.float32
+    received.heights[0, 0] = 5
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "why"),
+    [
+        (Pose, Pose("x", 1.0), r"Expected `float`, got `str` - at `\$.x`"),  # type: ignore[arg-type]
+        (Pose, None, "Expected `object`, got `null`|Expected `object`, got `None`"),
+        (Stance, Stance([Pose(1.0, None)], datetime.now(UTC)), r"\$.feet\[0\].y"),  # type: ignore[arg-type]
+        (int, 1 << 80, "int"),
+        (Pose, object(), "objects of type object can't be sent"),
+        (NDArray[np.float32], np.zeros(2), "array of `float32`, got one of `float64`"),
+        (NDArray[np.float32], [1.0], "Expected `ndarray`, got `list`"),
+        (np.ndarray, np.array([object()]), "holds Python objects"),
+        (bytes, bytes(9 << 20), "send a reference to it instead"),
+        (str, "\ud800", "surrogates"),
+    ],
+)  # fmt: skip
+def test_data_that_does_not_fit_is_refused_before_it_leaves(kind: Any, value: Any, why: str) -> None:
+    with pytest.raises(BadData, match=why):
+        Format[Any](kind).encode(value)
+
+
+@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x91" * 2000, b"\xa2\xff\xff", b"\xc7\x01\x01\x90"])
+def test_bytes_that_are_no_value_are_refused(data: bytes) -> None:
+    with pytest.raises(BadData):
+        Format[Any](Scan).decode(data)
+
+
+def test_arrays_whose_bytes_lie_are_refused() -> None:
+    lie = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["<f4", [2, 2], b"1234"])))
+    with pytest.raises(BadData, match="damaged array"):
+        Format[Any](NDArray[np.float32]).decode(lie)
+    objects = msgspec.msgpack.encode(msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["|O", [1], b"12345678"])))
+    with pytest.raises(BadData, match="damaged array"):
+        Format[Any](np.ndarray).decode(objects)
+
+
+@pytest.mark.parametrize("kind", [Exception, "nonsense", lambda: 1, dict[Pose, int] | list[int] | set[int]])
+def test_types_that_are_no_format_are_refused(kind: Any) -> None:
+    with pytest.raises(BadFormat):
+        Format[Any](kind)
+
+
+def test_unknown_data_can_be_shown_by_tools() -> None:
+    assert decode_untyped(Format[Any](Pose).encode(POSE)) == {"x": 1.0, "y": 2.0, "side": "right"}
+    assert decode_untyped(b"") is None
+
+
+@dataclass
+class Position:
+    """Another name and other defaults, but the same shape as Pose."""
+
+    x: float
+    y: float
+    side: Literal["left", "right"] = "right"
+
+
+@dataclass
+class TextPose:
+    x: str
+    y: float
+    side: Side = Side.LEFT
+
+
+@dataclass
+class StrictPose:
+    x: float
+    y: float
+    side: Side
+
+
+@dataclass
+class LongPose:
+    x: float
+    y: float
+    z: float
+    side: Side = Side.LEFT
+
+
+@dataclass
+class Branch:
+    value: int
+    children: "list[Tree]"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "difference"),
+    [
+        (Pose, Position, None),
+        (Tree, Branch, None),
+        (int | None, int | None, None),
+        (Pose, TextPose, "$.x: number here, string there"),
+        (Pose, StrictPose, "$.side: optional here, required there"),
+        (Pose, LongPose, "$.z: no field here, one there"),
+        (list[Pose], list[TextPose], "$[...].x: number here, string there"),
+        (dict[str, int], dict[str, str], "$[...]: integer here, string there"),
+        (int | None, str | None, "$: integer here, string there"),
+        (tuple[int, int], tuple[int, str], "$[...]: integer here, string there"),
+        (Literal["a"], Literal["b"], '$: one of "a" here, one of "b" there'),
+        (int, Pose, "$: integer here, object there"),
+    ],
+)  # fmt: skip
+def test_formats_are_compared_by_shape(one: Any, other: Any, difference: str | None) -> None:
+    assert first_difference(schema_text(one), schema_text(other)) == difference
+
+
+def test_messages_name_themselves_in_their_errors() -> None:
+    with pytest.raises(BadData, match="goal 'take steps' wants data of type Pose: "):
+        Goal("take steps", Pose).encode_data(3)  # type: ignore[arg-type]
+    with pytest.raises(BadData, match="the handler of command 'move leg' must return Pose: "):
+        Command("move leg", Pose, result=Pose).encode_reply(3)  # type: ignore[arg-type]
+    with pytest.raises(BadData, match="query 'where' came with data that is no Pose"):
+        Query("where", Pose, reply=Pose).decode_data(b"\x01")
+    with pytest.raises(BadData, match="failure 'slipped' wants data of type Pose"):
+        Failure("slipped", Pose)(1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["", " ", "x" * 200, "bell\a", 7])
+def test_messages_need_a_sensible_name(name: Any) -> None:
+    with pytest.raises(BadFormat, match="is no message name"):
+        Goal(name)

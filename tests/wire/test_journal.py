@@ -1,0 +1,100 @@
+"""Journal records: cut anywhere, flipped anywhere, foreign or from the future; never a wrong fact."""
+
+import io
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tca_wire.errors import JournalDamaged
+from tca_wire.facts import Dropped, Entry, Fact, Opened, Reached, describe_moments, fields_of, kind_of
+from tca_wire.journal import JournalReader, record
+from tca_wire.points import Moment, TaskId
+
+ENTRIES = [
+    Entry(0, 0.0, [Opened(1, "epoch", 1, 1e9, "0.1")]),
+    Entry(1, 0.5, [Reached(TaskId(3), 5), Dropped(4, "why")]),
+    Entry(2, 0.75, [Reached(TaskId(3), 58)]),
+]
+BYTES = b"".join(map(record, ENTRIES))
+ENDS = [sum(len(record(entry)) for entry in ENTRIES[:count]) for count in range(4)]
+
+
+def read(data: bytes) -> tuple[list[Entry], JournalReader]:
+    reader = JournalReader(io.BytesIO(data), "walk")
+    return list(reader), reader
+
+
+@pytest.mark.parametrize("cut", range(len(BYTES) + 1))
+def test_a_torn_tail_keeps_every_whole_entry(cut: int) -> None:
+    whole = max(count for count, end in enumerate(ENDS) if end <= cut)
+    if whole == 0 and cut:
+        with pytest.raises(JournalDamaged, match="walk: not a journal"):
+            read(BYTES[:cut])
+        return
+    entries, reader = read(BYTES[:cut])
+    assert entries == ENTRIES[:whole]
+    assert (reader.offset, reader.torn) == (ENDS[whole], cut - ENDS[whole])
+
+
+@given(st.integers(0, len(BYTES) - 1), st.integers(0, 7))
+def test_no_flipped_bit_goes_unnoticed(at: int, bit: int) -> None:
+    damaged = bytearray(BYTES)
+    damaged[at] ^= 1 << bit
+    try:
+        entries, reader = read(bytes(damaged))
+    except JournalDamaged:
+        return
+    assert entries == ENTRIES[: len(entries)]
+    assert len(entries) < len(ENTRIES)
+    assert reader.torn
+
+
+def test_damage_before_the_tail_is_named_by_its_byte() -> None:
+    damaged = bytearray(BYTES)
+    damaged[ENDS[1] + 20] ^= 1
+    with pytest.raises(JournalDamaged, match=f"walk, byte {ENDS[1]}: its checksum is wrong"):
+        read(bytes(damaged))
+
+
+def test_a_tail_of_zeros_is_a_torn_tail() -> None:
+    entries, reader = read(BYTES + bytes(4096))
+    assert entries == ENTRIES
+    assert reader.torn == 4096
+
+
+@pytest.mark.parametrize(
+    "data", [b"hello, I am a text file that is long enough", bytes(100), b"\xce" * 50, b"\x89PNG\r\n\x1a\n" * 4]
+)
+def test_foreign_files_are_refused(data: bytes) -> None:
+    with pytest.raises(JournalDamaged, match="walk: not a journal of tca central"):
+        read(data)
+
+
+def test_a_journal_of_a_later_version_says_so() -> None:
+    later = record(Entry(0, 0.0, [Opened(99, "epoch", 1, 1e9, "9.0")]))
+    with pytest.raises(JournalDamaged, match="written by a later version"):
+        read(later)
+
+
+def test_reading_goes_on_where_it_stopped_when_the_journal_grows() -> None:
+    stream = io.BytesIO(BYTES[: ENDS[1] + 7])
+    reader = JournalReader(stream)
+    assert list(reader) == ENTRIES[:1]
+    stream.seek(0, 2)
+    stream.write(BYTES[ENDS[1] + 7 :])
+    assert list(reader) == ENTRIES[1:]
+    assert list(reader) == []
+
+
+def test_any_messagepack_reader_can_walk_a_segment() -> None:
+    values = list(msgpack.Unpacker(io.BytesIO(BYTES)))
+    assert [value[0] for value in values[2::3]] == [0, 1, 2]
+
+
+def test_facts_have_text_forms() -> None:
+    fact: Fact = Reached(TaskId(3), int(Moment.START_HANDLING | Moment.END_ACHIEVING))
+    assert kind_of(fact) == "reached"
+    assert fields_of(fact) == {"task": 3, "moments": ["start handling", "end achieving"]}
+    assert describe_moments(0) == []
