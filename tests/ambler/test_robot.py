@@ -172,7 +172,7 @@ def test_a_leg_that_finds_no_ground_gives_up_and_says_so() -> None:
     above = replace(move, foothold=replace(move.foothold, z=move.foothold.z + raised), lift=move.lift + raised)
     footfall = robot.move_leg(above)
     assert footfall.load == 0
-    assert footfall.foot.z - move.foothold.z == pytest.approx(0.3, abs=0.1)
+    assert footfall.foot.z - move.foothold.z == pytest.approx(0.3, abs=0.01)
 
 
 def test_a_drawing_is_made_where_there_is_no_physics(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from robots.ambler_sim.snapshot import load_snapshot
 from robots.ambler_sim.walk_alone import main
 
 
@@ -15,6 +16,17 @@ def test_five_metres_take_ten_steps(capsys: pytest.CaptureFixture[str], tmp_path
     assert len([line for line in lines if line.startswith("step")]) == 10
     assert re.match(r"walked 5\.0\d m in 10 steps with kinematic: max tilt 0\.\d\d deg, min stability", lines[-2])
     assert picture.exists()
+
+
+def test_a_second_walk_goes_on_where_the_first_one_ended(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    state = tmp_path / "robot.json"
+    for _ in range(2):
+        assert main(["--metres", "1", "--backend", "kinematic", "--state", str(state)]) == 0
+    saved = load_snapshot(state)
+    assert saved is not None
+    assert saved.posture.x == pytest.approx(2.0, abs=0.05)
+    assert [foot.leg for foot in saved.trail[6:]] == [2, 5, 1, 4]
+    assert "walked 1.0" in capsys.readouterr().out
 
 
 def test_a_curve_over_steep_hills_can_be_walked(capsys: pytest.CaptureFixture[str]) -> None:

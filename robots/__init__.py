@@ -1,0 +1,1 @@
+"""Robots made with TCA."""

@@ -1,0 +1,1 @@
+"""A simulated Ambler: CMU's six-legged walking rover of 1990."""

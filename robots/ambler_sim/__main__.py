@@ -1,0 +1,187 @@
+"""The walk: central, the Ambler's modules and the simulator, each a process; then the pictures of the run."""
+
+import argparse
+import logging
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from robots.ambler_sim import task_manager
+from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
+from robots.ambler_sim.messages import Path as PathToWalk
+from robots.ambler_sim.processes import Processes
+from robots.ambler_sim.robot import pybullet_is_installed
+from tca_module import Outcome, TaskFailed, TcaError, Timeout
+from tca_module.task_ref import TaskRef
+
+MODULES = ("perception", "leg planner", "body planner", "gait planner")
+LOOK_PERIOD = 3.0
+"""Seconds between two looks at whether all programs are still there."""
+
+console = Console(highlight=False)
+
+
+@dataclass
+class Walk:
+    """One run and where its files go."""
+
+    options: argparse.Namespace
+    folder: Path
+    outputs: list[tuple[str, Path]] = field(default_factory=list)
+
+    @property
+    def bends(self) -> tuple[Bend, ...]:
+        """The path: pieces of equal length, first straight, then gently left and right."""
+        arcs = self.options.arcs
+        curvatures = [0.0, 0.04, -0.04]
+        return tuple(Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs))
+
+    def run(self) -> int:
+        """Walk, then draw; the exit code."""
+        with tempfile.TemporaryDirectory(prefix="ambler") as sockets:
+            address = f"ipc://{sockets}/central.sock"
+            with Processes(self.folder, {"TCA_CENTRAL": address}) as processes:
+                processes.start("central", "tca_central", "--journal", str(self.folder / "journal"))
+                for name in MODULES:
+                    processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}")
+                self.start_controller(processes)
+                code = self.conduct(address, processes)
+        self.draw_history()
+        return code
+
+    def start_controller(self, processes: Processes) -> None:
+        """Start a controller; it takes the robot over from the one before, if there was one."""
+        options = self.options
+        processes.start(
+            "controller", "robots.ambler_sim.modules.controller",
+            "--state", str(self.folder / "robot.json"), "--backend", options.backend,
+            "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
+        )  # fmt: skip
+
+    def conduct(self, address: str, processes: Processes) -> int:
+        """Be the task manager: send the goal and watch it being achieved."""
+        columns = ("[bold]{task.description}", BarColumn(), "{task.completed:4.1f} of {task.total:.1f} m")
+        with Progress(*map(_column, columns), TimeElapsedColumn(), console=console) as progress:
+            bar = progress.add_task("walking", total=self.options.metres)
+            module = task_manager.make_module(
+                lambda metres: progress.update(bar, completed=min(metres, self.options.metres)),
+                lambda number: self.confirm(number, progress, processes),
+            )
+            module.central = address
+            with module.running():
+                goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
+                code = _watch(goal, processes, progress, bar)
+                if code == 0:
+                    picture = module.query(PICTURE, str(self.folder / "robot.png"))
+                    self.outputs.append(("the robot", Path(picture)))
+        return code
+
+    def confirm(self, number: int, progress: Progress, processes: Processes) -> None:
+        """Between two arcs: what --between-arcs asked for."""
+        if self.options.between_arcs == "swap":
+            code = processes.stop("controller")
+            progress.console.print(
+                f"between arcs {number} and {number + 1}: the controller ended ({code}); another starts"
+            )
+            self.start_controller(processes)
+        else:
+            progress.console.print(f"between arcs {number} and {number + 1}: Enter goes on")
+            sys.stdin.readline()
+
+    def draw_history(self) -> None:
+        """The task tree and the Gantt chart, from the journal, by the tools that anybody would use."""
+        journal = str(self.folder / "journal")
+        for title, tool, name in (("task tree", "tasktree_viz", "tree.svg"), ("Gantt chart", "gantt", "gantt.svg")):
+            path = self.folder / name
+            command = [sys.executable, "-m", f"tca_tools.{tool}", journal, "-o", str(path)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            written = path if path.exists() else path.with_suffix(".txt")
+            if written.exists():
+                self.outputs.append((title, written))
+            if done.returncode:
+                console.print(done.stderr.strip(), style="yellow")
+        self.outputs.append(("journal", self.folder / "journal"))
+
+
+def _watch(goal: TaskRef[None], processes: Processes, progress: Progress, bar: TaskID) -> int:
+    """Wait for the end of the walk, and for anything that ends before its time."""
+    while True:
+        try:
+            outcome = goal.wait(timeout=LOOK_PERIOD)
+        except Timeout:
+            if (name := processes.ended()) is None:
+                continue
+            progress.console.print(f"{name} ended before the walk did; see {processes.log(name)}", style="red")
+            return 1
+        if outcome is Outcome.DONE:
+            progress.update(bar, completed=progress.tasks[0].total)
+            return 0
+        try:
+            goal.result()
+        except TaskFailed as error:
+            progress.console.print(f"the walk failed: {error}", style="red")
+        else:
+            progress.console.print("the walk was killed", style="red")
+        return 1
+
+
+def _column(part: object) -> BarColumn | TextColumn:
+    return TextColumn(part) if isinstance(part, str) else part  # type: ignore[return-value]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim", description=__doc__)
+    parser.add_argument("--metres", type=float, default=6.0, help="how far to walk")
+    parser.add_argument("--arcs", type=int, default=2, help="in how many arcs")
+    parser.add_argument("--out", type=Path, default=Path("walk"), help="folder for journal, logs and pictures")
+    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
+    parser.add_argument("--seed", type=int, default=1, help="which hills")
+    parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
+    parser.add_argument("--between-arcs", choices=("swap", "ask"),
+                        help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
+    return parser
+
+
+def _fresh(folder: Path) -> Path:
+    """An empty folder, where only an earlier walk may have been."""
+    if folder.exists() and any(folder.iterdir()) and not (folder / "journal").is_dir():
+        raise SystemExit(f"ambler: {folder} holds something else than a walk: name another folder with --out")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder.resolve()
+
+
+def main() -> int:
+    """The command line."""
+    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
+    options = _parser().parse_args()
+    has_physics = options.backend != "kinematic" and pybullet_is_installed()
+    how = "with PyBullet's physics" if has_physics else "kinematically, without physics (no PyBullet here)"
+    console.print(f"The Ambler walks {options.metres:g} m {how}, {options.pace:g} times as fast as in reality.")
+    walk = Walk(options, _fresh(options.out))
+    began = time.monotonic()
+    try:
+        code = walk.run()
+    except KeyboardInterrupt:
+        console.print("stopped; what happened so far is in", walk.folder)
+        return 130
+    except TcaError as error:
+        console.print(f"ambler: {error}", style="red")
+        return 1
+    console.print(f"{'Done' if code == 0 else 'Ended'} after {time.monotonic() - began:.0f} s:")
+    for title, path in walk.outputs:
+        console.print(f"  {title:12} {path}")
+    console.print(f"Look at any moment again: [bold]tca tree {walk.folder}/journal --at 5[/bold]")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

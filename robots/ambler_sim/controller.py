@@ -1,0 +1,220 @@
+"""The real-time controller: executes moves on any plant, keeps the body level and the feet evenly loaded."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from robots.ambler_sim import motion, scanner
+from robots.ambler_sim.body import require_reach
+from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
+from robots.ambler_sim.motion import blend, ease, expected_seconds, leg_segments
+from robots.ambler_sim.pacing import OnTick, Pacer, Watch
+from robots.ambler_sim.plant import Plant, make_posture
+from robots.ambler_sim.stability import least_norm_loads
+from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.vocabulary import (
+    LEGS,
+    NO_LEG,
+    BodyMove,
+    Foot,
+    Footfall,
+    LegMove,
+    Pose,
+    Readings,
+    Snapshot,
+    Stance,
+)
+
+SETTLE_SECONDS = 0.5
+STOP_SECONDS = 0.3
+# Per second. With 5 the force sensors, the motors and the springs of the feet swing each other up.
+BALANCE_RATE = 2.0
+LEVEL_RATE = 3.0
+GREATEST_CORRECTION = 0.4
+TOLERANCE = 0.05
+"""The links go this much (m) further than planners may plan: feet creep some centimetres on steep ground."""
+
+
+class Ambler:
+    """A robot on some plant. All moves block until done; simulated time passes only during moves."""
+
+    def __init__(self, plant: Plant, terrain: Terrain, *, pace: float = 0.0, state: Snapshot | None = None) -> None:
+        self.terrain = terrain
+        self._plant = plant
+        self._pacer = Pacer(pace)
+        self._time = state.time if state else 0.0
+        self._last_leg = state.last_leg if state else NO_LEG
+        self._scans = state.scans if state else 0
+        self._trail = list(state.trail) if state else []
+        self._airborne: set[int] = set()
+        self._command = plant.joints()
+        self._peak_tilt = 0.0
+        self._settle()
+        self._peak_tilt = 0.0
+        if state is None:
+            self._trail.extend(self.stance().feet)
+
+    @property
+    def backend(self) -> str:
+        """Which simulator moves the robot: "pybullet" or "kinematic"."""
+        return self._plant.name
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the walk began, over all processes that took part in it."""
+        return self._time
+
+    @property
+    def peak_tilt(self) -> float:
+        """The greatest inclination (rad) of the body since this object was made."""
+        return self._peak_tilt
+
+    @property
+    def pace(self) -> float:
+        """How many simulated seconds pass per real one; 0 means as many as can be computed."""
+        return self._pacer.pace
+
+    @pace.setter
+    def pace(self, pace: float) -> None:
+        self._pacer.pace = pace
+
+    def stance(self) -> Stance:
+        """The body pose and the six feet as measured now."""
+        pose = self._plant.attitude().pose
+        world = to_world(pose, feet_of(self._plant.joints()))
+        feet = tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(world))
+        return Stance(pose, feet, self._last_leg)
+
+    def readings(self) -> Readings:
+        """Inclinometers and foot force sensors."""
+        attitude = self._plant.attitude()
+        return Readings(self._time, attitude.roll, attitude.pitch, tuple(float(load) for load in self._plant.loads()))
+
+    def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
+        """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet."""
+        self._rebase()
+        segments = leg_segments(move, self._plant.attitude().pose, self._command[move.leg])
+        watch = Watch(expected_seconds(segments), on_tick)
+        self._airborne.add(move.leg)
+        for segment in segments:
+            self._swing(move.leg, segment, watch)
+        self._lower(move.leg, segments[-1].end[2] + motion.GUARD + motion.SEARCH_DEPTH, watch)
+        self._rebase()
+        self._settle()
+        return self._landed(move.leg, reached=not watch.stopped)
+
+    def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
+        """Carry the body to a pose over standing feet; returns the pose reached. When stopped it comes to rest gently.
+
+        Raises OutOfReach, without moving, when a leg could not follow.
+        """
+        self._rebase()
+        start = self._plant.attitude().pose
+        feet = to_world(start, feet_of(self._command))
+        require_reach(joints_of(to_body(move.goal, feet)), TOLERANCE)
+        watch = Watch(move.duration, on_tick)
+        share, speed = 0.0, 1.0
+        while share < 1.0 and speed > 0.0:
+            share += speed * self._plant.tick / move.duration
+            feet[:, 2] -= self._corrections()
+            self._follow(blend(start, move.goal, ease(share)), feet, watch)
+            if watch.stopped:
+                speed -= self._plant.tick / STOP_SECONDS
+        self._settle()
+        return self._plant.attitude().pose
+
+    def scan(self) -> Array:
+        """World points (n, 3) of one sweep of the range scanner. No simulated time passes."""
+        self._scans += 1
+        return scanner.scan(self._plant, (self.terrain.spec.seed, self._scans))
+
+    def picture(self, path: str | Path) -> Path:
+        """Draw the robot where it is now; returns the path written, whose ending depends on the backend."""
+        return self._plant.picture(Path(path), self._trail)
+
+    def state(self) -> Snapshot:
+        """What another process needs to go on from here."""
+        return Snapshot(
+            backend=self.backend,
+            terrain=self.terrain.spec,
+            time=self._time,
+            posture=make_posture(self._plant.attitude(), self._plant.joints()),
+            last_leg=self._last_leg,
+            scans=self._scans,
+            trail=tuple(self._trail),
+        )
+
+    def close(self) -> None:
+        """Free the simulator; the robot cannot be used afterwards."""
+        self._plant.close()
+
+    def _rebase(self) -> None:
+        """Command what is measured, so that old position errors do not become forces; start the clock of this move."""
+        self._command = self._plant.joints()
+        self._pacer.restart()
+
+    def _swing(self, leg: int, segment: motion.Segment, watch: Watch) -> None:
+        """Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in physics."""
+        ticks = math.ceil(segment.duration / self._plant.tick)
+        for number in range(1, ticks + 1):
+            if watch.stopped:
+                return
+            joints = self._command.copy()
+            joints[leg] = segment.at(number / ticks)
+            self._drive(joints, watch)
+
+    def _lower(self, leg: int, deepest: float, watch: Watch) -> None:
+        """The guarded move: slowly down until the force sensor feels the ground."""
+        down = motion.GUARDED_SPEED * self._plant.tick
+        while self._plant.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
+            joints = self._command.copy()
+            joints[leg, 2] += down
+            self._drive(joints, watch)
+        if self._command[leg, 2] < deepest:
+            self._airborne.discard(leg)
+
+    def _follow(self, pose: Pose, feet: Array, watch: Watch | None) -> None:
+        self._drive(joints_of(to_body(pose, feet), near=self._command[:, 0]), watch)
+
+    def _drive(self, joints: Array, watch: Watch | None = None) -> None:
+        """One tick of everything."""
+        tick = self._plant.tick
+        self._plant.drive(joints, (joints - self._command) / tick)
+        self._command = joints
+        self._time += tick
+        attitude = self._plant.attitude()
+        self._peak_tilt = max(self._peak_tilt, math.hypot(attitude.roll, attitude.pitch))
+        self._pacer.passed(tick)
+        if watch is not None:
+            watch.passed(tick)
+
+    def _settle(self) -> None:
+        """Stand still while loads and level are evened out."""
+        for _ in range(math.ceil(SETTLE_SECONDS / self._plant.tick)):
+            joints = self._command.copy()
+            joints[:, 2] += self._corrections()
+            self._drive(joints)
+
+    def _corrections(self) -> Array:
+        """How much each standing leg should extend in this tick to even out the loads and to level the body.
+
+        Six stiff legs on the ground are a table that wobbles: without this it would stand on two or three of them.
+        """
+        tick, loads, attitude = self._plant.tick, self._plant.loads(), self._plant.attitude()
+        standing = [leg for leg in LEGS if leg not in self._airborne]
+        feet, loads = feet_of(self._command)[standing], loads[standing]
+        lacking = least_norm_loads(feet, loads) - loads
+        change = BALANCE_RATE * tick * lacking / AMBLER.foot_stiffness
+        change += LEVEL_RATE * tick * (attitude.pitch * feet[:, 0] - attitude.roll * feet[:, 1])
+        corrections = np.zeros(len(LEGS))
+        corrections[standing] = change.clip(-GREATEST_CORRECTION * tick, GREATEST_CORRECTION * tick)
+        return corrections
+
+    def _landed(self, leg: int, *, reached: bool) -> Footfall:
+        """Note where the foot has come down; a stopped leg stays the next to step."""
+        foot = self.stance().feet[leg]
+        self._trail.append(foot)
+        if reached:
+            self._last_leg = leg
+        return Footfall(foot, float(self._plant.loads()[leg]), reached)

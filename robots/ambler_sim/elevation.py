@@ -1,0 +1,63 @@
+"""Reading and making elevation maps: what the robot believes about the ground."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.vocabulary import ElevationMap
+
+Cells = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+def make_map(x: float, y: float, resolution: float, heights: Array, known: Mask) -> ElevationMap:
+    """A map whose first cell has its centre at *x*, *y*."""
+    rows, columns = heights.shape
+    return ElevationMap(x, y, resolution, rows, columns, heights.astype("<f4").tobytes(), known.astype("u1").tobytes())
+
+
+def heights_of(ground: ElevationMap) -> Array:
+    """The cells' heights (rows, columns); NaN where nothing is known nearby."""
+    cells = np.frombuffer(ground.heights, dtype="<f4").reshape(ground.rows, ground.columns)
+    return cells.astype(np.float64)
+
+
+def known_cells(ground: ElevationMap) -> Mask:
+    """Which cells were measured; the others are filled in from their neighbours or NaN."""
+    return np.frombuffer(ground.known, dtype="u1").reshape(ground.rows, ground.columns).astype(bool)
+
+
+def cells_at(ground: ElevationMap, x: Array, y: Array) -> tuple[Cells, Cells, Mask]:
+    """Row and column (clipped) of each point, and whether the point is on the map."""
+    row = np.rint((x - ground.x) / ground.resolution).astype(np.intp)
+    column = np.rint((y - ground.y) / ground.resolution).astype(np.intp)
+    inside = (row >= 0) & (row < ground.rows) & (column >= 0) & (column < ground.columns)
+    return row.clip(0, ground.rows - 1), column.clip(0, ground.columns - 1), inside
+
+
+def heights_along(ground: ElevationMap, x: Array, y: Array) -> Array:
+    """The height of the cell below each point; NaN off the map."""
+    row, column, inside = cells_at(ground, x, y)
+    return np.where(inside, heights_of(ground)[row, column], np.nan)
+
+
+def height_at(ground: ElevationMap, x: float, y: float) -> float:
+    """The height of one cell; NaN where it is unknown."""
+    return float(heights_along(ground, np.array([x]), np.array([y]))[0])
+
+
+def coverage(ground: ElevationMap) -> float:
+    """The measured part of the map, 0 to 1."""
+    return float(known_cells(ground).mean())
+
+
+def windows(ground: ElevationMap, x: float, y: float, reach: float) -> tuple[slice, slice]:
+    """The rows and columns of the cells within *reach* of a point, cut off at the border of the map."""
+    cells = math.ceil(reach / ground.resolution)
+    row = round((x - ground.x) / ground.resolution)
+    column = round((y - ground.y) / ground.resolution)
+    return slice(max(row - cells, 0), max(row + cells + 1, 0)), slice(
+        max(column - cells, 0), max(column + cells + 1, 0)
+    )

@@ -1,0 +1,144 @@
+"""Where exactly to put a foot: the best cell near the ideal foothold.
+
+Cost of a cell = slope + roughness + curvature of a plane patch around it + distance from the ideal + not measured.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from robots.ambler_sim.elevation import Mask, heights_of, known_cells, windows
+from robots.ambler_sim.errors import NoFootfall
+from robots.ambler_sim.geometry import (
+    Array,
+    circulating_angle,
+    circulation,
+    joints_of,
+    positions,
+    side_of,
+    to_body,
+    within_limits,
+)
+from robots.ambler_sim.vocabulary import ElevationMap, Foot, Step
+
+SEARCH_RADIUS = 0.5
+PATCH = 5
+STEEPEST = 0.6
+ROUGHEST = 0.08
+LEG_SPACING = 0.35
+ANGLE_SPACING = 0.12
+RESERVE = 0.05
+"""Metres of reach and drop to spare, because feet land and bodies stop a little beside where they should."""
+
+SLOPE_COST = 1.0
+ROUGHNESS_COST = 15.0
+CURVATURE_COST = 0.1
+DISTANCE_COST = 0.3
+UNKNOWN_COST = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Cells near the ideal foothold, one row each: place (x, y, z) and what the patch around it is like."""
+
+    places: Array
+    slope: Array
+    roughness: Array
+    curvature: Array
+    known: Mask
+
+
+def choose_foothold(ground: ElevationMap, step: Step) -> Foot:
+    """The cheapest cell that is fit to stand on and within reach as long as the foot stands there.
+
+    Raises NoFootfall, saying how many cells failed for which reason.
+    """
+    cells = candidates(ground, step.ideal)
+    sound = _is_sound(cells)
+    reachable = _is_reachable(cells.places, step)
+    free = _is_free(cells.places, step)
+    usable = sound & reachable & free
+    if not usable.any():
+        raise NoFootfall(_reasons(step, sound, reachable, free))
+    best = int(np.argmin(np.where(usable, costs(cells, step.ideal), np.inf)))
+    x, y, z = cells.places[best]
+    return Foot(step.leg, float(x), float(y), float(z))
+
+
+def costs(cells: Candidates, ideal: Foot) -> Array:
+    """How bad each cell is; a metre from the ideal weighs as much as 30 % slope."""
+    distance = np.hypot(cells.places[:, 0] - ideal.x, cells.places[:, 1] - ideal.y)
+    ground: Array = SLOPE_COST * cells.slope + ROUGHNESS_COST * cells.roughness + CURVATURE_COST * cells.curvature
+    return ground + DISTANCE_COST * distance + UNKNOWN_COST * ~cells.known
+
+
+def candidates(ground: ElevationMap, ideal: Foot) -> Candidates:
+    """Every cell within SEARCH_RADIUS of the ideal foothold that has a known or filled-in patch around it."""
+    margin = PATCH // 2
+    rows, columns = windows(ground, ideal.x, ideal.y, SEARCH_RADIUS + margin * ground.resolution)
+    heights, known = heights_of(ground)[rows, columns], known_cells(ground)[rows, columns]
+    if min(heights.shape) < PATCH:
+        return _no_candidates()
+    patches = sliding_window_view(heights, (PATCH, PATCH)).reshape(-1, PATCH * PATCH)
+    inner = known[margin:-margin, margin:-margin]
+    row, column = np.indices(inner.shape).reshape(2, -1)
+    x = ground.x + ground.resolution * (rows.start + margin + row)
+    y = ground.y + ground.resolution * (columns.start + margin + column)
+    near = (np.hypot(x - ideal.x, y - ideal.y) <= SEARCH_RADIUS) & np.isfinite(patches).all(axis=1)
+    return _fitted(patches[near], x[near], y[near], inner.ravel()[near], ground.resolution)
+
+
+def _fitted(patches: Array, x: Array, y: Array, known: Mask, resolution: float) -> Candidates:
+    """Least-squares quadric through each patch: its tilt, its bend, and what neither explains.
+
+    One fit serves all patches, because they all have the same x and y.
+    """
+    u, v = resolution * (np.indices((PATCH, PATCH)).reshape(2, -1) - PATCH // 2)
+    shape = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    fit = np.linalg.pinv(shape) @ patches.T
+    residual = patches - (shape @ fit).T
+    return Candidates(
+        places=np.stack([x, y, fit[0]], axis=1),
+        slope=np.hypot(fit[1], fit[2]),
+        roughness=residual.std(axis=1),
+        curvature=np.abs(2 * fit[3] + 2 * fit[5]),
+        known=known,
+    )
+
+
+def _no_candidates() -> Candidates:
+    return Candidates(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+
+
+def _is_sound(cells: Candidates) -> Mask:
+    sound: Mask = (cells.slope <= STEEPEST) & (cells.roughness <= ROUGHEST)
+    return sound
+
+
+def _is_reachable(places: Array, step: Step) -> Mask:
+    """In reach from when the foot is placed until it is lifted again."""
+    legs = [step.leg] * len(places)
+    reachable = np.ones(len(places), dtype=bool)
+    for pose in step.support:
+        reachable &= within_limits(joints_of(to_body(pose, places), legs=legs), RESERVE)
+    return reachable
+
+
+def _is_free(places: Array, step: Step) -> Mask:
+    """Not too near to another foot, and in front of the other legs of the stack: their order must not change."""
+    others = [foot for foot in step.before.feet if foot.leg != step.leg]
+    stand = positions(step.before)[[foot.leg for foot in others]]
+    gaps = np.hypot(places[:, None, 0] - stand[None, :, 0], places[:, None, 1] - stand[None, :, 1])
+    pose = step.before.pose
+    foremost = min(circulating_angle(pose, foot) for foot in others if foot.leg in side_of(step.leg))
+    angles = joints_of(to_body(pose, places), legs=[step.leg] * len(places))[:, 0]
+    in_front = circulation(step.leg) * angles <= foremost - ANGLE_SPACING
+    free: Mask = (gaps.min(axis=1) >= LEG_SPACING) & in_front
+    return free
+
+
+def _reasons(step: Step, sound: Mask, reachable: Mask, free: Mask) -> str:
+    where = f"near x {step.ideal.x:.2f}, y {step.ideal.y:.2f}"
+    counts = f"unsound {(~sound).sum()}, out of reach {(~reachable).sum()}, in the way of other legs {(~free).sum()}"
+    return f"no foothold for leg {step.leg} {where}: of {len(sound)} cells {counts}"

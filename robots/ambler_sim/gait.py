@@ -1,0 +1,118 @@
+"""The circulating gait: which leg steps next, about where, and how far the body follows.
+
+The rear-most leg of a side swings between the shafts to the front while five legs stand; the sides take turns. Per
+footstep the body advances half a metre, as in the outdoor runs of the real machine (500 m in 1000 footsteps).
+"""
+
+import math
+from dataclasses import replace
+
+from robots.ambler_sim.errors import ArcFinished
+from robots.ambler_sim.geometry import BODY_HEIGHT, TRACK, circulating_angle, offset, side_of
+from robots.ambler_sim.vocabulary import LEGS, Arc, Foot, Pose, Stance, Step
+
+ADVANCE = 0.5
+TOLERANCE = 0.1
+
+# Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
+STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
+
+
+def next_step(stance: Stance, arc: Arc) -> Step:
+    """The footstep to take from *stance* along *arc*; raises ArcFinished when nothing remains.
+
+    The ideal foothold is beside the body, TRACK to the side, half way through the six steps for which the leg will
+    stand.
+    """
+    done = progress(arc, stance.pose)
+    if is_finished(arc, stance.pose):
+        message = f"the arc of {arc.length:.2f} m has been walked: {done:.2f} m"
+        raise ArcFinished(message)
+    target = min(done + ADVANCE, arc.length)
+    leg = next_leg(stance)
+    support = tuple(_beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1))
+    return Step(
+        leg=leg,
+        ideal=ideal_foothold(leg, support[len(LEGS) // 2], mean_height(stance.feet)),
+        goal=_beside(arc, target, stance.pose),
+        before=stance,
+        support=support,
+        remaining=arc.length - target,
+    )
+
+
+def next_leg(stance: Stance) -> int:
+    """The rear-most leg of the side that did not step last; at the beginning of both sides."""
+    candidates = LEGS if stance.last_leg not in LEGS else tuple(set(LEGS) - set(side_of(stance.last_leg)))
+    return max(sorted(candidates), key=lambda leg: circulating_angle(stance.pose, stance.feet[leg]))
+
+
+def ideal_foothold(leg: int, middle: Pose, height: float) -> Foot:
+    """Beside the body at *middle*, TRACK to the leg's side."""
+    x, y = offset(middle, 0.0, TRACK if leg in LEGS[:3] else -TRACK)
+    return Foot(leg, x, y, height)
+
+
+def after_step(step: Step, foothold: Foot | None = None, goal: Pose | None = None) -> Stance:
+    """The stance that will be when the step is done, so that the next one can be planned while this one is walked.
+
+    Without *foothold* and *goal* the ideal ones are assumed: good enough to choose the next leg and its ideal foothold.
+    """
+    landed = foothold or step.ideal
+    feet = tuple(landed if foot.leg == step.leg else foot for foot in step.before.feet)
+    return Stance(goal or step.goal, feet, last_leg=step.leg)
+
+
+def progress(arc: Arc, pose: Pose) -> float:
+    """How many metres of the arc lie behind the point of it that is nearest to *pose*."""
+    dx, dy = pose.x - arc.start.x, pose.y - arc.start.y
+    forward = math.cos(arc.start.heading) * dx + math.sin(arc.start.heading) * dy
+    if abs(arc.curvature) < 1e-9:
+        return forward
+    left = math.cos(arc.start.heading) * dy - math.sin(arc.start.heading) * dx
+    turned = math.atan2(forward * arc.curvature, 1.0 - left * arc.curvature)
+    # The heading tells which time around a circle it is: progress may exceed half a turn.
+    about = pose.heading - arc.start.heading
+    return (about + math.remainder(turned - about, math.tau)) / arc.curvature
+
+
+def remaining(arc: Arc, pose: Pose) -> float:
+    """Metres of the arc ahead of *pose*, at least 0."""
+    return max(arc.length - progress(arc, pose), 0.0)
+
+
+def is_finished(arc: Arc, pose: Pose) -> bool:
+    """Is what remains too short for a step? Feet creep, so bodies stop some centimetres short."""
+    return remaining(arc, pose) < TOLERANCE
+
+
+def pose_on(arc: Arc, distance: float) -> Pose:
+    """The pose after *distance* metres along the arc, also beyond its end."""
+    turned = arc.curvature * distance
+    if abs(turned) < 1e-9:
+        forward, left = distance, 0.0
+    else:
+        forward, left = math.sin(turned) / arc.curvature, (1 - math.cos(turned)) / arc.curvature
+    x, y = offset(arc.start, forward, left)
+    return Pose(x, y, arc.start.heading + turned, arc.start.height)
+
+
+def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
+    """The standard configuration around *pose*: where feet are put at the beginning, or to recover from a muddle."""
+    places = [offset(pose, x, TRACK if leg in LEGS[:3] else -TRACK) for leg, x in enumerate(STANDARD_POSITIONS)]
+    return tuple(Foot(leg, x, y, height) for leg, (x, y) in enumerate(places))
+
+
+def mean_height(feet: tuple[Foot, ...]) -> float:
+    """Of the ground under the feet."""
+    return sum(foot.z for foot in feet) / len(feet)
+
+
+def body_height(feet: tuple[Foot, ...]) -> float:
+    """The height at which the body is carried over these feet."""
+    return mean_height(feet) + BODY_HEIGHT
+
+
+def _beside(arc: Arc, distance: float, now: Pose) -> Pose:
+    """A pose on the arc at the height the body has now."""
+    return replace(pose_on(arc, distance), height=now.height)

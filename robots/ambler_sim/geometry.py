@@ -1,0 +1,162 @@
+"""The Ambler's mechanism: where shoulders and feet are, which joint angles bring a foot to a point, and back.
+
+Body frame: x forward, y left, z up, origin between the two shafts at the lowest shoulder. A leg is orthogonal: it
+turns about its shaft (angle), reaches out (reach), and its vertical link goes down (drop), so the inverse is closed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Stance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Mechanism:
+    """Dimensions (m) and masses (kg). Width, mass and the six shoulder levels follow the published machine."""
+
+    shaft_offset: float = 1.0
+    shoulder_heights: tuple[float, ...] = (0.0, 0.4, 0.8, 0.8, 0.4, 0.0)
+    min_reach: float = 1.0
+    max_reach: float = 2.5
+    min_drop: float = 0.3
+    max_drop: float = 5.0
+    foot_radius: float = 0.12
+    link_length: float = 4.2
+    beam_length: float = 1.2
+    body_mass: float = 1000.0
+    body_mass_height: float = 1.0
+    shoulder_mass: float = 90.0
+    extension_mass: float = 70.0
+    vertical_mass: float = 70.0
+    foot_mass: float = 20.0
+    foot_stiffness: float = 2e5
+    foot_damping: float = 2e4
+
+    @property
+    def mass(self) -> float:
+        """Of the whole robot."""
+        return self.body_mass + len(LEGS) * self.leg_mass
+
+    @property
+    def leg_mass(self) -> float:
+        """Of one leg with its foot."""
+        return self.shoulder_mass + self.extension_mass + self.vertical_mass + self.foot_mass
+
+
+AMBLER = Mechanism()
+GRAVITY = 9.81
+BODY_HEIGHT = 2.7
+TRACK = 2.3
+
+SHAFT_Y: Array = np.array([AMBLER.shaft_offset] * 3 + [-AMBLER.shaft_offset] * 3)
+SHOULDER_Z: Array = np.array(AMBLER.shoulder_heights)
+
+
+def is_left(leg: int) -> bool:
+    """Legs 0, 1, 2 hang on the left shaft, 3, 4, 5 on the right one."""
+    return leg < LEGS[3]
+
+
+def side_of(leg: int) -> tuple[int, ...]:
+    """The three legs of the stack that *leg* belongs to."""
+    return LEGS[:3] if is_left(leg) else LEGS[3:]
+
+
+def circulation(leg: int) -> int:
+    """The sense in which a leg always turns: left stack counter-clockwise (+1), right stack clockwise (-1).
+
+    The rear-most leg comes forward between the shafts, so the order of legs within a stack never changes.
+    """
+    return 1 if is_left(leg) else -1
+
+
+def unwrap(angle: float, near: float) -> float:
+    """The same direction as *angle*, in the turn nearest to *near*."""
+    return near + math.remainder(angle - near, math.tau)
+
+
+def to_world(pose: Pose, points: Array) -> Array:
+    """Body-frame points (n, 3) in the world, the body being level."""
+    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+    x, y, z = points.T
+    return np.stack([pose.x + cos * x - sin * y, pose.y + sin * x + cos * y, pose.height + z], axis=1)
+
+
+def to_body(pose: Pose, points: Array) -> Array:
+    """World points (n, 3) in the frame of the level body."""
+    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+    x, y = points[:, 0] - pose.x, points[:, 1] - pose.y
+    return np.stack([cos * x + sin * y, cos * y - sin * x, points[:, 2] - pose.height], axis=1)
+
+
+def offset(pose: Pose, forward: float, left: float) -> tuple[float, float]:
+    """The world x, y of a point given relative to the body."""
+    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+    return pose.x + cos * forward - sin * left, pose.y + sin * forward + cos * left
+
+
+def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
+    """Forward: (angle, reach, drop) rows of *legs* to feet in the body frame."""
+    index = list(legs)
+    angle, reach, drop = joints.T
+    return np.stack([reach * np.cos(angle), SHAFT_Y[index] + reach * np.sin(angle), SHOULDER_Z[index] - drop], axis=1)
+
+
+def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS) -> Array:
+    """Inverse: body-frame feet to (angle, reach, drop) rows; angles are in the turn nearest to *near*."""
+    index = list(legs)
+    x, y = feet[:, 0], feet[:, 1] - SHAFT_Y[index]
+    angle = np.arctan2(y, x)
+    if near is not None:
+        angle = near + np.remainder(angle - near + math.pi, math.tau) - math.pi
+    return np.stack([angle, np.hypot(x, y), SHOULDER_Z[index] - feet[:, 2]], axis=1)
+
+
+def leg_joints(pose: Pose, foot: Foot, near: float = 0.0) -> tuple[float, float, float]:
+    """Angle, reach and drop that bring one leg to *foot* while the body is at *pose*."""
+    body = to_body(pose, np.array([[foot.x, foot.y, foot.z]]))
+    angle, reach, drop = joints_of(body, np.array([near]), [foot.leg])[0]
+    return float(angle), float(reach), float(drop)
+
+
+def foot_position(pose: Pose, leg: int, joints: Sequence[float]) -> Foot:
+    """Where a leg's foot is in the world."""
+    x, y, z = to_world(pose, feet_of(np.array([joints]), [leg]))[0]
+    return Foot(leg, float(x), float(y), float(z))
+
+
+def within_limits(joints: Array, reserve: float = 0.0) -> NDArray[np.bool_]:
+    """Which (angle, reach, drop) rows the links allow with *reserve* metres to spare; shoulders turn without end."""
+    parts, reach, drop = AMBLER, joints[:, 1], joints[:, 2]
+    in_reach = (reach >= parts.min_reach + reserve) & (reach <= parts.max_reach - reserve)
+    return in_reach & (drop >= parts.min_drop + reserve) & (drop <= parts.max_drop - reserve)
+
+
+def circulating_angle(pose: Pose, foot: Foot) -> float:
+    """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi: the largest of a side is the rear-most.
+
+    A leg that was stopped half way through its recovery counts as rear-most until it has passed the nose.
+    """
+    angle, _, _ = leg_joints(pose, foot)
+    return (circulation(foot.leg) * angle) % math.tau
+
+
+def positions(stance: Stance) -> Array:
+    """The six feet as an array (6, 3)."""
+    return np.array([[foot.x, foot.y, foot.z] for foot in stance.feet])
+
+
+def stance_joints(stance: Stance) -> Array:
+    """(angle, reach, drop) of all six legs."""
+    return joints_of(to_body(stance.pose, positions(stance)))
+
+
+def posture_pose(posture: Posture) -> Pose:
+    """The pose of a posture, forgetting its tilt."""
+    return Pose(posture.x, posture.y, posture.heading, posture.z)

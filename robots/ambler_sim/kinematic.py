@@ -1,0 +1,138 @@
+"""The quick backend: no dynamics, only equilibrium. The body rests on springs under the standing feet.
+
+Every tick the horizontal pose follows from the feet that bear load (they do not slip), and height, roll and pitch from
+the balance of weight and foot forces, with the same foot stiffness as in the physical model. Fully deterministic.
+"""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from robots.ambler_sim.drawing import draw
+from robots.ambler_sim.geometry import AMBLER, Array, feet_of, posture_pose, to_world
+from robots.ambler_sim.plant import Attitude
+from robots.ambler_sim.stability import WEIGHT, centre_of_gravity
+from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Stance
+
+RAY_STEP = 0.25
+LEAST_FEET = 3
+
+NEWTON_STEPS = 40
+CLOSE_ENOUGH = 1e-9
+SOFT = 1e-6 * np.eye(3)
+"""Keeps the equations solvable while fewer than three feet touch the ground."""
+
+
+class KinematicPlant:
+    """A mechanism that is always in equilibrium."""
+
+    name = "kinematic"
+    tick = 0.025
+
+    def __init__(self, terrain: Terrain, posture: Posture) -> None:
+        self._terrain = terrain
+        self._joints = np.array(posture.joints)
+        self._pose = posture_pose(posture)
+        self._roll, self._pitch = posture.roll, posture.pitch
+        self._loads = np.zeros(6)
+        self._anchors = to_world(self._pose, feet_of(self._joints))[:, :2]
+        self._stand(feet_of(self._joints))
+
+    def drive(self, joints: Array, rates: Array) -> None:  # noqa: ARG002 - speeds do not matter without dynamics
+        """Take up the joint positions at once and find the new equilibrium."""
+        self._joints = joints.copy()
+        feet = feet_of(joints)
+        self._carry(feet)
+        self._stand(feet)
+        free = self._loads <= 0
+        self._anchors[free] = to_world(self._pose, feet)[free, :2]
+
+    def joints(self) -> Array:
+        """What was commanded."""
+        return self._joints.copy()
+
+    def loads(self) -> Array:
+        """The spring forces."""
+        return self._loads.copy()
+
+    def attitude(self) -> Attitude:
+        """The pose in equilibrium."""
+        return Attitude(self._pose, self._roll, self._pitch)
+
+    def cast(self, origin: Array, directions: Array, limit: float) -> Array:
+        """March along each ray until it is below the ground, then cut the last stretch linearly."""
+        distances = np.arange(RAY_STEP, limit, RAY_STEP)
+        places = origin[:, None, None] + directions.T[:, :, None] * distances
+        above = places[2] - self._terrain.heights_at(places[0], places[1])
+        below = above < 0
+        first = below.argmax(axis=1)
+        rays = np.arange(len(directions))
+        high, low = above[rays, np.maximum(first - 1, 0)], above[rays, first]
+        share = np.divide(high, high - low, out=np.zeros_like(high), where=high > low)
+        return np.where(below.any(axis=1) & (first > 0), distances[first] - RAY_STEP * (1 - share), np.nan)
+
+    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
+        """A drawing from the side and from above, as SVG."""
+        feet = to_world(self._pose, feet_of(self._joints))
+        stance = Stance(
+            self._pose, tuple(Foot(leg, float(x), float(y), float(z)) for leg, (x, y, z) in enumerate(feet))
+        )
+        written = path.with_suffix(".svg")
+        written.write_text(draw(stance, self._terrain, trail), encoding="utf-8")
+        return written
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+    def _carry(self, feet: Array) -> None:
+        """The horizontal pose that brings the loaded feet back onto their anchors (least squares)."""
+        firm = self._loads > 0
+        if firm.sum() < LEAST_FEET:
+            return
+        body, world = feet[firm, :2], self._anchors[firm]
+        b, w = body - body.mean(axis=0), world - world.mean(axis=0)
+        heading = math.atan2(float((b[:, 0] * w[:, 1] - b[:, 1] * w[:, 0]).sum()), float((b * w).sum()))
+        cos, sin = math.cos(heading), math.sin(heading)
+        x, y = world.mean(axis=0) - np.array([[cos, -sin], [sin, cos]]) @ body.mean(axis=0)
+        turned = self._pose.heading + math.remainder(heading - self._pose.heading, math.tau)
+        self._pose = Pose(float(x), float(y), turned, self._pose.height)
+
+    def _stand(self, feet: Array) -> None:
+        """Height, roll and pitch at which the springs of the feet below ground bear the weight."""
+        spot = np.where((self._loads > 0)[:, None], self._anchors, to_world(self._pose, feet)[:, :2])
+        wanted = self._terrain.heights_at(spot[:, 0], spot[:, 1]) - feet[:, 2]
+        arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]], axis=1)
+        x, y, _ = centre_of_gravity(self._joints)
+        pull = WEIGHT / AMBLER.foot_stiffness * np.array([1.0, y, -x])
+        now = np.array([self._pose.height, self._roll, self._pitch])
+        height, self._roll, self._pitch = map(float, _equilibrium(arms, wanted, pull, now))
+        sunk = wanted - arms @ (height, self._roll, self._pitch)
+        self._loads = AMBLER.foot_stiffness * sunk.clip(min=0.0)
+        self._pose = Pose(self._pose.x, self._pose.y, self._pose.heading, height)
+
+
+def _equilibrium(arms: Array, wanted: Array, pull: Array, guess: Array) -> Array:
+    """The lowest point of the energy of six springs that push but do not pull, and of the weight.
+
+    The energy is convex and piecewise quadratic: Newton's method, halving steps that lead uphill, ends at the bottom.
+    """
+
+    def energy(at: Array) -> float:
+        sunk = (wanted - arms @ at).clip(min=0.0)
+        return float(sunk @ sunk / 2 + pull @ at)
+
+    for _ in range(NEWTON_STEPS):
+        sunk = wanted - arms @ guess
+        held = arms[sunk > 0]
+        uphill = pull - held.T @ sunk[sunk > 0]
+        if np.abs(uphill).max() < CLOSE_ENOUGH:
+            break
+        change = np.linalg.solve(held.T @ held + SOFT, uphill)
+        before = energy(guess)
+        while energy(guess - change) > before and np.abs(change).max() > CLOSE_ENOUGH:
+            change = change / 2
+        guess = guess - change
+    return guess

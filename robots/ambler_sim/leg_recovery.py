@@ -1,0 +1,87 @@
+"""How a leg gets from one foothold to the next: high enough over the ground on its way, in its stack's sense."""
+
+import math
+
+import numpy as np
+
+from robots.ambler_sim.elevation import heights_along
+from robots.ambler_sim.errors import OutOfReach, PathBlocked
+from robots.ambler_sim.geometry import (
+    AMBLER,
+    SHAFT_Y,
+    SHOULDER_Z,
+    Array,
+    circulation,
+    leg_joints,
+    to_world,
+    within_limits,
+)
+from robots.ambler_sim.vocabulary import ElevationMap, Foot, LegMove, Pose, Stance, Step
+
+CLEARANCE = 0.45
+RECOVERY_RADIUS = 1.15
+SPACING = 0.05
+
+
+def plan_leg_move(ground: ElevationMap, step: Step, foothold: Foot) -> LegMove:
+    """The recovery of the step's leg through the body to *foothold*."""
+    return plan_swing(ground, step.before, foothold, sense=circulation(step.leg))
+
+
+def plan_swing(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int = 0) -> LegMove:
+    """Move a leg to *foothold* turning in *sense* (0: the short way), lifted CLEARANCE over everything on its way.
+
+    Raises OutOfReach for a foothold that the leg cannot reach from here, PathBlocked when the ground is too high.
+    """
+    start, end = _ends(stance.pose, stance.feet[foothold.leg], foothold, sense)
+    if not within_limits(np.array([end])).all():
+        message = f"leg {foothold.leg} cannot reach x {foothold.x:.2f}, y {foothold.y:.2f}: reach {end[1]:.2f} m"
+        raise OutOfReach(message)
+    radius = min(start[1], end[1], RECOVERY_RADIUS)
+    lift = _highest(ground, stance.pose, foothold.leg, start, end, radius) + CLEARANCE
+    ceiling = stance.pose.height + float(SHOULDER_Z[foothold.leg]) - AMBLER.min_drop
+    if lift > ceiling:
+        message = f"leg {foothold.leg} would have to be lifted to {lift:.2f} m, but reaches only {ceiling:.2f} m"
+        raise PathBlocked(message)
+    return LegMove(foothold.leg, foothold, lift, radius, sense)
+
+
+def rotation(start: float, end: float, sense: int) -> float:
+    """The angle to turn through (signed) from one direction to another in the given sense; 0 takes the short way."""
+    turn = math.remainder(end - start, math.tau)
+    if sense * turn < 0:
+        turn += sense * math.tau
+    return turn
+
+
+def swing_path(pose: Pose, leg: int, start: tuple[float, float], end: tuple[float, float], radius: float) -> Array:
+    """Points (x, y) of the world under the foot: retract at the first angle, rotate, extend at the second angle."""
+    (first, reach), (last, final_reach) = start, end
+    inward = _stretch(reach, radius)
+    round_ = _stretch(first * radius, last * radius) / radius
+    outward = _stretch(radius, final_reach)
+    angles = np.concatenate([np.full_like(inward, first), round_, np.full_like(outward, last)])
+    radii = np.concatenate([inward, np.full_like(round_, radius), outward])
+    x, y = radii * np.cos(angles), SHAFT_Y[leg] + radii * np.sin(angles)
+    return to_world(pose, np.stack([x, y, np.zeros_like(x)], axis=1))[:, :2]
+
+
+Joints = tuple[float, float, float]
+
+
+def _ends(pose: Pose, foot: Foot, foothold: Foot, sense: int) -> tuple[Joints, Joints]:
+    """The joints at both ends of the swing, the second angle unwrapped in the sense of turning."""
+    start, end = leg_joints(pose, foot), leg_joints(pose, foothold)
+    return start, (start[0] + rotation(start[0], end[0], sense), end[1], end[2])
+
+
+def _highest(ground: ElevationMap, pose: Pose, leg: int, start: Joints, end: Joints, radius: float) -> float:
+    """The highest known ground on the way; both ends count even if the map does not know them."""
+    path = swing_path(pose, leg, start[:2], end[:2], radius)
+    shoulder = pose.height + float(SHOULDER_Z[leg])
+    heights = [*heights_along(ground, path[:, 0], path[:, 1]), shoulder - start[2], shoulder - end[2]]
+    return float(np.nanmax(heights))
+
+
+def _stretch(first: float, last: float) -> Array:
+    return np.linspace(first, last, 2 + int(abs(last - first) / SPACING))

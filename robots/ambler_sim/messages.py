@@ -1,0 +1,64 @@
+"""The Ambler's messages: what its modules say to each other. The nouns are in vocabulary.py."""
+
+from dataclasses import dataclass
+
+from robots.ambler_sim.vocabulary import Arc, BodyMove, ElevationMap, Foot, Footfall, LegMove, Pose, Scan, Stance, Step
+from tca_module import Broadcast, Command, Failure, Goal, Query
+
+
+@dataclass(frozen=True, slots=True)
+class Bend:
+    """A piece of path from wherever the robot then is: *length* metres, turning left where *curvature* is positive."""
+
+    curvature: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Pieces to walk one after the other; with *ask*, somebody is asked before each but the first."""
+
+    bends: tuple[Bend, ...]
+    ask: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """What remains to be walked of an arc, and the stance in which it will begin (foreseen, not measured)."""
+
+    arc: Arc
+    stance: Stance
+
+
+@dataclass(frozen=True, slots=True)
+class Placing:
+    """A step, and the foothold chosen for it."""
+
+    step: Step
+    foothold: Foot
+
+
+# The task tree of the paper's figure 2, from the top down.
+TRAVERSE_PATH = Goal("traverse path", Path)
+CONFIRM_ARC = Command("confirm arc", int)
+TRAVERSE_ARC = Goal("traverse arc", Bend)
+TAKE_STEPS = Goal("take steps", Ahead)
+MOVE_LEG = Command("move leg", LegMove, result=Footfall)
+MOVE_BODY = Command("move body", BodyMove, result=Pose)
+ACHIEVED_POSITION = Command("achieved position?", Pose, result=Stance)
+
+# What planners ask.
+ELEVATION_MAP = Query("elevation map", Stance, reply=ElevationMap)
+PLAN_LEG_MOVE = Query("plan leg move", Step, reply=LegMove)
+PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
+
+# What the controller knows.
+STANCE = Query("stance", reply=Stance)
+SCAN = Query("scan", reply=Scan)
+PICTURE = Query("picture", str, reply=str)
+
+WALKED = Broadcast("walked", Pose)
+
+PLANNER_FAILED = Failure("planner failed", str)
+MOTION_FAULT = Failure("motion fault", str)
+NOT_THERE = Failure("position not achieved", str)

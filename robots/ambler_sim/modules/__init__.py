@@ -1,0 +1,1 @@
+"""The Ambler's modules, a process each; none of them names another."""

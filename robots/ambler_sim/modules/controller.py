@@ -1,0 +1,78 @@
+"""The real-time controller: owns the robot (here the simulator), moves it, and saves where it is after every move.
+
+One resource of capacity one: the machine does one thing at a time. A controller that is started on the state file of
+another takes the robot over where that one left it.
+"""
+
+import argparse
+from pathlib import Path
+from typing import cast
+
+from robots.ambler_sim.errors import AmblerError
+from robots.ambler_sim.messages import MOTION_FAULT, MOVE_BODY, MOVE_LEG, PICTURE, SCAN, STANCE
+from robots.ambler_sim.perception import pack_scan
+from robots.ambler_sim.robot import Backend, Robot, make_robot
+from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
+from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Scan, Stance, TerrainSpec
+from tca_module import Module, Task
+
+
+def make_module(robot: Robot, state_file: Path | None) -> Module:
+    """The module that moves *robot*."""
+    controller = Module("controller")
+
+    def save() -> None:
+        if state_file is not None:
+            save_snapshot(robot.state(), state_file)
+
+    @controller.handles(MOVE_LEG)
+    def move_leg(task: Task, move: LegMove) -> Footfall:
+        footfall = robot.move_leg(move, on_tick=lambda _: not task.cancelled)
+        save()
+        return footfall
+
+    @controller.handles(MOVE_BODY)
+    def move_body(task: Task, move: BodyMove) -> Pose:
+        try:
+            pose = robot.move_body(move, on_tick=lambda _: not task.cancelled)
+        except AmblerError as error:
+            raise MOTION_FAULT(str(error)) from error
+        save()
+        return pose
+
+    @controller.handles(STANCE)
+    def stance(_: Task) -> Stance:
+        return robot.stance()
+
+    @controller.handles(SCAN)
+    def scan(_: Task) -> Scan:
+        return pack_scan(robot.stance(), robot.scan())
+
+    @controller.handles(PICTURE)
+    def picture(_: Task, path: str) -> str:
+        return str(robot.picture(path))
+
+    save()
+    return controller
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m robots.ambler_sim.modules.controller", description=__doc__)
+    parser.add_argument("--state", type=Path, help="file to save the robot in, and to go on from")
+    parser.add_argument("--backend", choices=("auto", "pybullet", "kinematic"), default="auto")
+    parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
+    parser.add_argument("--seed", type=int, default=1, help="which hills")
+    parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
+    options = parser.parse_args()
+    saved = load_snapshot(options.state) if options.state else None
+    terrain = TerrainSpec(seed=options.seed, slope=options.slope)
+    robot = make_robot(cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved)
+    try:
+        make_module(robot, options.state).run()
+    finally:
+        robot.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""Smooth motion: the phases of a leg move as joint segments with cosine profiles. No simulator in here."""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.ambler_sim.geometry import SHOULDER_Z, Array, leg_joints
+from robots.ambler_sim.leg_recovery import rotation
+from robots.ambler_sim.vocabulary import LegMove, Pose
+
+SPEEDS: Array = np.array([3.0, 1.2, 1.6])
+"""Greatest speeds of angle (rad/s), reach and drop (m/s)."""
+
+SHORTEST = 0.1
+GUARD = 0.15
+GUARDED_SPEED = 0.25
+TOUCH_LOAD = 1500.0
+"""A foot with this vertical force (N) stands."""
+
+SEARCH_DEPTH = 0.5
+"""How far below the expected ground a foot is lowered before the leg gives up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One leg's joints go from *start* to *end* in *duration* seconds."""
+
+    start: Array
+    end: Array
+    duration: float
+
+    def at(self, share: float) -> Array:
+        """The joints when *share* (0 to 1) of the time has passed."""
+        joints: Array = self.start + ease(share) * (self.end - self.start)
+        return joints
+
+
+def ease(share: float) -> float:
+    """A cosine from 0 to 1 with no speed at both ends."""
+    return (1 - math.cos(math.pi * min(share, 1.0))) / 2
+
+
+def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
+    """Lift, retract, rotate, extend and lower until GUARD above the expected ground, from the present *joints*."""
+    angle, reach, drop = leg_joints(pose, move.foothold)
+    first, _, standing = joints
+    last = first + rotation(first, angle, move.sense)
+    lifted = min(pose.height + float(SHOULDER_Z[move.leg]) - move.lift, standing)
+    corners = [
+        joints,
+        np.array([first, joints[1], lifted]),
+        np.array([first, move.radius, lifted]),
+        np.array([last, move.radius, lifted]),
+        np.array([last, reach, lifted]),
+        np.array([last, reach, max(drop - GUARD, lifted)]),
+    ]
+    return [make_segment(a, b) for a, b in itertools.pairwise(corners)]
+
+
+def make_segment(start: Array, end: Array) -> Segment:
+    """As quick as the speeds allow; a cosine profile peaks at pi/2 of its mean speed."""
+    slowest = float((np.abs(end - start) / SPEEDS).max())
+    return Segment(start, end, max(slowest * math.pi / 2, SHORTEST))
+
+
+def expected_seconds(segments: list[Segment]) -> float:
+    """How long a leg move takes when the ground is where it is expected."""
+    return sum(segment.duration for segment in segments) + GUARD / GUARDED_SPEED
+
+
+def blend(start: Pose, goal: Pose, share: float) -> Pose:
+    """A pose between two; the heading goes the short way."""
+    turn = math.remainder(goal.heading - start.heading, math.tau)
+    return Pose(
+        start.x + share * (goal.x - start.x),
+        start.y + share * (goal.y - start.y),
+        start.heading + share * turn,
+        start.height + share * (goal.height - start.height),
+    )

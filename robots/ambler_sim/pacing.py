@@ -1,0 +1,45 @@
+"""How fast simulated time passes for the person who watches, and who is asked whether to go on."""
+
+import time
+from collections.abc import Callable
+
+OnTick = Callable[[float], bool]
+"""Called during a move with the fraction done (0 to 1); answering False stops the move safely."""
+
+LEAST_SLEEP = 0.005
+
+
+class Pacer:
+    """Holds simulated time back to *pace* times real time; 0 lets it run free."""
+
+    def __init__(self, pace: float) -> None:
+        self.pace = pace
+        self._due = 0.0
+
+    def restart(self) -> None:
+        """Time in which the robot stood idle is not made up for."""
+        self._due = time.monotonic()
+
+    def passed(self, seconds: float) -> None:
+        """Some simulated time has passed: wait until as much real time has."""
+        if self.pace <= 0:
+            return
+        self._due += seconds / self.pace
+        ahead = self._due - time.monotonic()
+        if ahead > LEAST_SLEEP:
+            time.sleep(ahead)
+
+
+class Watch:
+    """Follows one move of known length and remembers whether it was told to stop."""
+
+    def __init__(self, seconds: float, on_tick: OnTick | None) -> None:
+        self._seconds, self._on_tick = seconds, on_tick
+        self._elapsed = 0.0
+        self.stopped = False
+
+    def passed(self, seconds: float) -> None:
+        """Tell the listener; once it has said stop it is not asked again."""
+        self._elapsed += seconds
+        if self._on_tick is not None and not self.stopped:
+            self.stopped = not self._on_tick(min(self._elapsed / self._seconds, 1.0))

@@ -1,0 +1,179 @@
+"""The Ambler in PyBullet: rigid-body dynamics, motors, compliant feet. The only file that knows the physics engine."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pybullet
+
+from robots.ambler_sim import photograph
+from robots.ambler_sim.geometry import GRAVITY, Array, unwrap
+from robots.ambler_sim.plant import Attitude, rotation_matrix
+from robots.ambler_sim.png import write_png
+from robots.ambler_sim.terrain import RESOLUTION, Terrain
+from robots.ambler_sim.urdf import EFFORT, ambler_urdf
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture
+
+# 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
+TICK = 0.01
+ITERATIONS = 20
+POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
+JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
+FRICTION = 1.0
+
+
+class BulletPlant:
+    """A simulated mechanism and its ground, in a physics world of its own."""
+
+    name = "pybullet"
+    tick = TICK
+
+    def __init__(self, terrain: Terrain, posture: Posture) -> None:
+        self._terrain = terrain
+        self._world = pybullet.connect(pybullet.DIRECT)
+        pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=self._world)
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=TICK, numSolverIterations=ITERATIONS, physicsClientId=self._world
+        )
+        self._ground = self._make_ground()
+        self._robot = self._load_robot()
+        names = self._joint_numbers()
+        self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
+        self._feet = [names[f"foot{leg}"] for leg in LEGS]
+        self._prepare_joints()
+        self._heading = posture.heading
+        self._assume(posture)
+
+    def drive(self, joints: Array, rates: Array) -> None:
+        """Let the motors work towards *joints* for one tick; *rates* are fed forward so that they do not lag."""
+        pybullet.setJointMotorControlArray(
+            self._robot,
+            self._motors,
+            pybullet.POSITION_CONTROL,
+            targetPositions=joints.ravel().tolist(),
+            targetVelocities=rates.ravel().tolist(),
+            forces=self._efforts,
+            positionGains=self._position_gains,
+            velocityGains=self._velocity_gains,
+            physicsClientId=self._world,
+        )
+        pybullet.stepSimulation(physicsClientId=self._world)
+
+    def joints(self) -> Array:
+        """What the encoders measure."""
+        states = pybullet.getJointStates(self._robot, self._motors, physicsClientId=self._world)
+        return np.array([state[0] for state in states]).reshape(len(LEGS), -1)
+
+    def loads(self) -> Array:
+        """From the force sensors between vertical links and feet."""
+        states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
+        return np.array([-state[2][2] for state in states])
+
+    def attitude(self) -> Attitude:
+        """The true position of the body: as from a perfect inertial sensor."""
+        place, turn = pybullet.getBasePositionAndOrientation(self._robot, physicsClientId=self._world)
+        roll, pitch, heading = pybullet.getEulerFromQuaternion(turn)
+        x, y, z = np.array(place) - rotation_matrix(roll, pitch, heading) @ self._centre
+        self._heading = unwrap(heading, self._heading)
+        return Attitude(Pose(float(x), float(y), self._heading, float(z)), roll, pitch)
+
+    def cast(self, origin: Array, directions: Array, limit: float) -> Array:
+        """Ray casting; rays that meet the robot's own feet see nothing."""
+        ends = origin + limit * directions
+        hits = pybullet.rayTestBatch([origin.tolist()] * len(ends), ends.tolist(), physicsClientId=self._world)
+        return np.array([limit * hit[2] if hit[0] == self._ground else np.nan for hit in hits])
+
+    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
+        """A photograph from ahead and above, as PNG."""
+        pose = self.attitude().pose
+        frame = self._frame(photograph.camera_for(pose), photograph.RENDERED)
+        from_sun = self._frame(photograph.sun_over(pose), photograph.SHADOW_SIZE)
+        written = path.with_suffix(".png")
+        write_png(written, photograph.develop(frame, from_sun, self._terrain, trail))
+        return written
+
+    def close(self) -> None:
+        """Leave the physics world."""
+        pybullet.disconnect(physicsClientId=self._world)
+
+    def _frame(self, camera: photograph.Camera, size: tuple[int, int]) -> photograph.Frame:
+        """What a camera sees: colours, depths, and what is ground or robot."""
+        width, height = size
+        view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
+        lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
+        image = pybullet.getCameraImage(
+            width,
+            height,
+            view,
+            lens,
+            shadow=0,  # the engine's own shadows leave parts of large ground dark
+            lightDirection=photograph.SUN,
+            lightAmbientCoeff=0.55,
+            lightDiffuseCoeff=0.5,
+            lightSpecularCoeff=0.05,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._world,
+        )
+        colours, depths, bodies = (np.array(part) for part in image[2:])
+        looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
+        rgb = colours.astype(np.uint8).reshape(height, width, -1)[..., :3]
+        return photograph.Frame(rgb, depths, bodies == self._ground, bodies == self._robot, looking, camera)
+
+    def _make_ground(self) -> int:
+        """The terrain as a height field. The engine puts the middle of its height range at z = 0, hence the offset."""
+        heights = self._terrain.heights
+        rows, columns = heights.shape
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_HEIGHTFIELD,
+            meshScale=[RESOLUTION, RESOLUTION, 1],
+            heightfieldData=heights.T.ravel().tolist(),
+            numHeightfieldRows=rows,
+            numHeightfieldColumns=columns,
+            physicsClientId=self._world,
+        )
+        middle = (
+            self._terrain.x0 + (rows - 1) / 2 * RESOLUTION,
+            self._terrain.y0 + (columns - 1) / 2 * RESOLUTION,
+            (heights.max() + heights.min()) / 2,
+        )
+        ground: int = pybullet.createMultiBody(0, shape, basePosition=middle, physicsClientId=self._world)
+        pybullet.changeDynamics(ground, -1, lateralFriction=FRICTION, physicsClientId=self._world)
+        return ground
+
+    def _load_robot(self) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "ambler.urdf")
+            file.write_text(ambler_urdf(), encoding="utf-8")
+            flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+            robot: int = pybullet.loadURDF(str(file), flags=flags, physicsClientId=self._world)
+        self._centre = np.array(pybullet.getDynamicsInfo(robot, -1, physicsClientId=self._world)[3])
+        return robot
+
+    def _joint_numbers(self) -> dict[str, int]:
+        count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)
+        infos = [pybullet.getJointInfo(self._robot, joint, physicsClientId=self._world) for joint in range(count)]
+        return {info[1].decode(): info[0] for info in infos}
+
+    def _prepare_joints(self) -> None:
+        """Motor limits and gains; no damping beside the motors'; a force sensor over each foot."""
+        self._efforts = [EFFORT[joint] for _ in LEGS for joint in JOINTS_PER_LEG]
+        self._position_gains = [POSITION_GAIN] * len(self._motors)
+        self._velocity_gains = [VELOCITY_GAIN] * len(self._motors)
+        for link in (-1, *self._motors, *self._feet):
+            pybullet.changeDynamics(
+                self._robot, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=self._world
+            )
+        for foot in self._feet:
+            pybullet.enableJointForceTorqueSensor(self._robot, foot, physicsClientId=self._world)
+
+    def _assume(self, posture: Posture) -> None:
+        """Put the body and all joints where *posture* says, at rest."""
+        joints = np.array(posture.joints)
+        turn = rotation_matrix(posture.roll, posture.pitch, posture.heading)
+        place = np.array([posture.x, posture.y, posture.z]) + turn @ self._centre
+        quaternion = pybullet.getQuaternionFromEuler((posture.roll, posture.pitch, posture.heading))
+        pybullet.resetBasePositionAndOrientation(self._robot, place.tolist(), quaternion, physicsClientId=self._world)
+        for motor, position in zip(self._motors, joints.ravel().tolist(), strict=True):
+            pybullet.resetJointState(self._robot, motor, position, physicsClientId=self._world)
+        self.drive(joints, np.zeros_like(joints))

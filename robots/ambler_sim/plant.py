@@ -1,0 +1,78 @@
+"""What a simulated mechanism offers to its controller: joints to drive and sensors to read, one tick at a time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from robots.ambler_sim.gait import standard_feet
+from robots.ambler_sim.geometry import BODY_HEIGHT, Array, joints_of, to_body
+from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.vocabulary import Foot, Pose, Posture
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Where the body is and how it is tilted; pitch is positive nose down, roll positive left side up."""
+
+    pose: Pose
+    roll: float
+    pitch: float
+
+
+class Plant(Protocol):
+    """A mechanism with 18 driven joints; arrays are (6, 3): angle, reach, drop per leg."""
+
+    name: str
+    tick: float
+
+    def drive(self, joints: Array, rates: Array) -> None:
+        """Command joint positions and speeds, and let one tick pass."""
+
+    def joints(self) -> Array:
+        """What the encoders measure."""
+
+    def loads(self) -> Array:
+        """The vertical force (N) of the ground on each foot, (6,)."""
+
+    def attitude(self) -> Attitude:
+        """Position and inclination of the body."""
+
+    def cast(self, origin: Array, directions: Array, limit: float) -> Array:
+        """The distance to the ground along each unit direction; NaN where there is none within *limit* metres."""
+
+    def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
+        """Draw robot, ground and footprints; returns the path written, whose ending may differ."""
+
+    def close(self) -> None:
+        """Free what the simulator holds."""
+
+
+def standing_posture(terrain: Terrain, start: Pose) -> Posture:
+    """Level, all feet on the ground in the standard configuration around the x, y and heading of *start*."""
+    flat = np.array([[foot.x, foot.y, 0.0] for foot in standard_feet(start, 0.0)])
+    flat[:, 2] = terrain.heights_at(flat[:, 0], flat[:, 1])
+    height = float(flat[:, 2].mean()) + BODY_HEIGHT
+    pose = Pose(start.x, start.y, start.heading, height)
+    return make_posture(Attitude(pose, 0.0, 0.0), joints_of(to_body(pose, flat)))
+
+
+def make_posture(attitude: Attitude, joints: Array) -> Posture:
+    """Attitude and joints as plain data."""
+    pose = attitude.pose
+    rows = tuple((float(angle), float(reach), float(drop)) for angle, reach, drop in joints)
+    return Posture(pose.x, pose.y, pose.height, attitude.roll, attitude.pitch, pose.heading, rows)
+
+
+def rotation_matrix(roll: float, pitch: float, heading: float) -> Array:
+    """Body to world: first roll about x, then pitch about y, then heading about z."""
+    (cr, sr), (cp, sp), (ch, sh) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, heading))
+    return np.array(
+        [
+            [ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr],
+            [sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

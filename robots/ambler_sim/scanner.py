@@ -1,0 +1,41 @@
+"""The laser range scanner on the mast: which way its rays go, and how noisy their ranges are."""
+
+import numpy as np
+
+from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.plant import Attitude, Plant, rotation_matrix
+
+MOUNT = np.array([0.9, 0.0, 2.6])
+"""In the body frame: in front of the bridge, above the equipment boxes."""
+
+ROWS, COLUMNS = 64, 96
+RANGE = 14.0
+NOISE = 0.02
+_NEAREST, _FARTHEST = np.radians(-78.0), np.radians(-24.0)
+_SIDEWAYS = np.radians(85.0)
+
+
+def scan(plant: Plant, seed: tuple[int, int]) -> Array:
+    """World points (n, 3) where the rays met the ground; the same *seed* gives the same noise."""
+    attitude = plant.attitude()
+    turn = rotation_matrix(attitude.roll, attitude.pitch, attitude.pose.heading)
+    origin = _position(attitude) + turn @ MOUNT
+    directions = ray_directions() @ turn.T
+    distances = plant.cast(origin, directions, RANGE)
+    distances = distances + np.random.default_rng(seed).normal(0.0, NOISE, len(distances))
+    hit = np.isfinite(distances)
+    points: Array = origin + distances[hit, None] * directions[hit]
+    return points
+
+
+def ray_directions() -> Array:
+    """Unit vectors in the body frame, row by row from near to far."""
+    down, aside = np.meshgrid(
+        np.linspace(_NEAREST, _FARTHEST, ROWS), np.linspace(-_SIDEWAYS, _SIDEWAYS, COLUMNS), indexing="ij"
+    )
+    rays = np.stack([np.cos(down) * np.cos(aside), np.cos(down) * np.sin(aside), np.sin(down)], axis=-1)
+    return rays.reshape(-1, 3)
+
+
+def _position(attitude: Attitude) -> Array:
+    return np.array([attitude.pose.x, attitude.pose.y, attitude.pose.height])

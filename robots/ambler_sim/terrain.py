@@ -1,0 +1,102 @@
+"""The true ground: seeded smooth hills. Planners never see this; they see the map built from scans."""
+
+import math
+import random
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robots.ambler_sim.geometry import Array
+from robots.ambler_sim.vocabulary import TerrainSpec
+
+RESOLUTION = 0.25
+BEHIND_START = 6.0
+PATH_HALF_WIDTH = 3.5
+WAVES = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """Heights (rows along x, columns along y) on a grid whose first cell is at *x0*, *y0*."""
+
+    spec: TerrainSpec
+    x0: float
+    y0: float
+    heights: Array = field(repr=False)
+
+    def height(self, x: float, y: float) -> float:
+        """The ground height (m) at a point; beyond the edge that of the edge."""
+        return float(self.heights_at(np.array([x]), np.array([y]))[0])
+
+    def heights_at(self, x: Array, y: Array) -> Array:
+        """The ground heights at many points, bilinear between the grid's."""
+        rows, columns = self.heights.shape
+        u = np.clip((x - self.x0) / RESOLUTION, 0, rows - 1.001)
+        v = np.clip((y - self.y0) / RESOLUTION, 0, columns - 1.001)
+        i, j = u.astype(np.intp), v.astype(np.intp)
+        u, v = u - i, v - j
+        near = self.heights[i, j] * (1 - v) + self.heights[i, j + 1] * v
+        far = self.heights[i + 1, j] * (1 - v) + self.heights[i + 1, j + 1] * v
+        between: Array = near * (1 - u) + far * u
+        return between
+
+    def gradient(self, x: float, y: float) -> tuple[float, float]:
+        """The rise per metre in x and in y."""
+        d = RESOLUTION / 2
+        east, west, north, south = self.heights_at(np.array([x + d, x - d, x, x]), np.array([y, y, y + d, y - d]))
+        return float(east - west) / RESOLUTION, float(north - south) / RESOLUTION
+
+    def slope(self, x: float, y: float) -> float:
+        """The steepest rise per metre at a point."""
+        return math.hypot(*self.gradient(x, y))
+
+    def normal(self, x: float, y: float) -> Array:
+        """The unit vector out of the ground."""
+        dx, dy = self.gradient(x, y)
+        up = np.array([-dx, -dy, 1.0])
+        unit: Array = up / np.linalg.norm(up)
+        return unit
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether there is ground at all."""
+        rows, columns = self.heights.shape
+        length, width = (rows - 1) * RESOLUTION, (columns - 1) * RESOLUTION
+        return 0.0 <= x - self.x0 <= float(length) and 0.0 <= y - self.y0 <= float(width)
+
+
+def make_terrain(spec: TerrainSpec) -> Terrain:
+    """Hills from a sum of waves, scaled so that the steepest gradient near the line y = 0 is exactly *spec.slope*."""
+    x0, y0 = -BEHIND_START, -spec.width / 2
+    x = _every_resolution(x0, spec.length)
+    y = _every_resolution(y0, spec.width)
+    heights = _waves(random.Random(spec.seed), x, y)  # noqa: S311 - hills need no secrets
+    band = heights[:, np.abs(y) <= PATH_HALF_WIDTH]
+    return Terrain(spec, x0, y0, heights * (spec.slope / max(steepest(band), 1e-9)))
+
+
+def steepest(heights: Array) -> float:
+    """The largest rise per metre between neighbours of a height grid, both directions taken together."""
+    dx, dy = np.gradient(heights, RESOLUTION)
+    return float(np.hypot(dx, dy).max())
+
+
+def on_path(terrain: Terrain) -> Array:
+    """The heights of the band along y = 0 that the robot walks on."""
+    columns = terrain.y0 + RESOLUTION * np.arange(terrain.heights.shape[1])
+    return terrain.heights[:, np.abs(columns) <= PATH_HALF_WIDTH]
+
+
+def _every_resolution(first: float, length: float) -> Array:
+    cells = np.arange(round(length / RESOLUTION) + 1, dtype=np.float64)
+    return np.add(first, RESOLUTION * cells, dtype=np.float64)
+
+
+def _waves(seeded: random.Random, x: Array, y: Array) -> Array:
+    """Waves of 1.5 to 14 m length; the long ones are the highest, as on real ground."""
+    heights = np.zeros((len(x), len(y)))
+    for number in range(WAVES):
+        length = 14.0 * (1.5 / 14.0) ** (number / (WAVES - 1))
+        direction, phase = seeded.uniform(0, math.pi), seeded.uniform(0, math.tau)
+        along = math.cos(direction) * x[:, None] + math.sin(direction) * y[None, :]
+        heights += length**1.5 * np.sin(math.tau * along / length + phase)
+    return heights

@@ -1,0 +1,165 @@
+"""The nouns of a walking Ambler: plain frozen data that can be sent as messages and saved as JSON.
+
+World frame: x forward at the start, y left, z up. Metres, radians, seconds, newtons throughout.
+"""
+
+from dataclasses import dataclass
+
+LEGS = (0, 1, 2, 3, 4, 5)
+NO_LEG = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where the (level) body is: the point between the shafts at the lowest shoulder level."""
+
+    x: float
+    y: float
+    heading: float
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
+class Foot:
+    """The lowest point of a leg's foot in the world."""
+
+    leg: int
+    x: float
+    y: float
+    z: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """Six feet in leg order, the body above them, and the leg that took the last complete step."""
+
+    pose: Pose
+    feet: tuple[Foot, ...]
+    last_leg: int = NO_LEG
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A path for the body: *length* metres from *start*, turning left where *curvature* (1/m) is positive."""
+
+    start: Pose
+    curvature: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One footstep: *leg* goes to about *ideal*, then the body to *goal*.
+
+    *support* are the body poses during which the new foothold has to stay in reach, from now until it is lifted.
+    *remaining* metres of the arc are left after the step. The height of *goal* is not yet known (see body.py).
+    """
+
+    leg: int
+    ideal: Foot
+    goal: Pose
+    before: Stance
+    support: tuple[Pose, ...]
+    remaining: float
+
+
+@dataclass(frozen=True, slots=True)
+class LegMove:
+    """Lift the foot to world height *lift*, retract to *radius*, rotate, extend over *foothold*, lower until it stands.
+
+    *sense* +1 rotates counter-clockwise seen from above, -1 clockwise, 0 the short way.
+    """
+
+    leg: int
+    foothold: Foot
+    lift: float
+    radius: float
+    sense: int
+
+
+@dataclass(frozen=True, slots=True)
+class BodyMove:
+    """Bring the body to *goal* in *duration* seconds while all feet stay where they are."""
+
+    goal: Pose
+    duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class Footfall:
+    """How a leg move ended. *load* is the vertical force on the foot; *reached* is false when the move was stopped."""
+
+    foot: Foot
+    load: float
+    reached: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationMap:
+    """Ground heights in square cells; x grows with the row, y with the column.
+
+    *x*, *y* is the centre of the first cell. *heights* are rows*columns float32, NaN where nothing is known nearby;
+    *known* has one byte per cell: 1 measured, 0 filled in. Read them with elevation.heights_of and known_cells.
+    """
+
+    x: float
+    y: float
+    resolution: float
+    rows: int
+    columns: int
+    heights: bytes
+    known: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A range image turned into world points (n*3 float32), and the stance in which it was taken."""
+
+    stance: Stance
+    points: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainSpec:
+    """All that is needed to make the same ground again. *slope* is the steepest gradient (rise per run) on the path."""
+
+    seed: int = 1
+    slope: float = 0.10
+    length: float = 40.0
+    width: float = 16.0
+
+
+@dataclass(frozen=True, slots=True)
+class Posture:
+    """Body position and attitude, and (angle, reach, drop) of each leg; angles count whole turns."""
+
+    x: float
+    y: float
+    z: float
+    roll: float
+    pitch: float
+    heading: float
+    joints: tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the robot's own sensors say now: two inclinometers and six foot force sensors."""
+
+    time: float
+    roll: float
+    pitch: float
+    loads: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything a new process needs to go on with the walk. *trail* are the footholds so far, oldest first."""
+
+    backend: str
+    terrain: TerrainSpec
+    time: float
+    posture: Posture
+    last_leg: int
+    scans: int
+    trail: tuple[Foot, ...]
