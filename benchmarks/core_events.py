@@ -75,7 +75,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", default="1000,100000,1000000")
     arguments = parser.parse_args()
-    print(f"{'tree':>6} {'tasks':>9} {'growing us/event':>17} {'bytes/task':>11} {'steady us/event: median':>24} {'p99':>7}")
+    print(
+        f"{'tree':>6} {'tasks':>9} {'growing us/event':>17} {'bytes/task':>11} {'steady us/event: median':>24} {'p99':>7}"
+    )
     for deep in (False, True):
         for size in map(int, arguments.sizes.split(",")):
             bench = Bench()

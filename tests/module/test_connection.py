@@ -8,6 +8,7 @@ import pytest
 from tca_module.connection import Connection
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
 from tca_module.session import QUIET, Session
+from tca_wire import headers
 from tca_wire.codec import pack, unpack_to_central
 from tca_wire.declarations import Goal
 from tca_wire.headers import (
@@ -19,7 +20,6 @@ from tca_wire.headers import (
     GiveUp,
     Hello,
     Refusal,
-    Refused as RefusedHeader,
     Register,
     Reply,
     Send,
@@ -115,7 +115,7 @@ def test_nobody_listens() -> None:
 
 
 def test_central_refuses_the_module() -> None:
-    central = ScriptedCentral(lambda _: [RefusedHeader(1, Refusal.PROTOCOL, "speak protocol 2")])
+    central = ScriptedCentral(lambda _: [headers.Refused(1, Refusal.PROTOCOL, "speak protocol 2")])
     connection = Connection(central, Session(Hello(1, 1, "legs", "run")), clock=lambda: central.now)
     with pytest.raises(Refused, match="module 'legs' was refused: speak protocol 2"):
         connection.open()
@@ -133,7 +133,7 @@ def test_a_message_is_declared_once() -> None:
 def test_a_refused_format_is_declared_anew_next_time() -> None:
     connection, central = connected(
         lambda header: (
-            [RefusedHeader(header.number, Refusal.FORMAT, "two formats")]
+            [headers.Refused(header.number, Refusal.FORMAT, "two formats")]
             if isinstance(header, Register)
             else friendly(header)
         )
@@ -176,7 +176,7 @@ def test_what_central_does_not_acknowledge_is_given_up() -> None:
     connection, central = connected()
     for second in range(101, 200):
         central.say(Beat(), at=second)
-    with pytest.raises(Timeout, match="goal 'x' was not acknowledged within 30 s, though central .* is alive"):
+    with pytest.raises(Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central .* is alive"):
         connection.call(Send(0, "x"), "goal 'x'")
 
 
@@ -205,7 +205,7 @@ def test_what_was_lost_with_central_raises() -> None:
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
     central.say(Unknown())
-    with pytest.raises(CentralLost, match="query 'stance' is lost: central was restarted .*; ask again"):
+    with pytest.raises(CentralLost, match=r"query 'stance' is lost: central was restarted .*; ask again"):
         connection.wait(request, None, "query 'stance'")
 
 

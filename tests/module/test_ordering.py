@@ -135,10 +135,14 @@ def test_under_the_root_blocks_do_not_rely_on_the_last_sibling() -> None:
 
 
 def test_a_block_ends_with_an_exception_too(plan: Plan) -> None:
-    with pytest.raises(RuntimeError), plan.ordering.parallel():
-        plan.child()
-        plan.child()
-        raise RuntimeError
+    def fail() -> None:
+        with plan.ordering.parallel():
+            plan.child()
+            plan.child()
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
     assert plan.child() == after(1, 2)
 
 

@@ -2,9 +2,10 @@
 
 import queue
 import threading
+from collections.abc import Callable
 
 import pytest
-from gait_messages import ALARM, COLLISION, HEALTH, POSITION, REST, STANCE, TEMPERATURE, Arc, Footfall
+from module.gait_messages import ALARM, COLLISION, HEALTH, POSITION, REST, STANCE, TEMPERATURE, Arc, Footfall
 
 from tca_module import BadData, Client, FormatRefused, MisuseError, Module, Query, QueryFailed, Task, Timeout, connect
 from tca_module.testing import LocalCentral
@@ -63,7 +64,12 @@ def test_nobody_answers_in_time(user: Client) -> None:
 
 def test_a_query_that_was_given_up_is_not_handled(legs: Module, user: Client, central: LocalCentral) -> None:
     handled = []
-    legs.handles(TEMPERATURE)(lambda _: handled.append(1) or 36.6)
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        handled.append(1)
+        return 36.6
+
     pending = user.query_send(TEMPERATURE)
     pending.cancel()
     pending.cancel()
@@ -110,7 +116,7 @@ def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
         assert failed.value.failure == "collision"
         assert failed.value.data_as(COLLISION) == Footfall(3, 0.5)
         assert failed.value.data == {"leg": 3, "height": 0.5}
-        with pytest.raises(QueryFailed, match="handler error: ZeroDivisionError: float division by zero$") as error:
+        with pytest.raises(QueryFailed, match=r"handler error: ZeroDivisionError: float division by zero$") as error:
             user.query(STANCE, 0.0)
         assert "return [round(1 / radius)]" in error.value.text
         assert "handlers.py" not in error.value.text
@@ -120,7 +126,7 @@ def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
 
 def test_wrong_data_does_not_leave(user: Client, central: LocalCentral) -> None:
     with pytest.raises(BadData, match="query 'stance' wants data of type float: Expected `float`, got `str`"):
-        user.query(STANCE, "wide")  # type: ignore[arg-type]
+        user.query(STANCE, "wide")  # type: ignore[misc]
     with pytest.raises(BadData, match=r"inform 'position' wants .*Arc.*steps"):
         user.inform(POSITION, Arc(1.0, "many"))  # type: ignore[arg-type]
     assert not [fact for fact in central.facts if isinstance(fact, Received)]
@@ -174,7 +180,7 @@ def test_those_who_do_not_answer_in_time_or_fail_are_left_out(central: LocalCent
     legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
     release = threading.Event()
     legs.handles(HEALTH)(lambda _: "well" if release.wait(SOON) else "")
-    eyes.handles(HEALTH)(lambda _: 1 / 0)
+    eyes.handles(HEALTH)(lambda _: str(1 / 0))
     battery.handles(HEALTH)(lambda _: "full")
     with legs.running(), eyes.running(), battery.running():
         assert user.multi_query(HEALTH, timeout=0.3) == ["full"]
@@ -193,8 +199,8 @@ def test_informs_arrive_in_order(legs: Module, user: Client) -> None:
 def test_a_broadcast_reaches_everybody_who_listens(central: LocalCentral, user: Client) -> None:
     heard: queue.Queue[tuple[str, str]] = queue.Queue()
     modules = [Module(name, central) for name in ("legs", "eyes")]
-    for module in modules:
-        module.handles(ALARM)(lambda _, text, name=module.name: heard.put((name, text)))
+    modules[0].handles(ALARM)(lambda _, text: heard.put(("legs", text)))
+    modules[1].handles(ALARM)(lambda _, text: heard.put(("eyes", text)))
     user.broadcast(ALARM, "too early")
     with modules[0].running(), modules[1].running():
         user.broadcast(ALARM, "fire")
@@ -204,16 +210,25 @@ def test_a_broadcast_reaches_everybody_who_listens(central: LocalCentral, user: 
 @pytest.mark.parametrize(
     ("call", "complaint"),
     [
-        (lambda user: user.query(REST), r"query\(\) takes messages of class Query, and Goal\('rest', .*\) is none: use goal\(\)"),
-        (lambda user: user.goal(TEMPERATURE), r"goal\(\) takes messages of class Goal, and Query\(.*\) is none: use query\(\)"),
+        (
+            lambda user: user.query(REST),
+            r"query\(\) takes messages of class Query, and Goal\('rest', .*\) is none: use goal\(\)",
+        ),
+        (
+            lambda user: user.goal(TEMPERATURE),
+            r"goal\(\) takes messages of class Goal, and Query\(.*\) is none: use query\(\)",
+        ),
         (lambda user: user.command(REST), r"command\(\) takes messages of class Command.*use goal\(\)"),
         (lambda user: user.inform(ALARM, "x"), r"inform\(\) takes messages of class Inform.*use broadcast\(\)"),
-        (lambda user: user.broadcast("alarm"), r"broadcast\(\) takes messages of class Broadcast, and 'alarm' is none$"),
+        (
+            lambda user: user.broadcast("alarm"),
+            r"broadcast\(\) takes messages of class Broadcast, and 'alarm' is none$",
+        ),
         (lambda user: user.multi_query(TEMPERATURE), r"multi_query\(\).*use query\(\)"),
         (lambda user: user.query_send(HEALTH), r"query\(\).*use multi_query\(\)"),
     ],
 )
-def test_each_call_takes_its_class_of_message(user: Client, call, complaint: str) -> None:
+def test_each_call_takes_its_class_of_message(user: Client, call: Callable[[Client], object], complaint: str) -> None:
     with pytest.raises(MisuseError, match=complaint):
         call(user)
 

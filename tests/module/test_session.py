@@ -189,6 +189,7 @@ def test_a_module_that_left_is_not_registered_again(session: Session) -> None:
 
 def test_a_wait_that_central_dropped_with_the_connection_is_made_anew(session: Session) -> None:
     wait = session.request(A_WAIT, wants_answer=True)
+    said(session)
     hear(session, Unknown(), welcome())
     said(session)
     hear(session, Refused(2, Refusal.TOO_LATE, "no longer kept"))
@@ -200,6 +201,7 @@ def test_a_wait_that_central_dropped_with_the_connection_is_made_anew(session: S
 
 def test_a_query_that_central_dropped_with_the_connection_is_lost(session: Session) -> None:
     stance = session.request(A_QUERY, wants_answer=True)
+    said(session)
     hear(session, Unknown(), welcome())
     hear(session, Refused(2, Refusal.TOO_LATE, "no longer kept"))
     assert stance.is_over
@@ -234,6 +236,7 @@ def test_closing_is_reported_and_begins_anew(session: Session) -> None:
 def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
     session.declared([WALK], [HANDLES_WALK])
     stance = session.request(A_QUERY, wants_answer=True)
+    said(session)
     hear(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
     assert stance.is_over
     assert "restarted" in stance.lost
@@ -243,6 +246,24 @@ def test_another_epoch_loses_what_was_asked_and_declares_everything_again(sessio
     assert said(session) == []
     session.request(A_GOAL)
     assert said(session) == [Send(3, "walk")]
+
+
+def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(session: Session) -> None:
+    hear(session, Unknown())
+    walk, below = session.request(A_GOAL), session.request(Send(0, "walk", parent=TaskId(3)))
+    wait, question = session.request(A_WAIT, wants_answer=True), session.request(Ask(0, "status"), wants_answer=True)
+    hear(session, welcome("two"))
+    assert [bool(request.lost) for request in (walk, below, wait, question)] == [False, True, True, False]
+    assert said(session) == [Send(2, "walk"), Ask(5, "status")]
+
+
+def test_what_could_not_be_sent_never_left(session: Session) -> None:
+    gone = session.request(A_GOAL)
+    said(session)
+    walk = session.request(A_GOAL)
+    session.break_off()
+    hear(session, welcome("two"))
+    assert [bool(request.lost) for request in (gone, walk)] == [True, False]
 
 
 # --- silence --------------------------------------------------------------------------------------------------------------
@@ -311,6 +332,7 @@ def test_every_message_of_central_has_its_row() -> None:
 
 def test_a_question_is_asked_again_like_a_wait(session: Session) -> None:
     asked = session.request(Ask(0, "status"), wants_answer=True)
+    said(session)
     hear(session, Unknown(), welcome(), Refused(2, Refusal.TOO_LATE, ""), Answer(3, Outcome.DONE))
     assert asked.is_over
     assert not asked.lost

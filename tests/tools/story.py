@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 
+from tca_tools.history import History
 from tca_wire import facts
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
 from tca_wire.facts import JOURNAL_VERSION, Entry
@@ -32,6 +33,9 @@ class Story:
     def at(self, time: float) -> "Story":
         self.entries.append(Entry(len(self.entries) + 1, time, []))
         return self
+
+    def fold(self, until: float | None = None) -> History:
+        return History.until(self.entries, until)
 
     def say(self, *said: Any) -> "Story":
         self.entries[-1].facts.extend(said)
@@ -109,7 +113,7 @@ class Story:
         self.delivered(number, module)
         return self.at(round(time + took, 6)).returned(number).reached(number, Moment.END_ACHIEVING)
 
-    def bytes(self) -> bytes:
+    def encoded(self) -> bytes:
         return b"".join(map(record, self.entries))
 
     def write(self, folder: Path, segments: int = 1) -> Path:

@@ -1,0 +1,297 @@
+"""The daemon as a process, as its users and its enemies meet it."""
+
+import os
+import signal
+import socket as sockets
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import pytest
+import zmq
+
+from integration.programs import central, program, run, tca
+from tca_module import (
+    CentralLost,
+    Command,
+    FormatRefused,
+    Goal,
+    Module,
+    Outcome,
+    Query,
+    QueryFailed,
+    Task,
+    TaskFailed,
+    connect,
+)
+from tca_tools.history import History
+from tca_tools.logs import open_log
+from tca_wire import codec, headers
+
+pytestmark = pytest.mark.slow
+
+SQUARE = Query("square", int, reply=int)
+MOVE = Command("move", int, result=int)
+WALK = Goal("walk", int)
+
+SQUARES = """
+    from tca_module import *
+    module = Module("squares")
+    @module.handles(Query("square", int, reply=int))
+    def square(task: Task, number: int) -> int:
+        return number * number
+    with module.running():
+        print("ready", flush=True)
+        import signal; signal.pause()
+"""
+
+MOVES = """
+    import os, sys
+    from tca_module import *
+    module = Module("legs")
+    @module.handles(Command("move", int, result=int))
+    def move(task: Task, number: int) -> int:
+        print("moving", flush=True)
+        if number < 0:
+            os.kill(os.getpid(), 9)
+        while number > 100 and not task.cancelled:
+            pass
+        return number
+    with module.running():
+        print("ready", flush=True)
+        import signal; signal.pause()
+"""
+
+MOVES_UNTIL_TERMINATED = MOVES.partition("    with module")[0] + """
+    print("ready", flush=True)
+    module.run()
+"""
+
+
+def ready(process: object) -> None:
+    assert process.stdout.readline() == "ready\n"  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("transport", ["ipc", "tcp"])
+def test_a_query_a_goal_and_a_result_through_real_processes(tmp_path: Path, transport: str) -> None:
+    bind = "" if transport == "ipc" else "tcp://127.0.0.1:*"
+    with central(tmp_path, bind=bind) as daemon:
+        address = daemon.first_line.rpartition(" ")[2]
+        with program(SQUARES, address) as squares, connect("user", address) as user:
+            ready(squares)
+            assert user.query(SQUARE, 12) == 144
+            with program(MOVES, address) as legs:
+                ready(legs)
+                assert user.command(MOVE, 5).result(timeout=10) == 5
+        assert "module 'squares' joined" in daemon.stop()
+    history = History.until(open_log(daemon.journal))
+    assert [message.name for message in history.messages.values()] == ["square", "move"]
+
+
+def test_a_killed_module_fails_its_task_and_nothing_else(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user:
+        with program(MOVES, daemon.address) as legs, program(SQUARES, daemon.address) as squares:
+            ready(legs)
+            ready(squares)
+            move = user.command(MOVE, -1)
+            with pytest.raises(TaskFailed, match="module lost"):
+                move.result(timeout=20)
+            assert user.query(SQUARE, 3) == 9
+
+
+def test_a_query_whose_server_is_killed_is_answered(tmp_path: Path) -> None:
+    text = SQUARES.replace("return number * number", "import os; os.kill(os.getpid(), 9)")
+    with central(tmp_path) as daemon, program(text, daemon.address) as squares, connect("user", daemon.address) as user:
+        ready(squares)
+        with pytest.raises(QueryFailed, match="module lost"):
+            user.query(SQUARE, 3, timeout=20)
+
+
+def test_a_running_handler_is_told_that_its_task_was_killed(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs, connect("user", daemon.address) as user:
+        ready(legs)
+        endless = user.command(MOVE, 1000)
+        assert legs.stdout
+        assert legs.stdout.readline() == "moving\n"
+        endless.kill("enough")
+        assert endless.wait(timeout=10) is Outcome.KILLED
+
+
+def test_a_terminated_module_finishes_what_it_does_and_another_goes_on(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user:
+        with program(MOVES_UNTIL_TERMINATED, daemon.address) as old:
+            ready(old)
+            assert user.command(MOVE, 1).result(timeout=20) == 1
+            old.send_signal(signal.SIGTERM)
+            assert old.wait(timeout=10) == 0
+        waiting = user.command(MOVE, 2)
+        with program(MOVES, daemon.address):
+            assert waiting.result(timeout=10) == 2
+
+
+def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
+    with (
+        central(tmp_path) as daemon,
+        program(SQUARES, daemon.address) as squares,
+        connect("user", daemon.address) as user,
+    ):
+        ready(squares)
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        enemy = context.socket(zmq.DEALER)
+        enemy.linger = 0
+        enemy.connect(daemon.address)
+        hello = codec.pack([(headers.Hello(1, 1, "enemy", "x"), b"")])
+        future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
+        send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
+        for frames in ([b""], [b"garbage"], [os.urandom(5000)], [b"a", b"b", b"c"], [future], [send], [hello], [send],
+                       [codec.pack([(headers.Reply(77), b"")])], [b"\xff" * 100], [hello[:-1]], [hello * 2000]):  # fmt: skip
+            enemy.send_multipart(frames)
+            assert user.query(SQUARE, 7) == 49
+        with sockets.socket(sockets.AF_UNIX) as raw:
+            raw.connect(daemon.address.removeprefix("ipc://"))
+            raw.sendall(os.urandom(1000))
+            assert user.query(SQUARE, 8) == 64
+        enemy.close()
+        context.term()
+        said = daemon.stop()
+    assert "speaks protocol 99, central 1: use one version" in said
+    assert "3 frames; a packet is one" in said
+    assert "Traceback" not in said
+
+
+@dataclass
+class Number:
+    value: float
+
+
+def test_two_formats_for_one_name_are_refused_in_one_line(tmp_path: Path) -> None:
+    with (
+        central(tmp_path) as daemon,
+        program(SQUARES, daemon.address) as squares,
+        connect("user", daemon.address) as user,
+    ):
+        ready(squares)
+        with pytest.raises(FormatRefused, match=r"'square'.*data \$: object here, integer there .*'user'.*'squares'"):
+            user.query(Query("square", Number, reply=int), Number(1))
+        with pytest.raises(FormatRefused, match="a command here, a query there"):
+            user.command(Command("square", int, result=int), 1)
+        assert user.query(SQUARE, 2) == 4
+
+
+def test_central_that_is_not_running_is_named(tmp_path: Path) -> None:
+    address = f"ipc://{tmp_path}/nobody.sock"
+    with pytest.raises(CentralLost, match=f"{address} does not answer: start it with 'tca central'"):
+        connect("user", address, patience=0.3)
+    done = tca("status", "--central", address)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "does not answer" in done.stderr
+
+
+def test_a_second_central_does_not_take_the_address(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon:
+        second = run("tca_central", "--bind", daemon.address, "--no-journal")
+        assert second.returncode == 1
+        assert second.stderr == f"Error: can't listen on {daemon.address}: another central uses it; " \
+            "stop that one, or choose another with --bind\n"  # fmt: skip
+        with connect("user", daemon.address) as user:
+            assert user.status("status")["modules"] == 1
+
+
+def test_a_port_in_use_is_named() -> None:
+    with sockets.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        done = run("tca_central", "--bind", f"tcp://127.0.0.1:{port}", "--no-journal")
+    assert done.returncode == 1
+    assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--bind", "tcp://0.0.0.0:5555"], "use an ssh tunnel"),
+        (["--bind", "nonsense"], "'nonsense' is no address"),
+        (["--bind", "tcp://127.0.0.1:99999"], "is no address"),
+        (["--bind", "ipc:///proc/nothing/central.sock"], "can't listen on"),
+        (["--journal", "/proc/nothing"], "name a folder that can be written"),
+        (["--sync", "sometimes"], "sometimes"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_explained(tmp_path: Path, options: list[str], words: str) -> None:
+    if "--bind" not in options:
+        options = [*options, "--bind", f"ipc://{tmp_path}/central.sock"]
+    done = run("tca_central", *options)
+    assert done.returncode in (1, 2)
+    assert words in done.stderr.replace("\n", " ")
+    assert "Traceback" not in done.stderr
+
+
+def test_a_folder_with_a_journal_is_not_written_over(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon:
+        pass
+    before = sorted((path.name, path.stat().st_size) for path in daemon.journal.iterdir())
+    done = run("tca_central", "--bind", daemon.address, "--journal", str(daemon.journal))
+    assert done.returncode == 1
+    assert "already holds a journal" in done.stderr
+    assert sorted((path.name, path.stat().st_size) for path in daemon.journal.iterdir()) == before
+
+
+def test_central_restarted_in_the_middle_is_noticed_and_modules_serve_on(tmp_path: Path) -> None:
+    with central(tmp_path) as first:
+        with program(SQUARES, first.address) as squares, connect("user", first.address) as user:
+            ready(squares)
+            assert user.query(SQUARE, 2) == 4
+            first.signal(signal.SIGKILL)
+            first.process.wait()
+            (tmp_path / "again").mkdir()
+            with central(tmp_path / "again", bind=first.address):
+                with pytest.raises(CentralLost, match="central was restarted meanwhile"):
+                    user.query(SQUARE, 3, timeout=30)
+                assert user.query(SQUARE, 3, timeout=30) == 9
+
+
+def test_a_stopped_central_blames_nobody(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs, connect("user", daemon.address) as user:
+        ready(legs)
+        move = user.command(MOVE, 1000)
+        assert legs.stdout
+        assert legs.stdout.readline() == "moving\n"
+        daemon.signal(signal.SIGSTOP)
+        with pytest.raises(CentralLost):
+            move.wait()
+        daemon.signal(signal.SIGCONT)
+        assert user.status("modules")
+        move.kill()
+        assert move.wait(timeout=10) is Outcome.KILLED
+
+
+def test_the_journal_of_a_killed_central_can_be_read(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs, connect("user", daemon.address) as user:
+        ready(legs)
+        for number in range(20):
+            user.command(MOVE, number).result(timeout=10)
+        daemon.signal(signal.SIGKILL)
+        daemon.process.wait()
+    history = History.until(open_log(daemon.journal))
+    assert sum(task.state == "achieved" for task in history.tasks.values()) == 20
+
+
+def test_handlers_may_be_threads_of_this_process_too(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon:
+        planner = Module("planner", daemon.address)
+
+        @planner.handles(WALK)
+        def walk(task: Task, count: int) -> None:
+            with task.sequence():
+                for number in range(count):
+                    task.command(MOVE, number)
+
+        with program(MOVES, daemon.address) as legs, planner.running():
+            ready(legs)
+            assert planner.goal(WALK, 5).wait(timeout=10) is Outcome.DONE
+    history = History.until(open_log(daemon.journal))
+    moves = [task for task in history.tasks.values() if task.name == "move"]
+    assert len(moves) == 5
+    assert msgspec.msgpack.decode(moves[3].result) == 3

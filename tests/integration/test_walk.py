@@ -1,0 +1,107 @@
+"""The Ambler's walk on real processes, judged by its journal."""
+
+import re
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tca_tools.history import History
+from tca_tools.logs import open_log
+from tca_wire.points import Moment
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
+
+
+def walk(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=150, check=False)
+
+
+@pytest.fixture(scope="module", params=["kinematic", "pybullet"])
+def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    if request.param == "pybullet":
+        pytest.importorskip("pybullet")
+    folder = tmp_path_factory.mktemp(request.param) / "walk"
+    done = walk(folder, "--backend", request.param, "--metres", "5", "--pace", "15", "--between-arcs", "swap")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout, folder
+
+
+@pytest.fixture(scope="module")
+def history(walked: tuple[str, Path]) -> History:
+    return History.until(open_log(walked[1] / "journal"))
+
+
+def tasks(history: History, name: str) -> list[int]:
+    return sorted(task.id for task in history.tasks.values() if task.name == name)
+
+
+def test_the_robot_walks_five_metres_and_says_where_the_pictures_are(walked: tuple[str, Path]) -> None:
+    output, folder = walked
+    assert "5.0 of 5.0 m" in output
+    for title, suffix in (("the robot", r"\.(png|svg)"), ("task tree", r"\.(svg|txt)"), ("Gantt chart", r"\.svg")):
+        written = re.search(rf"{title}\s+(\S+{suffix})", output)
+        assert written, output
+        assert Path(written[1]).stat().st_size > 1000
+    assert (folder / "robot.json").exists()
+
+
+def test_the_task_tree_is_that_of_the_papers_figure_2(history: History) -> None:
+    (path,) = tasks(history, "traverse path")
+    arcs = tasks(history, "traverse arc")
+    assert [history.tasks[arc].parent for arc in arcs] == [path, path]
+    for arc in arcs:
+        (steps,) = history.children(arc)
+        while True:
+            names = [history.tasks[child].name for child in history.children(steps)]
+            assert names[:3] == ["move leg", "move body", "achieved position?"]
+            if len(names) == 3:
+                break
+            assert names[3:] == ["take steps"]
+            steps = history.children(steps)[3]
+
+
+def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> None:
+    for arc in tasks(history, "traverse arc"):
+        chain = steps_of(history, arc)
+        assert len(chain) >= 4
+        for now, following in pairwise(chain):
+            leg, body = (history.tasks[child].reached for child in history.children(now)[:2])
+            times = history.tasks[following].reached
+            assert leg[Moment.START_HANDLING] < times[Moment.END_HANDLING]
+            assert times[Moment.START_HANDLING] < body[Moment.END_HANDLING]
+
+
+def test_never_is_a_step_planned_two_ahead(history: History) -> None:
+    steps = [history.tasks[task].reached for task in tasks(history, "take steps")]
+    moments = sorted({time for times in steps for time in times.values()})
+    for moment in moments:
+        ahead = sum(times[Moment.START_PLANNING] <= moment < times[Moment.START_ACHIEVING] for times in steps)
+        assert ahead <= 1
+
+
+def test_an_arc_is_planned_when_the_one_before_has_been_walked(history: History) -> None:
+    first, second = (history.tasks[arc].reached for arc in tasks(history, "traverse arc"))
+    assert second[Moment.START_PLANNING] >= first[Moment.END_ACHIEVING]
+
+
+def test_the_controller_was_replaced_between_the_arcs_and_the_walk_went_on(
+    walked: tuple[str, Path], history: History
+) -> None:
+    assert "the controller ended (0); another starts" in walked[0]
+    first, second = history.modules["controller"].joined
+    assert first[1] is not None
+    moved = [history.tasks[task].reached[Moment.START_HANDLING] for task in tasks(history, "move leg")]
+    assert min(moved) < first[1] < second[0] < max(moved)
+
+
+def steps_of(history: History, arc: int) -> list[int]:
+    """The take-steps tasks of an arc, outermost first."""
+    chain = list(history.children(arc))
+    while below := [child for child in history.children(chain[-1]) if history.tasks[child].name == "take steps"]:
+        chain += below
+    return chain

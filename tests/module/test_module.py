@@ -1,0 +1,383 @@
+"""Modules: declaring handlers, running, sharing and taking over messages, leaving, coming back."""
+
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+import pytest
+from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
+
+from tca_module import CentralLost, Client, FormatRefused, MisuseError, Module, QueryFailed, Task, Timeout, connect
+from tca_module.testing import LocalCentral
+from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received
+
+SOON = 5.0
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+class Busy:
+    """A handler that is busy until it is released."""
+
+    def __init__(self) -> None:
+        self.started: queue.Queue[str] = queue.Queue()
+        self.go = threading.Event()
+
+    def __call__(self, task: Task) -> float:
+        self.started.put(threading.current_thread().name)
+        assert self.go.wait(SOON)
+        return 36.6
+
+
+# --- declaring --------------------------------------------------------------------------------------------------------
+
+
+def nothing() -> list[int]:
+    return []
+
+
+def only_data(radius: float) -> list[int]:
+    return []
+
+
+def three(task: Task, radius: float, more: int) -> list[int]:
+    return []
+
+
+async def later(task: Task, radius: float) -> list[int]:
+    return []
+
+
+class Later:
+    async def __call__(self, task: Task, radius: float) -> list[int]:
+        return []
+
+
+@pytest.mark.parametrize(
+    ("function", "complaint"),
+    [
+        (
+            only_data,
+            r"handler only_data of query 'stance' is declared with \(radius.*: declare it with \(task, data: float\)",
+        ),
+        (three, "handler three of query 'stance' is declared with"),
+        (later, "handler later of query 'stance' is 'async def', which is not possible yet"),
+        (Later(), "is 'async def'"),
+        (nothing, r"is declared with \(\)"),
+    ],
+)
+def test_a_handlers_signature_is_checked_when_it_is_declared(
+    legs: Module, function: Callable[..., list[int]], complaint: str
+) -> None:
+    with pytest.raises(MisuseError, match=complaint):
+        legs.handles(STANCE)(function)
+
+
+def test_only_messages_are_handled(legs: Module) -> None:
+    with pytest.raises(MisuseError, match=r"handles\(\) wants a message .* and 'stance' is none"):
+        legs.handles("stance")(only_data)  # type: ignore[call-overload]
+
+
+def test_one_handler_a_message(legs: Module) -> None:
+    legs.handles(STANCE)(lambda _, _radius: [])
+    with pytest.raises(MisuseError, match="module 'legs' handles 'stance' already, in test_one_handler_a_message"):
+        legs.handles(STANCE)(lambda _, _radius: [])
+
+
+@pytest.mark.parametrize("capacity", [0, -1, 1.5, 1000])
+def test_a_capacity_is_a_small_number(legs: Module, capacity: int) -> None:
+    with pytest.raises(MisuseError, match="resource 'arm' can't have capacity"):
+        legs.resource("arm", capacity)
+
+
+def test_the_decorator_leaves_the_function_as_it_is(legs: Module) -> None:
+    def stance(task: Task, radius: float) -> list[int]:
+        return [1]
+
+    assert legs.handles(STANCE)(stance) is stance
+    assert legs.handles(REST)(print) is print
+    assert repr(legs) == "Module('legs')"
+
+
+def test_methods_and_partial_functions_handle(legs: Module, user: Client) -> None:
+    class Body:
+        def stance(self, task: Task, radius: float) -> list[int]:
+            return [int(radius)]
+
+    legs.handles(STANCE)(Body().stance)
+    legs.handles(TEMPERATURE)(partial(lambda degrees, _: degrees, 36.6))
+    with legs.running():
+        assert user.query(STANCE, 7.0) == [7]
+        assert user.query(TEMPERATURE) == 36.6
+
+
+def test_handlers_are_declared_before_the_module_runs(legs: Module) -> None:
+    with legs.running():
+        with pytest.raises(MisuseError, match=r"handles\(\) of module 'legs' comes too late: declare before run"):
+            legs.handles(STANCE)
+        with pytest.raises(MisuseError, match=r"resource\(\) of module 'legs' comes too late"):
+            legs.resource("arm")
+        with pytest.raises(MisuseError, match="module 'legs' runs already"), legs.running():
+            pass
+    legs.handles(STANCE)(lambda _, _radius: [])
+
+
+# --- resources ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_resource_handles_as_many_messages_as_its_capacity(central: LocalCentral, user: Client) -> None:
+    busy = Busy()
+    legs = Module("legs", central, capacity=2)
+    legs.handles(TEMPERATURE)(busy)
+    with legs.running():
+        pending = [user.query_send(TEMPERATURE) for _ in range(3)]
+        threads = {busy.started.get(timeout=SOON) for _ in range(2)}
+        assert threads == {"legs 1", "legs 2"}
+        assert busy.started.empty()
+        busy.go.set()
+        assert [one.receive(SOON) for one in pending] == [36.6] * 3
+
+
+def test_each_resource_has_a_thread(legs: Module, user: Client) -> None:
+    busy, arm = Busy(), legs.resource("arm")
+    legs.handles(TEMPERATURE, resource=arm)(busy)
+    legs.handles(STANCE)(lambda _, _radius: [1])
+    with legs.running():
+        pending = user.query_send(TEMPERATURE)
+        assert busy.started.get(timeout=SOON).startswith("arm")
+        assert user.query(STANCE, 1.0) == [1]
+        busy.go.set()
+        assert pending.receive(SOON) == 36.6
+
+
+# --- sharing and taking over --------------------------------------------------------------------------------------------
+
+
+def test_the_newest_handler_takes_over_and_hands_back(central: LocalCentral, user: Client) -> None:
+    old, new = Module("old", central), Module("new", central)
+    old.handles(STANCE)(lambda _, _radius: [1])
+    new.handles(STANCE)(lambda _, _radius: [2])
+    with old.running():
+        assert user.query(STANCE, 0.0) == [1]
+        with new.running():
+            assert user.query(STANCE, 0.0) == [2]
+        assert user.query(STANCE, 0.0) == [1]
+
+
+def test_what_a_module_leaves_behind_waits_for_the_next(central: LocalCentral, user: Client) -> None:
+    """The running handler is finished; what is queued goes to the module that handled before."""
+    old, new, busy = Module("old", central), Module("new", central), Busy()
+    old.handles(TEMPERATURE)(lambda _: 0.0)
+    new.handles(TEMPERATURE)(busy)
+    ended = threading.Event()
+
+    def run_new() -> None:
+        with new.running():
+            assert busy.started.get(timeout=SOON)
+            pending_two.wait(SOON)
+        ended.set()
+
+    pending_two = threading.Event()
+    with old.running():
+        thread = threading.Thread(target=run_new)
+        thread.start()
+        while "new" not in [module["module"] for module in user.status("modules") if module["handles"]]:
+            pass
+        first, second = user.query_send(TEMPERATURE), user.query_send(TEMPERATURE)
+        pending_two.set()
+        assert second.receive(SOON) == 0.0
+        assert not ended.is_set()
+        busy.go.set()
+        assert first.receive(SOON) == 36.6
+        thread.join(SOON)
+    assert ended.is_set()
+
+
+def test_what_nobody_handles_any_more_waits(legs: Module, central: LocalCentral, user: Client) -> None:
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
+    with legs.running():
+        user.command(MOVE_LEG, 1).result(SOON)
+    move = user.command(MOVE_LEG, 2)
+    assert [fact.module for fact in central.facts if isinstance(fact, Queued) and fact.id == move.id] == [""]
+    with legs.running():
+        assert move.result(SOON) == Footfall(2, 0.0)
+
+
+def test_a_pool_shares_the_messages(central: LocalCentral, user: Client) -> None:
+    left, right = Module("left", central), Module("right", central)
+    busy = {module.name: Busy() for module in (left, right)}
+    for module in (left, right):
+        module.handles(TEMPERATURE, pool="thermometers")(busy[module.name])
+    with left.running(), right.running():
+        pending = [user.query_send(TEMPERATURE) for _ in range(2)]
+        for one in busy.values():
+            assert one.started.get(timeout=SOON)
+            one.go.set()
+        assert [one.receive(SOON) for one in pending] == [36.6, 36.6]
+
+
+# --- sending from the module ------------------------------------------------------------------------------------------
+
+
+def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: LocalCentral) -> None:
+    legs.handles(STANCE)(lambda _, _radius: [3])
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
+    with legs.running():
+        assert legs.query(STANCE, 1.0) == [3]
+        with legs.sequence():
+            assert legs.command(MOVE_LEG, 1).result(SOON) == Footfall(1, 0.0)
+    assert {fact.sender for fact in central.facts if isinstance(fact, Received)} == {"legs"}
+
+
+def test_a_module_that_does_not_run_sends_nothing(legs: Module) -> None:
+    with pytest.raises(MisuseError, match=r"module 'legs' does not run: send within 'with module.running"):
+        legs.goal(REST)
+
+
+def test_a_handler_sends_with_its_task_not_with_the_module(legs: Module, user: Client) -> None:
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        with pytest.raises(MisuseError, match="used from thread 'legs 1', but belongs to the one that opened it"):
+            legs.goal(REST)
+        return 0.0
+
+    with legs.running():
+        assert user.query(TEMPERATURE) == 0.0
+
+
+# --- leaving ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> None:
+    legs.handles(REST)(lambda _: None)
+    with legs.running():
+        assert not legs.stopping
+    assert legs.stopping
+    assert [fact.why for fact in central.facts if isinstance(fact, ModuleLeft)] == ["it said goodbye"]
+    assert not central.core.registry.connections
+
+
+@contextmanager
+def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | None]]:
+    """Run a function beside the block; how it ended is in the list afterwards."""
+    ends: list[BaseException | None] = []
+
+    def run() -> None:
+        try:
+            function()
+            ends.append(None)
+        except BaseException as error:  # noqa: BLE001
+            ends.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    yield ends
+    thread.join(SOON)
+    assert not thread.is_alive()
+
+
+def test_run_ends_when_it_is_told_to(legs: Module, user: Client) -> None:
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with in_thread(legs.run) as ends:
+        assert user.query(TEMPERATURE) == 36.6
+        legs.stop()
+    assert ends == [None]
+
+
+def test_without_central_run_ends_the_program_with_one_line(legs: Module, central: LocalCentral) -> None:
+    central.close()
+    with pytest.raises(CentralLost) as lost:
+        legs.run(patience=0.1)
+    assert isinstance(lost.value, SystemExit)
+    assert lost.value.code == str(lost.value)
+    assert str(lost.value).startswith("module 'legs': central at local central 'local' does not answer: start it with")
+
+
+def test_run_may_end_when_central_is_lost(legs: Module, central: LocalCentral, user: Client) -> None:
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with in_thread(partial(legs.run, patience=0.1, reconnect=False)) as ends:
+        assert user.query(TEMPERATURE) == 36.6
+        central.close()
+    assert isinstance(ends[0], CentralLost)
+
+
+def test_a_module_that_cannot_begin_cleans_up(legs: Module, central: LocalCentral, user: Client) -> None:
+    user.query_send(TEMPERATURE)
+    liar = Module("liar", central)
+    liar.handles(type(TEMPERATURE)("temperature", int, reply=float))(lambda _, _data: 0.0)
+    for _ in range(2):
+        with pytest.raises(FormatRefused, match="two formats for message"), liar.running():
+            pass
+    assert [module["module"] for module in user.status("modules")] == ["user"]
+
+
+# --- central breaks -------------------------------------------------------------------------------------------------------
+
+
+def test_a_module_serves_on_after_central_was_restarted(legs: Module, central: LocalCentral, user: Client) -> None:
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with legs.running():
+        assert user.query(TEMPERATURE) == 36.6
+        central.restart("afresh")
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+    assert central.core.epoch == "afresh"
+
+
+def test_a_handler_that_runs_while_central_is_restarted_is_not_answered_for(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
+    lost = queue.Queue[BaseException]()
+
+    @legs.handles(REST)
+    def rest(task: Task) -> None:
+        try:
+            task.command(STOP).result(SOON)
+        except CentralLost as error:
+            lost.put(error)
+            assert task.cancelled
+            raise
+
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with legs.running():
+        rested = user.goal(REST)
+        assert rested.wait_for(rested.handling.start, SOON)
+        central.restart("afresh")
+        assert "central was restarted" in str(lost.get(timeout=SOON))
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+
+
+def test_a_module_comes_back_after_its_connections_broke(legs: Module, central: LocalCentral, user: Client) -> None:
+    busy = Busy()
+    legs.handles(TEMPERATURE)(busy)
+    with legs.running():
+        pending = user.query_send(TEMPERATURE)
+        assert busy.started.get(timeout=SOON)
+        central.cut("legs")
+        with pytest.raises(QueryFailed, match="module lost: module 'legs' was lost: its connection closed"):
+            pending.receive(SOON)
+        busy.go.set()
+        again = user.query_send(TEMPERATURE)
+        with pytest.raises(Timeout):
+            legs.query(STANCE, 1.0, timeout=0)  # connection 0 learns that it was cut
+        assert again.receive(SOON) == 36.6
+    assert [fact.message for fact in central.facts if isinstance(fact, HandlerAdded)] == ["temperature"] * 2
+
+
+def test_a_wait_outlives_a_broken_connection(legs: Module, central: LocalCentral, user: Client) -> None:
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
+    other = connect("other", central)
+    move, pending = other.command(MOVE_LEG, 1), other.query_send(TEMPERATURE)
+    with pytest.raises(Timeout):
+        move.wait(0)
+    central.cut("other")
+    with legs.running():
+        assert move.result(SOON) == Footfall(1, 0.0)
+    with pytest.raises(CentralLost, match="query 'temperature' is lost: the connection to central broke"):
+        pending.receive(SOON)
+    assert len([fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"]) == 1
+    other.close()

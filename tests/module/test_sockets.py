@@ -1,0 +1,131 @@
+"""The library over real sockets, and the command line's questions: one central in a thread."""
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+
+from tca_central.core import Central
+from tca_central.server import Server
+from tca_module import CentralLost, MisuseError, Module, Outcome, Timeout, commands, connect
+from tca_module.transport import DealerTransport
+
+SOON = 10.0
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> str:
+    return f"ipc://{tmp_path}/central.sock"
+
+
+@pytest.fixture
+def central(address: str) -> Iterator[str]:
+    """The address of a central that runs."""
+    ready, servers = threading.Event(), list[Server]()
+
+    def serve() -> None:
+        servers.append(server := Server(Central("real"), None, address))
+        ready.set()
+        server.serve()
+        server.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    assert ready.wait(SOON)
+    yield address
+    servers[0].stop("the test ends")
+    thread.join(SOON)
+
+
+def ask(command: click.Command, *arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(command, arguments)
+    return result.exit_code, result.output
+
+
+def test_messages_travel(central: str) -> None:
+    legs = Module("legs", central)
+    legs.handles(STANCE)(lambda task, radius: [task.command(MOVE_LEG, int(radius)).result(SOON).leg])
+    legs.handles(MOVE_LEG, resource="leg")(lambda _, leg: Footfall(leg, 0.0))
+    with legs.running(), connect("user", central) as user:
+        assert user.query(STANCE, 3.0, timeout=SOON) == [3]
+        assert user.command(MOVE_LEG, 4).result(SOON) == Footfall(4, 0.0)
+        assert legs.command(MOVE_LEG, 5).wait(SOON) is Outcome.DONE
+        with pytest.raises(Timeout):
+            user.query(TEMPERATURE, timeout=0.05)
+
+
+def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:
+    transport = DealerTransport(address)
+    assert not transport.send(b"packet", 0.05)
+    assert transport.receive(0.01) is None
+    transport.wake()
+    transport.close()
+
+
+def test_an_address_that_is_none(tmp_path: Path) -> None:
+    with pytest.raises(MisuseError, match=r"'somewhere' is no address of central .*'tcp://host:port' is"):
+        connect("user", "somewhere")
+
+
+def test_nobody_is_there(address: str) -> None:
+    with pytest.raises(CentralLost, match=f"central at {address} does not answer: start it with 'tca central'"):
+        connect("user", address, patience=0.2)
+
+
+# --- the command line ---------------------------------------------------------------------------------------------------
+
+
+def test_status_says_what_waits_for_what(central: str) -> None:
+    with connect("user", central) as user:
+        user.query_send(TEMPERATURE)
+        first = user.goal(REST)
+        user.goal(REST, sequential_planning=True)
+        code, text = ask(commands.status, "--central", central)
+        assert code == 0
+        assert text.startswith(f"central at {central}, run real\n")
+        assert "2 tasks" in text
+        assert "1 of query 'temperature'  a module that handles it\n" in text
+        assert f"task {first.id + 1} 'rest'  " in text
+        assert "1 constraint on its start planning\n" in text
+        code, text = ask(commands.status, "--central", central, "--json")
+        assert json.loads(text)["waiting"][0] == {"what": "1 of query 'temperature'", "for": "a module that handles it"}
+
+
+def test_modules_and_messages(central: str) -> None:
+    legs = Module("legs", central)
+    assert ask(commands.modules, "--central", central) == (0, "no modules are connected\n")
+    assert ask(commands.messages, "--central", central) == (0, "no messages have been declared\n")
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
+    with legs.running(), connect("user", central) as user:
+        user.query_send(TEMPERATURE)
+        user.status()
+        code, text = ask(commands.modules, "--central", central)
+        heads, first, second = text.splitlines()
+        assert heads.split() == ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
+        assert {first.split()[0], second.split()[0]} == {"legs", "user"}
+        assert "legs      1         -                  move leg" in text
+        code, text = ask(commands.messages, "--central", central)
+        assert code == 0
+        assert text == (
+            "message      class    handled by  waiting\n"
+            "move leg     command  legs\n"
+            "temperature  query    nobody      1\n"
+        )
+        names = [module["module"] for module in json.loads(ask(commands.modules, "--central", central, "--json")[1])]
+        assert sorted(names) == ["legs", "user"]
+
+
+def test_without_central_the_answer_is_one_line(address: str) -> None:
+    code, text = ask(commands.status, "--central", address)
+    assert code == 1
+    assert text.splitlines() == [
+        f"Error: central at {address} does not answer: start it with 'tca central', or set $TCA_CENTRAL to where it listens"
+    ]
+    code, text = ask(commands.status, "--central", "somewhere")
+    assert code == 2
+    assert "'somewhere' is no address of central" in text

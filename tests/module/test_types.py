@@ -1,0 +1,84 @@
+"""What a type checker infers from the declarations. These tests pass by being checked, not by being run."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import assert_type
+
+import pytest
+from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
+
+from tca_module import Client, Constraint, Module, Outcome, PendingReply, Task, TaskFailed, TaskRef
+
+MISTAKES = """
+from module.gait_messages import ALARM, COLLISION, MOVE_LEG, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall
+from tca_module import Module, Task
+legs = Module("legs")
+def f(task: Task) -> None:
+    task.query(REST)
+    task.goal(MOVE_LEG, 1)
+    task.inform(ALARM, "x")
+    task.goal(WALK, 5)
+    task.goal(REST, sequentially=True)
+    height: int = task.command(MOVE_LEG, 1).result()
+    raise COLLISION(5)
+@legs.handles(STANCE)
+def g(task: Task, radius: str) -> list[int]: ...
+@legs.handles(STANCE)
+def h(task: Task, radius: float) -> int: ...
+@legs.handles(STANCE)
+def i(task: Task) -> list[int]: ...
+@legs.handles(TEMPERATURE)
+def j(task: Task) -> str: ...
+"""
+
+
+def replies(task: Task, module: Module, client: Client) -> None:
+    for sender in (task, module, client):
+        assert_type(sender.query(STANCE, 1.0), list[int])
+        assert_type(sender.query_send(TEMPERATURE), PendingReply[float])
+        assert_type(sender.query_send(TEMPERATURE).receive(), float)
+        assert_type(sender.multi_query(HEALTH), list[str])
+        assert_type(sender.command(MOVE_LEG, 1), TaskRef[Footfall])
+        assert_type(sender.command(MOVE_LEG, 1).result(), Footfall)
+        assert_type(sender.command(STOP), TaskRef[None])
+        assert_type(sender.goal(WALK, Arc(1.0, 2), plan_first=True), TaskRef[None])
+        assert_type(sender.goal(REST).wait(), Outcome)
+
+
+def points(task: Task, leg: TaskRef[Footfall]) -> list[Constraint]:
+    return [leg.achieving.end <= task.planning.start, task.handling.end >= leg.handling.start]
+
+
+def failures(error: TaskFailed) -> None:
+    assert_type(error.data_as(COLLISION), Footfall)
+
+
+def handlers(module: Module) -> None:
+    @module.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        return [1]
+
+    @module.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        return 0.0
+
+    @module.handles(REST)
+    def rest(task: Task, _nothing: None) -> None:
+        return None
+
+    assert_type(stance(Task.__new__(Task), 1.0), list[int])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("mypy", path=str(Path(sys.executable).parent)) is None, reason="mypy is not installed")
+def test_mistakes_are_found_by_the_type_checker() -> None:
+    root = Path(__file__).parents[2]
+    found = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file", "setup.cfg", "-c", MISTAKES],
+        cwd=root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    wrong = {int(line.split(":")[1]) for line in found.stdout.splitlines() if ": error:" in line}
+    # The line of each mistake; of a handler, its decorator.
+    assert wrong - {14, 16, 18, 20} == {6, 7, 8, 9, 10, 11, 12, 13, 15, 17, 19}, found.stdout

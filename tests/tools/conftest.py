@@ -1,0 +1,36 @@
+"""Fixtures: a command line to run, and expected texts in files."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from tca_tools.command_line import main
+
+TRANSCRIPTS = Path(__file__).parent / "transcripts"
+
+
+@pytest.fixture
+def tca(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Runs ``tca`` with these arguments; the result has exit_code, stdout and stderr."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+    def run(*arguments: object, **environment: str) -> Result:
+        return CliRunner(env=environment).invoke(main, [str(argument) for argument in arguments], prog_name="tca")
+
+    return run
+
+
+@pytest.fixture
+def expect(rewrite: bool) -> Callable[[str, str], None]:
+    """Compares a text with the file of that name; ``--rewrite`` writes it anew."""
+
+    def compare(name: str, text: str) -> None:
+        path = TRANSCRIPTS / f"{name}.txt"
+        if rewrite:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text)
+        assert text == path.read_text()
+
+    return compare

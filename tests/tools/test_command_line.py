@@ -1,0 +1,131 @@
+import sys
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import Result
+from tools.story import walking
+
+from tca_tools import command_line
+from tca_tools.errors import ToolError
+
+Tca = Callable[..., Result]
+
+
+@click.command()
+@click.argument("how", default="well")
+def hello(how: str) -> None:
+    """Say hello.
+
+    At length.
+    """
+    if how == "badly":
+        raise ToolError("hello: nobody is here: come again")
+    if how == "pipe":
+        raise BrokenPipeError
+    if how == "interrupted":
+        raise KeyboardInterrupt
+    click.echo(how)
+
+
+@pytest.fixture(autouse=True)
+def installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two commands are installed, one of which can't be imported."""
+    found = [
+        EntryPoint("hello", f"{__name__}:hello", command_line.COMMANDS),
+        EntryPoint("lost", "no_such_package.commands:lost", command_line.COMMANDS),
+        EntryPoint("trap", "tools.no_such_trap:trap", command_line.COMMANDS),
+    ]
+
+    def entry_points(**wanted: Any) -> EntryPoints:
+        return EntryPoints(found).select(**wanted)
+
+    monkeypatch.setattr(command_line, "entry_points", entry_points)
+
+
+def test_the_help_lists_every_command_in_a_line(tca: Tca) -> None:
+    lines = tca("--help").stdout.splitlines()
+    assert "  hello       Say hello." in lines
+    assert "  lost        (can't be loaded)" in lines
+    assert "  completion  Print the code that makes a shell complete 'tca'." in lines
+
+
+def test_a_command_runs_without_importing_the_others(tca: Tca, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+    load = command_line._load
+
+    def noted(found: EntryPoint) -> click.Command:
+        loaded.append(found.name)
+        return load(found)
+
+    monkeypatch.setattr(command_line, "_load", noted)
+    assert tca("hello").stdout == "well\n"
+    assert set(loaded) == {"hello"}
+
+
+def test_an_unknown_command_suggests_the_nearest(tca: Tca) -> None:
+    result = tca("helo")
+    assert (result.exit_code, result.stderr) == (2, "tca: no command 'helo': did you mean 'hello'?; see 'tca --help'\n")
+    assert tca("xyzzy").stderr == "tca: no command 'xyzzy': 'tca --help' lists them\n"
+
+
+def test_a_command_that_cant_be_imported(tca: Tca) -> None:
+    result = tca("lost", "--anything", "goes")
+    assert result.exit_code == 1
+    assert (
+        result.stderr == "tca: command 'lost' can't be loaded (No module named 'no_such_package'): install tca anew\n"
+    )
+
+
+def test_errors_are_one_line_and_an_exit_code(tca: Tca) -> None:
+    refused = tca("hello", "badly")
+    assert (refused.exit_code, refused.stderr) == (1, "tca: hello: nobody is here: come again\n")
+    wrong = tca("hello", "--loudly")
+    assert (wrong.exit_code, wrong.stderr.count("\n")) == (2, 1)
+    assert wrong.stderr.startswith("tca: no such option")
+    assert wrong.stderr.endswith("; see 'tca hello --help'\n")
+    assert tca("--nothing").exit_code == 2
+
+
+def test_no_command_shows_the_help(tca: Tca) -> None:
+    result = tca()
+    assert result.exit_code == 2
+    assert result.stderr.startswith("Usage: tca")
+
+
+def test_an_interrupt_and_a_closed_pipe_end_quietly(tca: Tca, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command_line, "_discard_output", lambda: None)
+    assert tca("hello", "interrupted").exit_code == 130
+    closed = tca("hello", "pipe")
+    assert (closed.exit_code, closed.stdout, closed.stderr) == (141, "", "")
+
+
+def test_the_version(tca: Tca) -> None:
+    assert tca("--version").stdout.startswith("tca, version ")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion(tca: Tca, shell: str) -> None:
+    assert "_TCA_COMPLETE" in tca("completion", shell).stdout
+
+
+def test_called_from_python_it_raises() -> None:
+    with pytest.raises(click.UsageError):
+        command_line.main.main(["helo"], standalone_mode=False)
+    assert command_line.main.main(["hello"], standalone_mode=False) is None
+
+
+def test_tools_run_as_modules_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import runpy
+
+    monkeypatch.setattr(sys, "argv", ["tree", str(walking().write(tmp_path / "run"))])
+    for package in ("tca_tools.tasktree_viz", "tca_tools.gantt"):
+        with pytest.raises(SystemExit) as end:
+            runpy.run_module(f"{package}.__main__", run_name="__main__")
+        assert end.value.code == 0
+        assert capsys.readouterr().out.startswith("run: ")

@@ -1,0 +1,269 @@
+from typing import Any, get_args
+
+import click
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tools.story import PLANNING, QUERY, THIS, Story, arcs, stumbling, walking
+
+from tca_tools.gantt.bars import chart
+from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.text import chart_lines
+from tca_tools.history import History
+from tca_tools.records import State, Wait
+from tca_tools.tasktree_viz.dot import dot_source
+from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.waiting import why_waiting
+from tca_tools.wording import Wording
+from tca_wire import facts
+from tca_wire.constraints import plan_first
+from tca_wire.headers import MessageClass, Outcome
+from tca_wire.points import Moment, TaskId
+
+
+def states(history: History) -> dict[str, State]:
+    return {str(task): task.state for task in history.tasks.values()}
+
+
+def reasons(history: History, task: int) -> list[str]:
+    return why_waiting(history, TaskId(task))
+
+
+def test_the_tree_while_one_step_is_taken_and_the_next_is_planned() -> None:
+    history = walking().fold()
+    assert states(history) == {
+        "traverse arc {1}": State.ACHIEVING,
+        "take steps {2}": State.ACHIEVING,
+        "take steps {3}": State.PLANNED,
+        "take steps {4}": State.HELD,
+        "move leg {6}": State.ACHIEVED,
+        "move body {7}": State.HANDLING,
+        "move leg {9}": State.HELD,
+        "move body {10}": State.HELD,
+    }
+    assert history.top == [1]
+    assert history.children(1) == [2, 3, 4]
+    assert history.tasks[6].reached[Moment.END_ACHIEVING] == 3.4
+    assert history.tasks[6].handlings[0].module == "controller"
+
+
+def test_the_tree_as_it_was() -> None:
+    history = walking().fold(until=0.65)
+    assert states(history) == {
+        "traverse arc {1}": State.HANDLING,
+        "take steps {2}": State.QUEUED,
+        "take steps {3}": State.QUEUED,
+        "take steps {4}": State.HELD,
+    }
+    assert history.time == 0.65
+    assert walking().fold(until=1.3).tasks[2].state is State.HANDLING
+    assert walking().fold(until=2.0).tasks[3].state is State.PLANNING
+    assert walking().fold(until=99.0).time == 4.0
+
+
+def test_why_each_task_waits() -> None:
+    history = walking().fold()
+    assert reasons(history, 1) == ["until take steps {2}, take steps {3}, take steps {4} are achieved"]
+    assert reasons(history, 2) == ["until move body {7} is achieved"]
+    assert reasons(history, 3) == ["until take steps {2} is achieved"]
+    assert reasons(history, 4) == ["until take steps {3} is being achieved"]
+    assert reasons(history, 6) == []
+    assert reasons(history, 10) == [
+        "until move leg {9} is achieved",
+        "until its parent take steps {3} is being achieved",
+    ]
+    assert reasons(history, 77) == []
+
+
+def test_why_a_queued_or_blocked_task_waits() -> None:
+    assert reasons(walking().fold(until=0.65), 2) == ["for gait planner, busy with traverse arc {1}"]
+    assert reasons(walking().fold(until=1.0), 2) == ["for the reply to elevation map {5}"]
+    story = Story()
+    story.queued(story.goal("dance", "user interface"))
+    assert reasons(story.fold(), 1) == ["for a module that handles dance"]
+
+
+def test_a_task_whose_planning_is_delayed_waits_for_what_its_achievement_waits_for() -> None:
+    history = arcs().fold()
+    assert reasons(history, 3) == ["until traverse arc {2} is achieved"]
+    assert history.tasks[2].state is State.HELD
+
+
+def test_a_handler_that_waits_for_a_task() -> None:
+    story = Story()
+    first, second = story.goal("a", "x"), story.goal("b", "x")
+    story.delivered(second, "m").reached(second, Moment.START_ACHIEVING)
+    story.say(facts.WaitBegan("m", second, TaskId(first), Moment.END_PLANNING))
+    assert reasons(story.fold(), second) == ["until a {1} is planned"]
+    story.at(3.0).say(facts.WaitEnded("m", second, TaskId(first)))
+    history = story.fold()
+    assert history.handlings[0].waits == [Wait(1, 0.0, Moment.END_PLANNING, 3.0)]
+    assert reasons(history, second) == []
+
+
+def test_two_threads_of_a_module_wait_for_the_same_task() -> None:
+    story = Story().module("script")
+    task = TaskId(story.goal("walk", "script"))
+    for time in (1.0, 2.0):
+        story.at(time).say(facts.WaitBegan("script", 0, task, Moment.END_ACHIEVING))
+    for time in (3.0, 4.0):
+        story.at(time).say(facts.WaitEnded("script", 0, task))
+    assert [wait.end for wait in story.fold().modules["script"].waits] == [4.0, 3.0]
+
+
+def test_a_plan_first_goal_waits_for_what_is_under_it() -> None:
+    story = Story()
+    goal = story.goal("survey", "x", 0, plan_first(THIS))
+    story.delivered(goal, "m")
+    story.goal("look", "m", goal)
+    story.returned(goal)
+    assert story.fold().tasks[goal].state is State.PLANNING
+    assert reasons(story.fold(), goal) == ["until look {2} is planned"]
+
+
+def test_failed_and_killed_tasks_stay_so_though_they_end() -> None:
+    history = stumbling().fold()
+    assert history.tasks[7].state is State.FAILED
+    assert history.tasks[7].failure == "terrain collision: leg 4 met\x1b[31m rock"
+    assert history.tasks[6].state is State.ACHIEVED
+    assert {history.tasks[task].state for task in (1, 2, 3, 4, 9, 10)} == {State.KILLED}
+
+
+def test_a_failed_task_that_is_handled_anew_is_no_failure() -> None:
+    story = Story()
+    goal = story.goal("walk", "x")
+    story.delivered(goal, "m").returned(goal, Outcome.FAILED).say(facts.Failed(goal, "slip", ""))
+    assert story.fold().tasks[goal].state is State.FAILED
+    story.delivered(goal, "m")
+    assert story.fold().tasks[goal].state is State.PLANNING
+
+
+def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
+    story = Story().module("legs", "walk")
+    goal = story.goal("walk", "x")
+    story.delivered(goal, "legs").at(2.0).say(
+        facts.Failed(goal, "module lost", "killed"), facts.ModuleLeft("legs", "killed")
+    )
+    history = story.at(5.0).fold()
+    assert [(run.end, run.outcome) for run in history.handlings] == [(2.0, Outcome.FAILED)]
+    assert history.running("legs", "legs") == []
+    assert history.modules["legs"].joined == [(0.0, 2.0)]
+    assert history.modules["legs"].left == "killed"
+
+
+def test_a_delivery_that_goes_to_another_module() -> None:
+    story = Story().module("one", "walk").module("two", "walk")
+    goal = story.goal("walk", "x")
+    story.delivered(goal, "one").at(2.0).queued(goal, "two").at(3.0).delivered(goal, "two")
+    history = story.fold()
+    assert [(run.module, run.start, run.end) for run in history.handlings] == [("one", 0.0, 2.0), ("two", 3.0, None)]
+    assert [(queue.start, queue.end) for queue in history.queueings] == [(2.0, 3.0)]
+    assert [run.module for run in history.running("two", "two")] == ["two"]
+
+
+def test_a_broadcast_has_a_handling_for_each_receiver() -> None:
+    story = Story()
+    pose = story.received("pose", MessageClass.BROADCAST, "legs")
+    for delivery, module in ((2, "map"), (3, "screen")):
+        story.say(facts.Queued(delivery, module, module), facts.Delivered(delivery, pose, module, module))
+    story.at(1.0).say(facts.Returned(2, Outcome.DONE, b""))
+    history = story.fold()
+    assert [(run.name, run.module, run.end) for run in history.messages[pose].handlings] == [
+        ("pose", "map", 1.0),
+        ("pose", "screen", None),
+    ]
+    assert [queue.message_id for queue in history.queueings] == [pose, pose]
+
+
+def test_a_query_that_is_dropped_keeps_nobody_waiting() -> None:
+    story = Story().module("script")
+    query = story.received("where", QUERY, "script", blocking=True)
+    story.queued(query).at(2.0).say(facts.Dropped(query, "its sender gave up"))
+    history = story.fold()
+    assert [(wait.start, wait.end) for wait in history.modules["script"].waits] == [(0.0, 2.0)]
+    assert history.queueings[0].end == 2.0
+    assert history.messages[query].dropped == "its sender gave up"
+
+
+def test_a_journal_may_begin_in_the_middle() -> None:
+    whole = walking().entries
+    for first in range(len(whole)):
+        history = History.until(whole[first:])
+        assert all(task.parent < task.id for task in history.tasks.values())
+    history = History.until(whole[8:])
+    assert str(history.tasks[2]) == "? {2}"
+    assert history.top == [2, 3]  # what was sent before hangs under the root
+
+
+def everything_about(history: History) -> None:
+    """Ask a history all that the tools ask; nothing may fail."""
+    for task in history.tasks.values():
+        why_waiting(history, TaskId(task.id))
+    for rows in (whole_outline(history), outline(history, shown_at_most=2)):
+        list(tree_lines(history, rows, width=60, with_data=True))
+        dot_source(history, rows, "title", with_data=True)
+    drawing = chart(history)
+    svg_text(drawing, "title")
+    list(chart_lines(drawing, 60))
+
+
+@pytest.mark.parametrize("story", [walking(), stumbling(), arcs()])
+def test_every_prefix_folds_and_shows(story: Story) -> None:
+    for length in range(len(story.entries) + 1):
+        everything_about(History.until(story.entries[:length]))
+
+
+IDS = st.integers(-2, 9)
+NAMES = st.sampled_from(["a", "b", "<&\x1b", ""])
+
+
+def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
+    return st.builds(
+        kind,
+        **{
+            name: strategy
+            for name, strategy in {
+                "id": IDS,
+                "message_id": IDS,
+                "task": IDS,
+                "parent": IDS,
+                "origin": IDS,
+                "moments": st.integers(0, 63),
+                "moment": st.sampled_from(list(map(int, Moment))),
+                "message": NAMES,
+                "module": NAMES,
+                "resource": NAMES,
+                "body": st.binary(max_size=4),
+            }.items()
+            if name in kind.__struct_fields__
+        },
+    )
+
+
+FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
+
+
+@given(st.lists(st.lists(FACTS, max_size=4), max_size=25))
+@settings(max_examples=150, deadline=None)
+def test_any_facts_at_all_fold_and_show(told: list[list[facts.Fact]]) -> None:
+    wording = Wording()
+    entries = [facts.Entry(number, number / 3, said) for number, said in enumerate(told)]
+    history = History.until(entries)
+    everything_about(history)
+    for entry in entries:
+        for fact in entry.facts:
+            assert wording.words(fact) is not None
+    assert all(task.parent < task.id for task in history.tasks.values())
+
+
+def test_a_tree_may_be_as_deep_as_it_likes() -> None:
+    story, parent = Story(), 0
+    for _ in range(5_000):
+        parent = story.goal("take steps", "planner", parent)
+        story.reached(parent, PLANNING)
+    history = story.fold()
+    rows = whole_outline(history)
+    assert rows[-1].depth == 4_999
+    assert all(len(click.unstyle(line)) < 90 for line in tree_lines(history, rows, width=None))
+    assert dot_source(history, rows, "deep").count(" -> ") == 4_999

@@ -1,0 +1,181 @@
+import datetime as dt
+import itertools
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from click.testing import Result
+from tools.story import Story, stumbling, walking
+
+from tca_tools.data import data_text, plain_data
+from tca_tools.log import KINDS
+from tca_wire import facts
+from tca_wire.headers import MessageClass, Outcome, Refusal
+from tca_wire.points import ALL_MOMENTS, Moment, TaskId
+
+Tca = Callable[..., Result]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return stumbling().write(tmp_path / "run", segments=2)
+
+
+def told_of_everything() -> Story:
+    """A story with each kind of fact at least once."""
+    story = Story().module("legs", "walk", resource="motors")
+    story.say(facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "legs"))
+    goal = story.goal("walk", "script", 0, data={"metres": 2.5})
+    story.queued(goal).at(1.25).delivered(goal, "legs", "motors")
+    pose = story.received("pose", MessageClass.BROADCAST, "legs", origin=goal)
+    story.say(facts.Delivered(9, pose, "map", "map"), facts.Returned(9, Outcome.DONE, b""))
+    story.say(facts.Constrained([]), facts.WaitBegan("legs", goal, TaskId(goal), Moment.END_PLANNING))
+    story.at(61.5).say(facts.WaitEnded("legs", goal, TaskId(goal)), facts.WaitBegan("script", 0, TaskId(goal), 32))
+    story.returned(goal, Outcome.FAILED).say(facts.Failed(goal, "slip", ""), facts.Killed(TaskId(goal), "slipped"))
+    story.say(facts.Dropped(77, "nobody listens"), facts.Answered(pose))
+    story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
+    story.say(facts.RequestRefused("?", Refusal.PROTOCOL, "no hello\n"))
+    return story.at(100.0).say(facts.Reached(TaskId(goal), ALL_MOMENTS), facts.Closed("interrupted"))
+
+
+def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+    result = tca("log", "show", run)
+    assert result.exit_code == 0
+    expect("log_stumbling", result.stdout)
+
+
+def test_every_kind_of_fact_has_words(tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+    story = told_of_everything()
+    assert {facts.kind_of(fact) for entry in story.entries for fact in entry.facts} == set(KINDS)
+    expect("log_every_kind", tca("log", "show", story.write(tmp_path / "run")).stdout)
+
+
+def test_lines_are_cut_to_the_terminal(tca: Tca, run: Path) -> None:
+    whole = tca("log", "show", run).stdout.splitlines()
+    narrow = tca("log", "show", run, COLUMNS="60").stdout.splitlines()
+    assert max(map(len, narrow)) == 60
+    assert [line if len(line) <= 60 else line[:59] + "…" for line in whole] == narrow
+
+
+def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
+    result = tca("log", "show", told_of_everything().write(tmp_path / "run"), "--json")
+    rows = [json.loads(line) for line in result.stdout.splitlines()]
+    assert {row["kind"] for row in rows} == set(KINDS)
+    assert next(row for row in rows if row["kind"] == "received") == {
+        "t": 0.0,
+        "cause": 1,
+        "kind": "received",
+        "id": 1,
+        "message": "walk",
+        "message_class": "goal",
+        "sender": "script",
+        "parent": 0,
+        "origin": 0,
+        "blocking": False,
+        "constraints": [],
+        "data": {"metres": 2.5},
+    }
+
+
+def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
+    rows = map(json.loads, tca("log", "show", run, "--json", "--task", 3, "--kind", "received").stdout.splitlines())
+    assert next(row for row in rows if row["id"] == 3)["constraints"] == [
+        {"before": {"task": 2, "moment": "end achieving"}, "after": {"task": 3, "moment": "start achieving"}}
+    ]
+
+
+def test_only_one_task(tca: Tca, run: Path) -> None:
+    lines = tca("log", "show", run, "--task", 6).stdout.splitlines()
+    kinds = ["received", "reached", "received", "delivered", "reached", "returned", "reached", "reached"]
+    assert [line.split()[1] for line in lines] == kinds
+    assert "goal" not in "".join(lines)
+    assert "take steps {2}" in lines[0]  # named, though the fact that names it is not shown
+
+
+def test_only_one_kind(tca: Tca, run: Path) -> None:
+    lines = tca("log", "show", run, "--kind", "failed", "--kind", "closed").stdout.splitlines()
+    assert [line.split()[1] for line in lines] == ["failed", "closed"]
+    assert tca("log", "show", run, "--kind", "fialed").exit_code == 2
+
+
+def test_control_characters_do_not_reach_the_terminal(tca: Tca, run: Path) -> None:
+    line = tca("log", "show", run, "--kind", "failed").stdout
+    assert line.rstrip("\n").isprintable()
+    assert r"leg 4 met\x1b[31m rock" in line
+
+
+def test_damage_is_told_after_what_is_good(tca: Tca, run: Path) -> None:
+    segment = run / "00000002.tcaj"
+    content = bytearray(segment.read_bytes())
+    content[len(content) * 3 // 4] ^= 1
+    segment.write_bytes(content)
+    result = tca("log", "show", run)
+    assert result.exit_code == 1
+    assert len(result.stdout.splitlines()) > 20
+    assert result.stderr.startswith(f"tca: {segment}, byte ")
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_log_that_is_none(tca: Tca, tmp_path: Path) -> None:
+    result = tca("log", "show", tmp_path / "x")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == (
+        f"tca: {tmp_path}/x: there is no such file or directory: name a journal directory or a segment\n"
+    )
+
+
+def test_following_shows_what_is_there_and_ends_when_interrupted(
+    tca: Tca, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(_seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(time, "sleep", interrupt)
+    result = tca("log", "show", run, "--follow")
+    assert result.exit_code == 130
+    assert result.stdout == tca("log", "show", run).stdout
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ({"radius": 5.0, "leg": None}, '{"radius": 5.0, "leg": null}'),
+        ({1: True, "list": [1, "é"]}, '{"1": true, "list": [1, "é"]}'),
+        (b"\x00\xff", '{"base64": "AP8="}'),
+        (msgspec.msgpack.Ext(9, b"\x01"), '{"extension": 9, "base64": "AQ=="}'),
+        (dt.datetime(2025, 1, 2, tzinfo=dt.UTC), '"2025-01-02T00:00:00+00:00"'),
+        ([float("nan"), float("-inf")], '["nan", "-inf"]'),
+        ("\x1b[2J", r'"\u001b[2J"'),
+        ("\u202e", r'"\u202e"'),
+    ],
+)
+def test_data_as_text(value: Any, text: str) -> None:
+    assert data_text(msgspec.msgpack.encode(value)) == text
+
+
+def test_an_array_is_shown_by_its_kind_and_shape() -> None:
+    array = msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["<f8", (2, 3), bytes(48)]))
+    assert plain_data(msgspec.msgpack.encode({"map": array})) == {"map": {"dtype": "<f8", "shape": [2, 3]}}
+
+
+def test_data_that_is_none_or_odd() -> None:
+    assert data_text(b"") == data_text(b"\xc0") == ""
+    assert (
+        data_text(b"\xc1")
+        == '{"undecodable": "1 bytes: MessagePack data is malformed: invalid opcode \'\\\\xc1\' (byte 0)"}'
+    )
+    assert len(data_text(msgspec.msgpack.encode("x" * 100_000))) < 3_000
+    deep: Any = 1
+    for _ in itertools.repeat(None, 200):
+        deep = [deep]
+    assert "…" in data_text(msgspec.msgpack.encode(deep))
+
+
+def test_walking_stays_as_it_is(tca: Tca, tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run")
+    assert tca("log", "show", folder / "00000001.tcaj").stdout == tca("log", "show", folder).stdout

@@ -1,0 +1,172 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tools.story import Story, walking
+
+from tca_tools.errors import DamagedLog, UnusableLog
+from tca_tools.logs import Log, journals_folder, open_log
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal import record
+
+
+def numbers(log: Log) -> list[int]:
+    return [entry.number for entry in log if entry.number]
+
+
+def test_a_directory_continues_from_segment_to_segment(tmp_path: Path) -> None:
+    story = walking()
+    assert numbers(open_log(story.write(tmp_path / "run", segments=3))) == [entry.number for entry in story.entries]
+
+
+def test_a_segment_is_a_log_of_its_own(tmp_path: Path) -> None:
+    story = walking()
+    folder = story.write(tmp_path / "run", segments=2)
+    second = numbers(open_log(folder / "00000002.tcaj"))
+    assert second == [entry.number for entry in story.entries][-len(second) :]
+    assert open_log(folder).name == "run"
+
+
+def test_without_a_path_the_newest_run_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for name in ("20250101-120000", "20250102-080000"):
+        walking().write(tmp_path / "tca" / "journals" / name)
+    (tmp_path / "tca" / "journals" / "20250103-000000").mkdir()  # a run that wrote nothing
+    assert open_log(None).name == "20250102-080000"
+
+
+def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    with pytest.raises(UnusableLog, match="no journal below"):
+        open_log(None)
+    monkeypatch.delenv("XDG_STATE_HOME")
+    assert journals_folder().parts[-4:] == (".local", "state", "tca", "journals")
+
+
+def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UnusableLog, match="there is no such file"):
+        open_log(tmp_path / "nothing")
+    with pytest.raises(UnusableLog, match="a directory without segments"):
+        open_log(tmp_path / "empty")
+    with pytest.raises(UnusableLog, match="neither a file nor a directory"):
+        open_log(Path("/dev/null"))
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "empty"),
+        (b"#!/bin/sh\necho a foreign file\n", "not a journal"),
+        (b"\0" * 50, "not a journal"),
+        (walking().encoded()[:7], "not a journal"),
+        (record(Entry(1, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")])), "later version"),
+        (record(Entry(1, 0.0, [facts.Closed("it does not begin with an opening")])), "not a journal"),
+    ],
+)
+def test_what_is_no_journal_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
+    path = tmp_path / "00000001.tcaj"
+    path.write_bytes(content)
+    with pytest.raises(UnusableLog, match=complaint):
+        list(open_log(path))
+
+
+def test_what_cant_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "00000001.tcaj").mkdir()
+    with pytest.raises(UnusableLog, match="can't be read: Is a directory"):
+        list(open_log(tmp_path))
+
+
+def test_a_torn_tail_is_no_damage(tmp_path: Path) -> None:
+    story = walking()
+    path = tmp_path / "00000001.tcaj"
+    path.write_bytes(story.encoded()[:-3])
+    log = open_log(path)
+    assert len(numbers(log)) == len(story.entries) - 1
+    log.check()
+
+
+def test_damage_ends_the_log_and_is_told_after_what_is_good(tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run", segments=2)
+    first = folder / "00000001.tcaj"
+    content = bytearray(first.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    first.write_bytes(content)
+    log = open_log(folder)
+    assert numbers(log)[:3] == [1, 2, 3]
+    with pytest.raises(DamagedLog, match=r"00000001.tcaj, byte \d+: .*; what comes before it is shown"):
+        log.check()
+
+
+def test_a_later_segment_that_cant_be_read_is_damage(tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run")
+    (folder / "00000002.tcaj").mkdir()
+    log = open_log(folder)
+    assert numbers(log)
+    with pytest.raises(DamagedLog, match=r"00000002\.tcaj: can't be read"):
+        log.check()
+
+
+class Enough(Exception):
+    pass
+
+
+def followed(log: Log, *happenings: Callable[[], object]) -> list[int]:
+    """The numbers of the entries that come while these things happen, one a wait."""
+    left = list(happenings)
+
+    def wait() -> None:
+        if not left:
+            raise Enough
+        left.pop(0)()
+
+    seen: list[int] = []
+    with pytest.raises(Enough):  # noqa: PT012 - what came before the end counts
+        for entry in log.follow(wait):
+            seen.append(entry.number)  # noqa: PERF401
+    return seen
+
+
+def test_following_sees_what_is_added_and_new_segments(tmp_path: Path) -> None:
+    story = Story()
+    folder = story.write(tmp_path / "run")
+    first, second = folder / "00000001.tcaj", folder / "00000002.tcaj"
+    late = record(Entry(9, 9.0, []))
+
+    def add(path: Path, content: bytes) -> None:
+        with path.open("ab") as stream:
+            stream.write(content)
+
+    opening = record(Entry(10, 10.0, [facts.Opened(JOURNAL_VERSION, "epoch", 2, 0.0, "0.1.0")]))
+    seen = followed(
+        open_log(folder),
+        lambda: add(first, record(Entry(8, 8.0, []))),
+        lambda: add(first, late[:5]),
+        lambda: add(first, late[5:]),
+        lambda: add(second, opening),
+        lambda: None,
+        lambda: add(second, record(Entry(11, 11.0, []))),
+    )
+    assert seen == [1, 8, 9, 10, 11]
+
+
+def test_what_is_written_before_the_next_segment_begins_is_not_missed(tmp_path: Path) -> None:
+    folder = Story().write(tmp_path / "run")
+
+    def roll() -> None:
+        with (folder / "00000001.tcaj").open("ab") as stream:
+            stream.write(record(Entry(2, 2.0, [])))
+        opening = facts.Opened(JOURNAL_VERSION, "epoch", 2, 0.0, "0.1.0")
+        (folder / "00000002.tcaj").write_bytes(record(Entry(3, 3.0, [opening])))
+
+    assert followed(open_log(folder), roll) == [1, 2, 3]
+
+
+def test_following_ends_at_damage(tmp_path: Path) -> None:
+    path = tmp_path / "00000001.tcaj"
+    path.write_bytes(walking().encoded() + b"\xce garbage, and much of it")
+    log = open_log(path)
+    assert list(log.follow(lambda: None))
+    with pytest.raises(DamagedLog):
+        log.check()

@@ -1,0 +1,295 @@
+import builtins
+import re
+import shutil
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from click.testing import Result
+from tools.story import THIS, Story, arcs, stumbling, walking
+
+from tca_tools.records import State
+from tca_tools.tasktree_viz.arrows import arrows
+from tca_tools.tasktree_viz.dot import FILLS, dot_source
+from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.text import tree_lines
+from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
+from tca_wire.points import Moment, Point, TaskId
+
+Tca = Callable[..., Result]
+needs_dot = pytest.mark.skipif(not shutil.which("dot"), reason="Graphviz is not installed")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return walking().write(tmp_path / "run")
+
+
+def test_the_tree_in_words(tca: Tca, run: Path, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+    expect("tree_walking", tca("tree", run).stdout)
+    expect("tree_stumbling", tca("tree", stumbling().write(tmp_path / "fall"), "--data").stdout)
+    expect("tree_arcs", tca("tree", arcs().write(tmp_path / "arcs"), "--ascii").stdout)
+
+
+def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+    expect("tree_walking_at_1.0", tca("tree", run, "--at", 1.0).stdout)
+    assert tca("tree", run, "--at", 0.2).stdout.splitlines() == ["run: 0.20 s, 0 tasks", "(no task was sent)"]
+
+
+def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
+    lines = tca("tree", run, "--data", COLUMNS="70").stdout.splitlines()
+    assert max(map(len, lines)) == 70
+
+
+def test_a_terminal_without_these_characters_gets_others(tmp_path: Path) -> None:
+    from click.testing import CliRunner
+
+    from tca_tools.command_line import main
+
+    story = Story()
+    story.goal("go", "x")
+    story.goal("走る", "x", 1)
+    result = CliRunner(charset="latin-1").invoke(main, ["tree", str(story.write(tmp_path / "run"))])
+    assert result.exit_code == 0
+    assert r"`- \u8d70\u308b {2}" in result.stdout
+
+
+def test_damage_is_told_below_the_tree(tca: Tca, run: Path) -> None:
+    segment = run / "00000001.tcaj"
+    segment.write_bytes(segment.read_bytes() + b"\xce and then garbage")
+    for command in ("tree", "gantt"):
+        result = tca(command, run)
+        assert result.exit_code == 1
+        assert result.stdout.startswith("run: ")
+        assert "there is no record here; what comes before it is shown" in result.stderr
+
+
+def a_long_walk(achieved: int, held: int) -> Story:
+    """One goal with commands in sequence, so many of them achieved."""
+    story = Story()
+    walk = story.goal("walk", "x")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    for number in range(achieved + held):
+        command = story.command("step", "planner", walk)
+        if number < achieved:
+            story.acted(command, "legs", 0.5)
+    return story.returned(walk)
+
+
+def test_a_large_tree_is_folded_where_it_is_achieved() -> None:
+    rows = outline(a_long_walk(achieved=400, held=3).fold())
+    assert [row.folded or str(row.task) for row in rows] == [
+        *("walk {1}", "step {2}", "step {3}", 398),
+        *("step {402}", "step {403}", "step {404}"),
+    ]
+    assert [row.is_last for row in rows] == [True, *[False] * 5, True]
+
+
+def test_a_whole_tree_shows_every_task(tca: Tca, tmp_path: Path) -> None:
+    folder = a_long_walk(achieved=400, held=3).write(tmp_path / "run")
+    assert len(tca("tree", folder, "--all").stdout.splitlines()) == 2 + 404
+    folded = tca("tree", folder).stdout.splitlines()
+    assert "├─ + 398 tasks achieved" in folded
+
+
+def test_long_runs_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: Path) -> None:
+    folder = a_long_walk(achieved=0, held=40).write(tmp_path / "run")
+    assert len(tca("tree", folder).stdout.splitlines()) == 2 + 41
+    tca("tree", folder, "-o", tmp_path / "walk.dot")
+    dot = (tmp_path / "walk.dot").read_text()
+    assert '"+ 36 tasks held"' in dot
+    assert "t5 " not in dot
+
+
+def test_what_went_wrong_is_never_folded() -> None:
+    story = a_long_walk(achieved=400, held=0)
+    story.say(facts_of_failure(story, 200))
+    shown = {row.task.id for row in outline(story.fold(), shown_at_most=5) if row.task}
+    assert 200 in shown
+    assert len(shown) < 10
+
+
+def facts_of_failure(_story: Story, task: int) -> Any:
+    from tca_wire.facts import Failed
+
+    return Failed(task, "slip", "on ice")
+
+
+def test_deep_achieved_parts_are_folded_first() -> None:
+    story, parent = Story(), 0
+    ids = []
+    for _ in range(30):
+        parent = story.goal("take steps", "planner", parent)
+        ids.append(parent)
+    for task in reversed(ids):
+        story.reached(task, *Moment)
+    rows = outline(story.fold(), shown_at_most=10)
+    assert [row.task.id for row in rows if row.task] == ids[:10]
+    assert rows[-1].folded == 20
+
+
+def test_constraints_become_one_arrow_between_two_tasks() -> None:
+    history = walking().fold()
+    found = arrows(history, set(history.tasks))
+    assert found.between == {
+        (2, 3): ["SEQ"],
+        (3, 4): ["SEQ", "plan ahead"],
+        (6, 7): ["SEQ"],
+        (9, 10): ["SEQ"],
+    }
+    assert arrows(history, {1, 2, 4}).between == {}
+
+
+def test_delayed_planning_joins_the_arrow_of_the_sequence() -> None:
+    history = arcs().fold()
+    assert arrows(history, set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
+
+
+def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
+    story = Story()
+    story.goal("a", "x", 0, plan_first(THIS))
+    story.goal("b", "x", 0, delay_planning(THIS))
+    odd = Constraint(Point(TaskId(1), Moment.END_HANDLING), Point(THIS, Moment.START_HANDLING))
+    story.goal("c", "x", 0, odd, sequential_achievement(TaskId(1), THIS))
+    history = story.fold()
+    found = arrows(history, {1, 2, 3})
+    assert found.own == {1: ["plan first"], 2: ["DP"]}
+    assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
+
+
+def test_the_picture_shows_classes_states_and_order() -> None:
+    history = walking().fold()
+    dot = dot_source(history, whole_outline(history), "<walk> & talk")
+    nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
+    assert 'style="filled,rounded"' in nodes["t2"]
+    assert 'style="filled"' in nodes["t7"]
+    assert f'fillcolor="{FILLS[State.ACHIEVED]}"' in nodes["t6"]
+    assert "handling since 3.40" in nodes["t7"]
+    assert "achieved 1.40–3.40" in nodes["t6"]
+    assert "{ rank=same; t2; t3; t4;  }" in dot
+    assert "t1 -> t2 [weight=2];" in dot
+    assert "&lt;walk&gt; &amp; talk" in dot
+
+
+def test_siblings_without_constraints_keep_their_order() -> None:
+    story = Story()
+    for name in "abc":
+        story.goal(name, "x")
+    history = story.fold()
+    dot = dot_source(history, whole_outline(history), "abc")
+    assert "{ rank=same; t1; t2; t3; t1 -> t2 [style=invis]; t2 -> t3 [style=invis]; }" in dot
+
+
+def hostile() -> Story:
+    """Names and data that would break a careless writer of dot."""
+    story = Story()
+    goal = story.goal('a "quoted" \\n <b>&amp;</b> \x1b[0m ' + "x" * 200, "x", data={'"': "\\", "<": ">\n"})
+    story.goal("", "x", goal, data="]" * 500)
+    story.goal("走る ロボット", "x", goal)
+    return story
+
+
+@needs_dot
+@pytest.mark.parametrize("story", [walking(), stumbling(), arcs(), hostile(), Story(), a_long_walk(3, 40)])
+def test_pictures_are_pictures(tca: Tca, tmp_path: Path, story: Story) -> None:
+    picture = tmp_path / "tree.svg"
+    result = tca("tree", story.write(tmp_path / "run"), "--data", "-o", picture)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert ET.fromstring(picture.read_text()).tag.endswith("svg")
+
+
+@needs_dot
+def test_siblings_stand_beside_each_other_in_the_picture(tca: Tca, run: Path, tmp_path: Path) -> None:
+    tca("tree", run, "-o", tmp_path / "tree.svg")
+    places = {}
+    for group in ET.parse(tmp_path / "tree.svg").iter("{http://www.w3.org/2000/svg}g"):
+        if group.get("class") == "node":
+            text = next(group.iter("{http://www.w3.org/2000/svg}text"))
+            places[group[0].text] = (float(text.get("x", 0)), float(text.get("y", 0)))
+    assert places["t2"][0] < places["t3"][0] < places["t4"][0]
+    assert places["t2"][1] == places["t3"][1] == places["t4"][1]
+    assert places["t1"][1] < places["t2"][1] < places["t6"][1] == places["t10"][1]
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".dot"])
+def test_files_that_need_no_graphviz(tca: Tca, run: Path, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"tree{suffix}"
+    assert tca("tree", run, "-o", path).exit_code == 0
+    text = path.read_text()
+    assert text == tca("tree", run).stdout if suffix == ".txt" else text.startswith("digraph")
+
+
+def test_wrong_names_of_files(tca: Tca, run: Path, tmp_path: Path) -> None:
+    assert "must end in .svg, .png, .pdf, .dot or .txt" in tca("tree", run, "-o", tmp_path / "tree.gif").stderr
+    result = tca("tree", run, "-o", tmp_path / "no" / "such" / "folder.txt")
+    assert result.exit_code == 1
+    assert result.stderr.endswith("folder.txt: can't be written: No such file or directory\n")
+
+
+def without(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Make these packages impossible to import."""
+    real = builtins.__import__
+
+    def fake(name: str, *rest: Any, **more: Any) -> Any:
+        if name in names:
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", fake)
+
+
+def test_without_graphviz_a_text_is_written_instead(
+    tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without(monkeypatch, "graphviz", "pygraphviz")
+    result = tca("tree", run, "-o", tmp_path / "tree.svg")
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "tca: no picture can be drawn: the Python package 'graphviz' is missing (pip install 'tca[pictures]'),"
+        f" and so is the package 'pygraphviz'; wrote {tmp_path}/tree.txt instead\n"
+    )
+    assert (tmp_path / "tree.txt").read_text() == tca("tree", run).stdout
+    assert not (tmp_path / "tree.svg").exists()
+
+
+def test_without_dot_pygraphviz_draws(tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    graphviz = pytest.importorskip("graphviz")
+
+    def no_dot(*_: Any, **__: Any) -> bytes:
+        raise graphviz.ExecutableNotFound(["dot"])
+
+    class Graph:
+        def __init__(self, string: str) -> None:
+            assert string.startswith("digraph")
+
+        def draw(self, **how: str) -> bytes:
+            assert how == {"format": "svg", "prog": "dot"}
+            return b"<svg/>"
+
+    monkeypatch.setattr(graphviz.Source, "pipe", no_dot)
+    fake = types.ModuleType("pygraphviz")
+    fake.AGraph = Graph  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pygraphviz", fake)
+    assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
+    assert (tmp_path / "tree.svg").read_bytes() == b"<svg/>"
+
+
+def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
+    story, parent = Story(), 0
+    for _ in range(3_100):
+        parent = story.goal("take steps", "planner", parent)
+    result = tca("tree", story.write(tmp_path / "run"), "-o", tmp_path / "tree.png")
+    assert result.exit_code == 1
+    assert "3100 tasks are too many for a picture" in result.stderr
+
+
+def test_wide_characters_keep_the_columns() -> None:
+    story = Story()
+    story.goal("走る", "x")
+    story.goal("walk", "x")
+    lines = list(tree_lines(story.fold(), whole_outline(story.fold())))
+    assert lines[1].index("held") + 2 == lines[2].index("held")
