@@ -244,17 +244,36 @@ def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
 FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
 
 
-@given(st.lists(st.lists(FACTS, max_size=4), max_size=25))
-@settings(max_examples=150, deadline=None)
-def test_any_facts_at_all_fold_and_show(told: list[list[facts.Fact]]) -> None:
+@given(st.lists(FACTS, max_size=80))
+@settings(max_examples=120, deadline=None)
+def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
     wording = Wording()
-    entries = [facts.Entry(number, number / 3, said) for number, said in enumerate(told)]
-    history = History.until(entries)
+    history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))
     everything_about(history)
-    for entry in entries:
-        for fact in entry.facts:
-            assert wording.words(fact) is not None
+    assert all(isinstance(wording.words(fact), str) for fact in told)
     assert all(task.parent < task.id for task in history.tasks.values())
+
+
+def test_a_parent_that_cant_be_is_none() -> None:
+    story = Story()
+    for parent in (1, 7, -3):
+        story.goal("walk", "x", parent)
+    history = story.fold()
+    assert [task.parent for task in history.tasks.values()] == [0, 0, 0]
+    assert history.top == [1, 2, 3]
+
+
+def test_a_killed_task_queues_no_more() -> None:
+    story = Story()
+    story.queued(story.goal("walk", "x")).at(2.0).say(facts.Killed(TaskId(1), "enough")).at(5.0)
+    assert [queue.end for queue in story.fold().queueings] == [2.0]
+
+
+def test_only_who_blocks_waits() -> None:
+    story = Story().module("script")
+    story.received("where", QUERY, "script", blocking=False)
+    story.goal("walk", "script", blocking=True)  # answered at once: it was accepted
+    assert story.fold().modules["script"].waits == []
 
 
 def test_a_tree_may_be_as_deep_as_it_likes() -> None:
@@ -265,5 +284,8 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
     history = story.fold()
     rows = whole_outline(history)
     assert rows[-1].depth == 4_999
-    assert all(len(click.unstyle(line)) < 90 for line in tree_lines(history, rows, width=None))
+    lines = [click.unstyle(line) for line in tree_lines(history, rows, width=None)]
+    assert all(len(line) < 90 for line in lines)
+    assert lines[-8].startswith("[4992] └─ take steps {4993}")
+    assert "take steps {5000}" in lines[-1]
     assert dot_source(history, rows, "deep").count(" -> ") == 4_999

@@ -151,16 +151,23 @@ def test_following_sees_what_is_added_and_new_segments(tmp_path: Path) -> None:
     assert seen == [1, 8, 9, 10, 11]
 
 
+class Rolling(Log):
+    """A log to which central adds an entry, and then a segment, just before it is asked for its segments again."""
+
+    asked = 0
+
+    def segments(self) -> list[Path]:
+        self.asked += 1
+        if self.asked == 2:
+            with (self.path / "00000001.tcaj").open("ab") as stream:
+                stream.write(record(Entry(2, 2.0, [])))
+            opening = facts.Opened(JOURNAL_VERSION, "epoch", 2, 0.0, "0.1.0")
+            (self.path / "00000002.tcaj").write_bytes(record(Entry(3, 3.0, [opening])))
+        return super().segments()
+
+
 def test_what_is_written_before_the_next_segment_begins_is_not_missed(tmp_path: Path) -> None:
-    folder = Story().write(tmp_path / "run")
-
-    def roll() -> None:
-        with (folder / "00000001.tcaj").open("ab") as stream:
-            stream.write(record(Entry(2, 2.0, [])))
-        opening = facts.Opened(JOURNAL_VERSION, "epoch", 2, 0.0, "0.1.0")
-        (folder / "00000002.tcaj").write_bytes(record(Entry(3, 3.0, [opening])))
-
-    assert followed(open_log(folder), roll) == [1, 2, 3]
+    assert followed(Rolling(Story().write(tmp_path / "run"))) == [1, 2, 3]
 
 
 def test_following_ends_at_damage(tmp_path: Path) -> None:

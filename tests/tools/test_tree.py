@@ -18,6 +18,7 @@ from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
+from tca_wire.facts import Failed
 from tca_wire.points import Moment, Point, TaskId
 
 Tca = Callable[..., Result]
@@ -107,16 +108,22 @@ def test_long_runs_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: 
 
 def test_what_went_wrong_is_never_folded() -> None:
     story = a_long_walk(achieved=400, held=0)
-    story.say(facts_of_failure(story, 200))
-    shown = {row.task.id for row in outline(story.fold(), shown_at_most=5) if row.task}
-    assert 200 in shown
-    assert len(shown) < 10
+    for task in range(200, 210):
+        story.say(Failed(task, "slip", "on ice"))
+    rows = outline(story.fold(), shown_at_most=5)
+    failed = [f"step {{{task}}}" for task in range(200, 210)]
+    assert [row.folded or str(row.task) for row in rows] == ["walk {1}", 198, *failed, 192]
 
 
-def facts_of_failure(_story: Story, task: int) -> Any:
-    from tca_wire.facts import Failed
-
-    return Failed(task, "slip", "on ice")
+def test_what_went_wrong_deep_down_is_shown_with_what_it_hangs_under() -> None:
+    story, parent = Story(), 0
+    for _ in range(30):
+        parent = story.goal("take steps", "planner", parent)
+    for task in range(30, 0, -1):
+        story.reached(task, *Moment)
+    story.say(Failed(25, "slip", ""))
+    rows = outline(story.fold(), shown_at_most=10)
+    assert [row.task.id for row in rows if row.task] == list(range(1, 26))
 
 
 def test_deep_achieved_parts_are_folded_first() -> None:
@@ -147,6 +154,7 @@ def test_constraints_become_one_arrow_between_two_tasks() -> None:
 def test_delayed_planning_joins_the_arrow_of_the_sequence() -> None:
     history = arcs().fold()
     assert arrows(history, set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
+    assert arrows(history, set(history.tasks)).own == {}
 
 
 def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:

@@ -1,0 +1,72 @@
+"""The library that a robot module imports: declare messages, handle them, send them."""
+
+from tca_module.client import Client, connect
+from tca_module.constraints import this
+from tca_module.errors import (
+    BadData,
+    CentralLost,
+    FormatRefused,
+    MisuseError,
+    QueryFailed,
+    Refused,
+    TaskFailed,
+    TaskKilled,
+    TcaError,
+    Timeout,
+)
+from tca_module.module import Module
+from tca_module.sender import PendingReply, Sender, TaskOptions
+from tca_module.task import Task
+from tca_module.task_ref import TaskRef
+from tca_wire.constraints import Constraint
+from tca_wire.declarations import (
+    Broadcast,
+    Command,
+    Failure,
+    FailureRaised,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+)
+from tca_wire.errors import BadFormat
+from tca_wire.headers import Outcome
+from tca_wire.points import Edge, Interval, Point
+
+__all__ = [
+    "BadData",
+    "BadFormat",
+    "Broadcast",
+    "CentralLost",
+    "Client",
+    "Command",
+    "Constraint",
+    "Edge",
+    "Failure",
+    "FailureRaised",
+    "FormatRefused",
+    "Goal",
+    "Inform",
+    "Interval",
+    "Message",
+    "MisuseError",
+    "Module",
+    "MultiQuery",
+    "Outcome",
+    "PendingReply",
+    "Point",
+    "Query",
+    "QueryFailed",
+    "Refused",
+    "Sender",
+    "Task",
+    "TaskFailed",
+    "TaskKilled",
+    "TaskOptions",
+    "TaskRef",
+    "TcaError",
+    "Timeout",
+    "connect",
+    "this",
+]

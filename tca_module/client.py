@@ -1,0 +1,120 @@
+"""Connections from outside of handlers: what opens one, and the client for scripts that are no module."""
+
+import os
+import socket
+from collections.abc import Callable
+from secrets import token_hex
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self
+
+import msgspec
+
+from tca_module.connection import PATIENCE, Connection
+from tca_module.errors import CentralLost, MisuseError
+from tca_module.sender import Sender
+from tca_module.session import Session
+from tca_module.transport import DealerTransport, Transport
+from tca_wire.endpoint import default_endpoint
+from tca_wire.headers import PROTOCOL_VERSION, Ask, Hello
+
+Topic = Literal["status", "modules", "messages", "tree"]
+
+
+class CentralNearby(Protocol):
+    """A central that is reached without a socket, such as LocalCentral."""
+
+    def transport(self) -> Transport:
+        """A new connection to it."""
+
+
+CentralAddress = str | CentralNearby | None
+"""Where central is: a ZeroMQ address, one in this process, or None: $TCA_CENTRAL or the default socket."""
+
+
+def open_connection(
+    central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False
+) -> Connection:
+    """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds."""
+    if central is None or isinstance(central, str):
+        transport: Transport = DealerTransport(central or default_endpoint())
+    else:
+        transport = central.transport()
+    connection = Connection(transport, Session(hello), patience=patience)
+    try:
+        connection.open(is_stopped)
+    except BaseException:
+        transport.close()
+        raise
+    return connection
+
+
+def hello(module: str, incarnation: str, connection: int = 0, resource: str = "") -> Hello:
+    """How a connection introduces itself."""
+    process = f"{socket.gethostname()}:{os.getpid()}"
+    return Hello(0, PROTOCOL_VERSION, module, incarnation, connection, resource, process)
+
+
+def new_incarnation() -> str:
+    """A name for one run of a module, and no other."""
+    return token_hex(8)
+
+
+def checked_module_name(name: str) -> str:
+    """*name*, if modules may be called so. Raises MisuseError."""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 128:
+        msg = f"{name!r:.60} is no module name: 1 to 128 printable characters are"
+        raise MisuseError(msg)
+    return name
+
+
+class Client(Sender):
+    """A connection of a program that handles nothing; what it sends hangs under the root. For one thread."""
+
+    def __init__(self, connection: Connection) -> None:
+        super().__init__()
+        self._link: Connection | None = connection
+
+    @property
+    def name(self) -> str:
+        """The name under which central knows this client."""
+        return self._connection().session.module
+
+    @property
+    def address(self) -> str:
+        """Central's address."""
+        return self._connection().address
+
+    def status(self, topic: Topic = "status") -> Any:
+        """What central knows of a topic, as plain values: "status", "modules", "messages" or "tree"."""
+        connection = self._connection()
+        request = connection.request(Ask(0, topic), wants_answer=True)
+        connection.wait(request, None, f"the question for {topic}")
+        return msgspec.msgpack.decode(request.answers[-1][1])
+
+    def close(self) -> None:
+        """Say goodbye to central; twice does no harm."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _connection(self) -> Connection:
+        if self._link is None:
+            msg = "this client is closed: use it inside its 'with' block, or connect() again"
+            raise MisuseError(msg)
+        return self._link
+
+
+def connect(name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2) -> Client:
+    """Connect to central from a program that is no module. Raises CentralLost if none answers in *patience* seconds."""
+    return Client(open_connection(central, hello(checked_module_name(name), new_incarnation()), patience))
+
+
+__all__ = ["CentralAddress", "CentralLost", "CentralNearby", "Client", "Topic", "connect"]

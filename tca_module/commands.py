@@ -1,0 +1,134 @@
+"""The command line's questions to a running central: ``tca status``, ``tca modules`` and ``tca messages``."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import click
+
+from tca_module.client import Client, connect
+from tca_module.errors import CentralLost, MisuseError, TcaError
+from tca_wire.endpoint import VARIABLE
+
+_PATIENCE = 2.0  # seconds that a person waits for central
+_SHOWN = 20  # lines about what waits
+
+Rows = list[list[str]]
+
+
+def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
+    """Make a command of a function that returns what to show, as data and as text."""
+
+    def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
+        @click.command(name, help=answer.__doc__)
+        @click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
+        @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+        def command(central: str | None, *, as_json: bool) -> None:
+            try:
+                with connect(f"tca {name}", central, patience=_PATIENCE) as client:
+                    data, text = answer(client)
+            except MisuseError as error:
+                raise click.UsageError(str(error)) from None
+            except (CentralLost, TcaError) as error:
+                raise click.ClickException(str(error)) from None
+            click.echo(json.dumps(data, indent=1) if as_json else text)
+
+        return command
+
+    return command_of
+
+
+@_question("status")
+def status(client: Client) -> tuple[Any, str]:
+    """Show how central is doing, and what waits for what."""
+    overview = client.status("status")
+    waiting = [*_waiting_messages(client), *_waiting_resources(client), *_held_tasks(client)]
+    shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
+    parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
+    if waiting:
+        parts += ["", *_table(["waits", "for"], waiting[:_SHOWN])]
+        parts += [f"... and {len(waiting) - _SHOWN} more"] * (len(waiting) > _SHOWN)
+    data = {**overview, "waiting": [{"what": what, "for": why} for what, why in waiting]}
+    return data, "\n".join(parts)
+
+
+@_question("modules")
+def modules(client: Client) -> tuple[Any, str]:
+    """List the modules that are connected, and what their resources do."""
+    known = [module for module in client.status("modules") if module["module"] != client.name]
+    rows: Rows = []
+    for module in known:
+        resources = module["resources"] or [None]
+        for resource in resources:
+            first = resource is resources[0]
+            handles = ", ".join(module["handles"]) or "-"
+            about = [module["module"], module["process"], handles] if first else ["", "", ""]
+            rows.append([*about[:2], *_about_resource(resource), about[2]])
+    heads = ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
+    return known, "\n".join(_table(heads, rows)) if rows else "no modules are connected"
+
+
+@_question("messages")
+def messages(client: Client) -> tuple[Any, str]:
+    """List the messages that have been declared, and who handles them."""
+    known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
+    rows = [
+        [
+            message["message"],
+            message["class"],
+            ", ".join(message["handlers"]) or "nobody",
+            str(message["waiting"] or ""),
+        ]
+        for message in known
+    ]
+    text = "\n".join(_table(["message", "class", "handled by", "waiting"], rows))
+    return known, text if rows else "no messages have been declared"
+
+
+def _about_resource(resource: dict[str, Any] | None) -> list[str]:
+    if resource is None:
+        return ["-", "", "", ""]
+    handling = ", ".join(map(str, resource["handling"])) or "-"
+    return [resource["resource"], str(resource["capacity"]), handling, str(resource["waiting"] or "")]
+
+
+def _waiting_messages(client: Client) -> Iterator[list[str]]:
+    for message in client.status("messages"):
+        if message["waiting"]:
+            yield [f"{message['waiting']} of {message['class']} '{message['message']}'", "a module that handles it"]
+
+
+def _waiting_resources(client: Client) -> Iterator[list[str]]:
+    for module in client.status("modules"):
+        for resource in module["resources"]:
+            if resource["waiting"]:
+                busy = ", ".join(map(str, resource["handling"])) or "nothing"
+                name = f"{module['module']}/{resource['resource']}"
+                yield [f"{resource['waiting']} for resource '{name}'", f"the end of what it handles: {busy}"]
+
+
+def _held_tasks(client: Client) -> Iterator[list[str]]:
+    for task in client.status("tree"):
+        for moment, count in task["held"].items():
+            constraints = f"{count} constraint{'s' * (count != 1)}"
+            yield [f"task {task['task']} '{task['message']}'", f"{constraints} on its {moment}"]
+
+
+def _wrapped(parts: Sequence[str], width: int = 100) -> list[str]:
+    lines = [""]
+    for part in parts:
+        joined = f"{lines[-1]}, {part}" if lines[-1] else part
+        lines = [*lines[:-1], joined] if len(joined) <= width else [*lines, part]
+    return lines
+
+
+def _table(heads: list[str], rows: Rows) -> list[str]:
+    """Columns as wide as their widest cell."""
+    cells = [[_printable(cell) for cell in row] for row in [heads, *rows]]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
+
+
+def _printable(text: str) -> str:
+    """*text* without characters that would steer a terminal."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

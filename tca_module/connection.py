@@ -1,0 +1,270 @@
+"""A session on a transport: the waits. Used by one thread only; every blocking call of the package ends up here.
+
+While a thread waits here and central delivers a message to it, the message is handled within the wait (``attend``):
+a handler may ask its own resource something without waiting for itself for ever.
+"""
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Stopped, Timeout
+from tca_module.session import Request, Session, refers_to_tasks
+from tca_module.transport import Transport
+from tca_wire.codec import pack_item, unpack_to_module
+from tca_wire.declarations import Message
+from tca_wire.errors import ProtocolError
+from tca_wire.headers import Bye, Deliver, HandlerFormat, Limit, Refusal, Register, ToCentral, Unregister
+
+PATIENCE = 10.0
+"""Seconds without a word from central after which a wait ends with CentralLost."""
+
+ACKNOWLEDGED_WITHIN = 30.0
+"""Seconds that central may take to accept or refuse a request while it does say other things."""
+
+_STEP = 0.2  # seconds at a time that a wait listens, so that stops are noticed
+_SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
+_LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
+_FOR_EVER = float("inf")
+
+
+class Connection:
+    """One connection to central."""
+
+    def __init__(
+        self, transport: Transport, session: Session, *, patience: float = PATIENCE,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        self.session = session
+        self.transport = transport
+        self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
+        self._patience = patience
+        self._clock = clock
+        self._declared: dict[str, Message[Any, Any]] = {}
+        self._owner = threading.get_ident()
+        self._lock = threading.RLock()  # against the thread that only keeps the connection alive
+        self._log = logging.getLogger(f"tca.{session.module}")
+
+    @property
+    def address(self) -> str:
+        """Central's address."""
+        return self.transport.address
+
+    def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
+        """Wait until central welcomes this connection.
+
+        Raises CentralLost if nobody answers, Refused if central won't have it, Stopped if *is_stopped* before.
+        """
+        session = self.session
+        self._wait(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
+        if session.refused is not None:
+            raise Refused(f"module '{session.module}'", session.refused.refusal, session.refused.text)
+        if not session.is_welcome:
+            raise Stopped(f"module '{session.module}' was told to end before central at {self.address} had answered")
+
+    def leave(self) -> None:
+        """Handle nothing any more; if central does not hear it, it will notice."""
+        self.session.withdrawn()
+        with contextlib.suppress(CentralLost, Timeout, Refused):
+            if self.session.is_welcome:
+                self.call(Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
+
+    def close(self) -> None:
+        """Say goodbye."""
+        with self._lock:
+            if self.session.post(Bye()):
+                self._flush()
+            self.transport.close()
+
+    # --- requests --------------------------------------------------------------------------------------------------
+
+    def declare(self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = ()) -> None:
+        """Tell central of messages, and which of them are handled here. Raises FormatRefused if others differ."""
+        new, handled = [message for message in messages if self._is_new(message)], list(handlers)
+        if not new and not handled:
+            return
+        formats = [message.format for message in new]
+        self.call(Register(0, formats, handled), f"declaring {_names(new or messages)}")
+        self.session.declared(formats, handled)
+        self._declared.update({message.name: message for message in new})
+
+    def _is_new(self, message: Message[Any, Any]) -> bool:
+        return self._declared.get(message.name) is not message
+
+    def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
+        """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
+        with self._lock:
+            request = self.request(header, body)
+            if not self.wait(request, within, what):
+                self.abandon(request)
+                msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
+is alive: it is overloaded; whether it took the request is not known"
+                raise Timeout(msg)
+            return request.accepted or 0
+
+    def request(self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False) -> Request:
+        """Ask central for something, without waiting."""
+        with self._lock:
+            self._check_thread()
+            epoch = self.session.epoch
+            self._catch_up()
+            if self.session.epoch != epoch and refers_to_tasks(header):
+                msg = "central was restarted meanwhile and has forgotten its tasks: begin anew"
+                raise CentralLost(msg)
+            request = self.session.request(header, body, wants_answer=wants_answer)
+            self._flush()
+            return request
+
+    def wait(self, request: Request, timeout: float | None, what: str) -> bool:
+        """Wait until a request is over; whether it is.
+
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long.
+        """
+        with self._lock:
+            self._check_thread()
+            try:
+                is_over = self._wait(lambda: request.is_over, timeout)
+            except BaseException:
+                self.session.abandon(request)
+                raise
+            if request.refused is not None:
+                kind = FormatRefused if request.refused.refusal is Refusal.FORMAT else Refused
+                raise kind(what, request.refused.refusal, request.refused.text)
+            if request.lost:
+                msg = f"{what} is lost: {request.lost}; ask again"
+                raise CentralLost(msg)
+            return is_over
+
+    def abandon(self, request: Request) -> None:
+        """Nobody waits for that answer any more."""
+        with self._lock:
+            self._check_thread()
+            self.session.abandon(request)
+            self._flush()
+
+    def post(self, header: ToCentral, body: bytes) -> None:
+        """Say something that has no answer. It is lost, counted and logged if central is not there."""
+        with self._lock:
+            self._check_thread()
+            self._catch_up()
+            dropped = self.session.dropped
+            self.session.post(header, body)
+            self._flush()
+            if self.session.dropped > dropped == 0:
+                self._log.warning("central at %s is not there: informs and broadcasts are lost", self.address)
+
+    def reply(self, header: Any, body: bytes) -> None:
+        """A handler ended."""
+        with self._lock:
+            self.session.reply(header, body)
+            self._flush()
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether the task of a delivery that is being handled has been killed."""
+        with self._lock:
+            self._check_thread()
+            self._catch_up()
+            return self.session.is_cancelled(delivery)
+
+    # --- waiting ---------------------------------------------------------------------------------------------------
+
+    def serve(self, is_over: Callable[[], bool]) -> None:
+        """Handle what is delivered until *is_over*, however long central is silent."""
+        with self._lock:
+            self._check_thread()
+            self._wait(is_over, None, patience=_FOR_EVER)
+
+    def tend(self, since: float) -> float:
+        """Keep the connection alive while its own thread does something else; for how long central has been silent."""
+        with self._lock:
+            self._catch_up()
+            self.session.tend(self._clock(), since)
+            self._flush(wait_seconds=0)
+            if not self.session.is_welcome and self._listen(_STEP):
+                self._flush(wait_seconds=0)
+            return self._clock() - max(self.session.heard, since)
+
+    def _wait(self, is_over: Callable[[], bool], timeout: float | None, *, patience: float | None = None) -> bool:
+        session, since = self.session, self._clock()
+        deadline = _FOR_EVER if timeout is None else since + timeout
+        patience = self._patience if patience is None else patience
+        now = since
+        while not is_over():
+            if self.attend is not None and session.deliveries:
+                self.attend(*session.deliveries.popleft())
+                continue
+            session.tend(now, since)
+            self._flush(_SEND_WAIT if session.is_welcome else _STEP)
+            self._listen(min(_STEP, max(0.0, deadline - now)))
+            now = self._clock()
+            if now >= deadline:
+                return is_over()
+            if now - max(session.heard, since) > patience:
+                raise self.lost()
+        return True
+
+    def lost(self) -> CentralLost:
+        """The error that says that central does not answer."""
+        msg = f"central at {self.address} does not answer: start it with 'tca central', or set $TCA_CENTRAL to where \
+it listens"
+        return CentralLost(msg)
+
+    def _catch_up(self) -> None:
+        """Take in what has arrived already; a caller that never waits comes back to a central that returned, too."""
+        while self._listen(0.0):
+            pass
+        if not self.session.is_welcome:
+            now = self._clock()
+            self.session.tend(now, now)
+            self._flush(wait_seconds=0)
+
+    def _listen(self, timeout: float) -> bool:
+        packet = self.transport.receive(timeout)
+        if packet is None:
+            return False
+        now = self._clock()
+        try:
+            for header, body in unpack_to_module(packet):
+                self.session.receive(header, body, now)
+        except ProtocolError as error:
+            self._log.warning("central at %s sent what is no message: %s", self.address, error)
+        for complaint in self.session.complaints:
+            self._log.warning("%s", complaint)
+        self.session.complaints.clear()
+        return True
+
+    def _flush(self, wait_seconds: float = _SEND_WAIT) -> None:
+        """Send what the session has to say."""
+        if self.session.outgoing:
+            outgoing, self.session.outgoing = self.session.outgoing, []
+            if not all(self.transport.send(packet, wait_seconds) for packet in _packets(outgoing)):
+                self.session.outgoing = outgoing
+                self.session.break_off()
+
+    def _check_thread(self) -> None:
+        if threading.get_ident() != self._owner:
+            msg = f"a connection of module '{self.session.module}' is used from thread \
+'{threading.current_thread().name}', but belongs to the one that \
+opened it: a handler sends with its task, other threads open a connection of their own with connect()"
+            raise MisuseError(msg)
+
+
+def _packets(items: list[tuple[ToCentral, bytes]]) -> Iterator[bytes]:
+    """The items in as few packets as their size allows."""
+    packed: list[bytes] = []
+    size = 0
+    for header, body in items:
+        item = pack_item(header, body)
+        if packed and size + len(item) > Limit.BODY:
+            yield b"".join(packed)
+            packed, size = [], 0
+        packed.append(item)
+        size += len(item)
+    yield b"".join(packed)
+
+
+def _names(messages: Iterable[Message[Any, Any]]) -> str:
+    return ", ".join(f"{message.message_class} '{message.name}'" for message in messages)

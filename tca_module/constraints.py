@@ -1,0 +1,63 @@
+"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a constraint.
+
+``this`` is the task that a call is about to make::
+
+    task.goal(REST, constraints=[leg.handling.end <= this.planning.start])
+"""
+
+from tca_module.errors import MisuseError
+from tca_wire.constraints import Constraint
+from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
+
+
+class Order(Constraint, frozen=True):
+    """A constraint that was written with ``<=``."""
+
+    def __bool__(self) -> bool:
+        # Python reads a <= b <= c as (a <= b) and (b <= c), and would silently keep the second one only.
+        msg = f"constraint {self} is neither true nor false: write a <= b <= c as two constraints"
+        raise MisuseError(msg)
+
+
+class TaskPoint(Point, frozen=True):
+    """A moment of a task that can be compared with another to make a constraint."""
+
+    def __le__(self, other: Point) -> Order:
+        return Order(self, other)
+
+    def __ge__(self, other: Point) -> Order:
+        return Order(other, self)
+
+
+class Span:
+    """One interval of a task; ``start`` and ``end`` are its points."""
+
+    def __init__(self, task_id: TaskId, interval: Interval) -> None:
+        self.start = TaskPoint(task_id, moment_of(interval, Edge.START))
+        self.end = TaskPoint(task_id, moment_of(interval, Edge.END))
+
+
+class Intervals:
+    """Something with the three intervals of a task."""
+
+    def __init__(self, task_id: TaskId) -> None:
+        self._task_id = task_id
+
+    @property
+    def handling(self) -> Span:
+        """While its handler runs."""
+        return Span(self._task_id, Interval.HANDLING)
+
+    @property
+    def planning(self) -> Span:
+        """While it and everything under it is being expanded into subtasks."""
+        return Span(self._task_id, Interval.PLANNING)
+
+    @property
+    def achieving(self) -> Span:
+        """While it and everything under it is being done."""
+        return Span(self._task_id, Interval.ACHIEVING)
+
+
+this = Intervals(THIS)
+"""The task that the call will make; only for its ``constraints=``."""

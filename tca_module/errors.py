@@ -1,0 +1,122 @@
+"""Errors of the module library, by whose fault they are.
+
+TcaError             do not raise this one; it groups the others
+├── MisuseError      the caller: a call that can't be right, whatever the robot does
+├── Refused          central refused a request; nothing of it remains
+│   └── FormatRefused    others use a message of that name with another format or class
+├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
+├── Stopped          the module was told to end while it waited for central
+├── Timeout          the answer did not come in time (also a TimeoutError)
+├── QueryFailed      the handler of a query failed
+├── TaskFailed       a goal or command failed
+└── TaskKilled       a goal or command was killed
+BadData              data does not fit the format of its message (from tca_wire)
+"""
+
+from typing import Any
+
+from tca_wire.declarations import D, Failure
+from tca_wire.errors import BadData
+from tca_wire.formats import decode_untyped
+from tca_wire.headers import Refusal
+
+
+class TcaError(Exception):
+    """Base of all errors of this package."""
+
+
+class MisuseError(TcaError):
+    """The library was called in a way that can't be right."""
+
+
+class Refused(TcaError):
+    """Central refused a request: *refusal* is the kind, *text* what central says."""
+
+    def __init__(self, what: str, refusal: Refusal, text: str) -> None:
+        super().__init__(f"{what} was refused: {text}")
+        self.refusal = refusal
+        self.text = text
+
+
+class FormatRefused(Refused):
+    """A message is declared with another format, or class, than others use."""
+
+
+class CentralLost(TcaError):
+    """Central does not answer, or was restarted."""
+
+
+class NoCentral(CentralLost, SystemExit):
+    """Central can't be reached: what ``run`` raises. Caught by nobody, it ends the program with one line, not a
+    traceback: whoever starts a robot wants to read what to do.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.code = text
+
+
+class Stopped(TcaError):
+    """The module was told to end before central had welcomed it."""
+
+
+class Timeout(TcaError, TimeoutError):
+    """An answer did not come in time."""
+
+
+class _Failed(TcaError):
+    """What failed, with which failure; the failure's data in two forms."""
+
+    def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
+        summary = text.partition("\n")[0]  # of a traceback
+        super().__init__(f"{what} failed: {failure}: {summary}" if summary else f"{what} failed: {failure}")
+        self.failure = failure
+        self.text = text
+        self._body = body
+
+    @property
+    def data(self) -> Any:
+        """The failure's data as plain values (dicts, lists, numbers, ...); None without data."""
+        return decode_untyped(self._body)
+
+    def data_as(self, failure: Failure[D]) -> D:
+        """The data as that failure declares it. Raises MisuseError if this is another failure."""
+        if failure.name != self.failure:
+            msg = f"this is failure '{self.failure}', not '{failure.name}': compare .failure before data_as()"
+            raise MisuseError(msg)
+        return failure.data.decode(self._body or _NIL)
+
+
+_NIL = b"\xc0"  # None as MessagePack
+
+
+class QueryFailed(_Failed):
+    """The handler of a query failed: ``failure`` is the failure's name."""
+
+
+class TaskFailed(_Failed):
+    """A goal or command failed: ``failure`` is the failure's name."""
+
+
+class TaskKilled(TcaError):
+    """A goal or command was killed: ``why`` says by whom or why."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"{what} was killed: {why}")
+        self.why = why
+
+
+__all__ = [
+    "BadData",
+    "CentralLost",
+    "FormatRefused",
+    "MisuseError",
+    "NoCentral",
+    "QueryFailed",
+    "Refused",
+    "Stopped",
+    "TaskFailed",
+    "TaskKilled",
+    "TcaError",
+    "Timeout",
+]

@@ -1,0 +1,236 @@
+"""Module: a program's handlers, and their threads. One resource is one thread with its own connection."""
+
+import contextlib
+import logging
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, overload
+
+from tca_module.client import CentralAddress, checked_module_name, hello, new_incarnation, open_connection
+from tca_module.connection import PATIENCE, Connection
+from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped, TcaError
+from tca_module.handlers import Handler
+from tca_module.sender import Sender
+from tca_module.slot import Slot
+from tca_module.task import Task
+from tca_wire.declarations import D, Message, R
+
+_TEND_PERIOD = 0.5
+
+
+class Module(Sender):
+    """A named program that handles messages.
+
+    ::
+
+        planner = Module("gait planner")
+
+        @planner.handles(TAKE_STEPS)
+        def take_steps(task: Task, arc: Arc) -> None: ...
+
+        planner.run()
+
+    While it runs, what the module itself sends (``planner.goal(...)``) comes from outside of handlers: it hangs under
+    the root, and is for the thread that started it.
+    """
+
+    def __init__(self, name: str, central: CentralAddress = None, *, capacity: int = 1) -> None:
+        super().__init__()
+        self.name = checked_module_name(name)
+        self.central = central
+        self._resources = {name: _checked_capacity(name, capacity)}
+        self._handlers: dict[str, Handler] = {}
+        self._link: Connection | None = None
+        self._slots: list[Slot] = []
+        self._stop = threading.Event()
+        self._keeper: threading.Thread | None = None
+        self._error: TcaError | None = None  # what ended it before its time
+        self._log = logging.getLogger(f"tca.{name}")
+
+    def __repr__(self) -> str:
+        return f"Module({self.name!r})"
+
+    # --- declaring -------------------------------------------------------------------------------------------------
+
+    def resource(self, name: str, capacity: int = 1) -> str:
+        """Declare a part of the module that handles at most *capacity* messages at a time, each in its own thread.
+
+        A handler names it with ``resource=``; the others belong to the module's own resource, with its capacity.
+        """
+        self._check_not_running("resource()")
+        self._resources[name] = _checked_capacity(name, capacity)
+        return name
+
+    @overload
+    def handles(
+        self, message: Message[None, R], *, resource: str = "", pool: str = ""
+    ) -> Callable[[Callable[[Task], R] | Callable[[Task, None], R]], Callable[..., R]]: ...
+    @overload
+    def handles(
+        self, message: Message[D, R], *, resource: str = "", pool: str = ""
+    ) -> Callable[[Callable[[Task, D], R]], Callable[[Task, D], R]]: ...
+    def handles(self, message: Message[Any, Any], *, resource: str = "", pool: str = "") -> Callable[..., Any]:
+        """Declare the decorated function as this module's handler of *message*.
+
+        The newest module to declare a handler gets the messages; modules that name the same *pool* share them.
+        """
+        self._check_not_running("handles()")
+
+        def declare(function: Callable[..., Any]) -> Callable[..., Any]:
+            handler = Handler(message, function, resource or self.name, pool)
+            if known := self._handlers.get(message.name):
+                msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
+                raise MisuseError(msg)
+            self._handlers[message.name] = handler
+            self._resources.setdefault(handler.resource, 1)
+            return function
+
+        return declare
+
+    def _check_not_running(self, call: str) -> None:
+        if self._link is not None:
+            msg = f"{call} of module '{self.name}' comes too late: declare before run()"
+            raise MisuseError(msg)
+
+    # --- running ---------------------------------------------------------------------------------------------------
+
+    def run(self, *, patience: float = PATIENCE, reconnect: bool = True) -> None:
+        """Handle messages until Ctrl-C or SIGTERM; running handlers are finished then, a second Ctrl-C leaves at once.
+
+        Raises CentralLost if no central answers within *patience* seconds: in a script that nobody catches it ends the
+        program with one line and exit code 1. If central goes away later, waits for it to come back; with
+        *reconnect* False, raises CentralLost.
+        """
+        try:
+            self._prepare()
+            with _stopped_by_signals(self._stop), contextlib.suppress(Stopped):
+                self._begin(patience, reconnect=reconnect)
+                self._stop.wait()
+                self._end()
+        except CentralLost as error:
+            raise NoCentral(f"module '{self.name}': {error}") from None
+
+    @contextmanager
+    def running(self, *, patience: float = PATIENCE, reconnect: bool = True) -> Iterator["Module"]:
+        """Handle messages in the background for as long as the block lasts. Raises what ``run`` does."""
+        self._prepare()
+        self._begin(patience, reconnect=reconnect)
+        try:
+            yield self
+        except BaseException:
+            self._leave()
+            raise
+        self._end()
+
+    def stop(self) -> None:
+        """Let ``run`` end; may be called from any thread."""
+        self._stop.set()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the module is about to end; long handlers may look at it from time to time."""
+        return self._stop.is_set()
+
+    def _prepare(self) -> None:
+        if self._link is not None:
+            msg = f"module '{self.name}' runs already"
+            raise MisuseError(msg)
+        self._stop.clear()
+
+    def _begin(self, patience: float, *, reconnect: bool) -> None:
+        incarnation = new_incarnation()
+        greeting = hello(self.name, incarnation)
+        self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
+        try:
+            handlers = self._handlers.values()
+            link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
+            self._open_slots(incarnation, patience)
+        except BaseException:
+            self._leave()
+            raise
+        self._keeper = threading.Thread(
+            target=self._keep, args=(link, patience, reconnect), name=f"{self.name} keeper", daemon=True
+        )
+        self._keeper.start()
+
+    def _open_slots(self, incarnation: str, patience: float) -> None:
+        names = [name for name, capacity in self._resources.items() for _ in range(capacity) if self._uses(name)]
+        for number, resource in enumerate(names, start=1):
+            greeting = hello(self.name, incarnation, number, resource)
+            self._slots.append(Slot(self.central, greeting, patience, self._handlers, self._stop))
+        for slot in self._slots:
+            slot.wait_until_open()
+
+    def _uses(self, resource: str) -> bool:
+        return any(handler.resource == resource for handler in self._handlers.values())
+
+    def _keep(self, link: Connection, patience: float, reconnect: bool) -> None:
+        """Keep connection 0 alive, in a thread of its own: the module's own thread may be busy elsewhere."""
+        since, warned = time.monotonic(), False
+        while not self._stop.wait(_TEND_PERIOD):
+            silence = link.tend(since)
+            if silence > patience and not reconnect:
+                self._error = link.lost()
+                self._stop.set()
+            elif silence > patience and not warned:
+                self._log.warning("central at %s does not answer; trying to reach it again", link.address)
+            elif silence <= patience and warned:
+                self._log.warning("central at %s is back", link.address)
+            warned = silence > patience
+
+    def _end(self) -> None:
+        """Leave. Raises what ended the module before its time."""
+        for error in self._leave():
+            raise error
+
+    def _leave(self) -> list[Exception]:
+        """Take nothing new, finish what runs, say goodbye; what ended the module before its time."""
+        self._stop.set()
+        if self._keeper is not None:
+            self._keeper.join()
+        assert self._link is not None
+        self._link.leave()
+        for slot in self._slots:
+            slot.join()
+        self._link.close()
+        errors = [error for error in (self._error, *(slot.error for slot in self._slots)) if error is not None]
+        self._link, self._keeper, self._error = None, None, None
+        self._slots.clear()
+        return errors
+
+    def _connection(self) -> Connection:
+        if self._link is None:
+            msg = f"module '{self.name}' does not run: send within 'with module.running():' or from a handler"
+            raise MisuseError(msg)
+        return self._link
+
+
+def _checked_capacity(resource: str, capacity: int) -> int:
+    if not isinstance(capacity, int) or not 1 <= capacity <= 64:
+        msg = f"resource '{resource}' can't have capacity {capacity!r}: 1 to 64 messages at a time"
+        raise MisuseError(msg)
+    return capacity
+
+
+@contextmanager
+def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
+    """The first SIGINT or SIGTERM sets *stop*, the second ends the process at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def on_signal(*_: Any) -> None:
+        stop.set()
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, on_signal) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,252 @@
+"""What can be sent, the same calls for a handler's Task, a Module and a Client: one place where messages leave."""
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from typing import Any, Generic, TypedDict, Unpack
+
+from tca_module.connection import Connection
+from tca_module.errors import MisuseError, QueryFailed, Timeout
+from tca_module.ordering import Ordering
+from tca_module.session import Request
+from tca_module.task_ref import TaskRef
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
+from tca_wire.headers import Answer, Constrain, MessageClass, Outcome, Send
+from tca_wire.points import ROOT, TaskId
+
+QUERY_TIMEOUT = 30.0
+"""Seconds that a query waits for its reply where nobody says otherwise."""
+
+
+class TaskOptions(TypedDict, total=False):
+    """How a new task relates to its siblings."""
+
+    sequential: bool
+    """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
+    sequential_planning: bool
+    """It is planned after the sibling before it has been planned (SEQ_PLANNING)."""
+    plan_first: bool
+    """All of it is planned before any of it is done (PLAN_FIRST)."""
+    delay_planning: bool
+    """It is planned only when it may be achieved (DELAY_PLANNING)."""
+    priority: int
+    """Higher goes first where several wait for one resource."""
+    constraints: Sequence[Constraint]
+    """Others; ``this`` stands for the new task."""
+
+
+class Sender:
+    """Something that sends messages."""
+
+    def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
+        self._parent = parent
+        self._origin = origin
+        self._ordering = Ordering(under_root=parent == ROOT)
+        self._epoch = ""
+
+    def _connection(self) -> Connection:
+        """The connection of the calling thread."""
+        raise NotImplementedError
+
+    def _declare(self, message: Message[Any, Any]) -> Connection:
+        """The connection, on which central knows the message."""
+        self._connection().declare(message)
+        return self._connection()  # which may have lost its central meanwhile
+
+    # --- tasks -----------------------------------------------------------------------------------------------------
+
+    def goal(self, message: Goal[D], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[None]:
+        """Make a subtask that expands into subtasks of its own. Returns when central has taken it.
+
+        Raises BadData if *data* does not fit, FormatRefused if others declare the message differently, Refused if the
+        constraints can never be met.
+        """
+        _check_class(message, Goal)
+        return self._task(message, data, options)
+
+    def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[R]:
+        """Make a subtask that acts. Returns when central has taken it; ``result()`` of what it returns waits for it.
+
+        Raises what ``goal`` does.
+        """
+        _check_class(message, Command)
+        return self._task(message, data, options)
+
+    def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
+        body = message.encode_data(data)
+        connection = self._declare(message)
+        self._forget_if_central_did(connection.session.epoch)
+        sequential = options.get("sequential", True)
+        is_goal = message.message_class is MessageClass.GOAL
+        flags, constraints = self._ordering.place(is_goal=is_goal, sequential=sequential)
+        flags |= _flags(options)
+        header = Send(
+            0, message.name, self._parent, self._origin, flags, [*constraints, *options.get("constraints", ())],
+            options.get("priority", 0),
+        )  # fmt: skip
+        task_id = TaskId(connection.call(header, _name(message), body))
+        self._ordering.add(task_id, sequential=sequential)
+        return TaskRef(connection, message, task_id, self._origin)
+
+    def _forget_if_central_did(self, epoch: str) -> None:
+        if self._epoch and self._epoch != epoch:
+            self._ordering.forget()
+        self._epoch = epoch
+
+    def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
+        """A block of subtasks, each achieved after the one before.
+
+        With *plan_ahead*, at most so many of them are planned beyond the one that is being achieved; 0: each is planned
+        only when its turn to be achieved has come. Blocks nest.
+        """
+        return self._ordering.sequence(plan_ahead)
+
+    def parallel(self) -> AbstractContextManager[None]:
+        """A block of subtasks without order among them.
+
+        What was sent before is achieved before each of them, and what follows the block waits for all of them.
+        """
+        return self._ordering.parallel()
+
+    def constrain(self, *constraints: Constraint) -> None:
+        """Add constraints between tasks that exist: all, or with an error none.
+
+        Raises Refused if one comes too late or would close a circle.
+        """
+        if constraints:
+            self._connection().call(Constrain(0, list(constraints)), f"constraint {', '.join(map(str, constraints))}")
+
+    # --- questions -------------------------------------------------------------------------------------------------
+
+    def query(
+        self, message: Query[D, R], data: D = NOTHING, *, timeout: float | None = QUERY_TIMEOUT, priority: int = 0
+    ) -> R:
+        """Ask, and wait for the reply; *timeout* in seconds, None waits for ever.
+
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time.
+        """
+        return self._ask(message, data, priority, blocking=True).receive(timeout)
+
+    def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> "PendingReply[R]":
+        """Ask, and fetch the reply later with ``receive()``."""
+        return self._ask(message, data, priority, blocking=False)
+
+    def _ask(self, message: Query[D, R], data: D, priority: int, *, blocking: bool) -> "PendingReply[R]":
+        _check_class(message, Query)
+        return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
+
+    def _question(
+        self, message: Message[Any, Any], data: Any, *, priority: int = 0, blocking: bool = False, maximum: int = 0
+    ) -> tuple[Connection, Request]:
+        body = message.encode_data(data)
+        connection = self._declare(message)
+        header = Send(
+            0,
+            message.name,
+            origin=self._origin,
+            priority=priority,
+            blocking=blocking,
+            maximum=maximum,
+            flags=Flags.NONE,
+        )
+        return connection, connection.request(header, body, wants_answer=True)
+
+    def multi_query(
+        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int = 0, timeout: float | None = QUERY_TIMEOUT
+    ) -> list[R]:
+        """Ask every module that handles the message; the replies in the order they came.
+
+        Ends with *maximum* replies (0: all), when nobody is left who could reply, or after *timeout* seconds with what
+        has come until then. Handlers that fail are left out.
+        """
+        _check_class(message, MultiQuery)
+        connection, request = self._question(message, data, blocking=True, maximum=maximum)
+        if not connection.wait(request, timeout, _name(message)):
+            connection.abandon(request)
+        return [message.decode_reply(body) for answer, body in request.answers if answer.more]
+
+    # --- statements ------------------------------------------------------------------------------------------------
+
+    def inform(self, message: Inform[D], data: D = NOTHING) -> None:
+        """Tell the one module that handles the message: at most once, in order, without waiting."""
+        _check_class(message, Inform)
+        self._tell(message, data)
+
+    def broadcast(self, message: Broadcast[D], data: D = NOTHING) -> None:
+        """Tell every module that handles the message: at most once, in order, without waiting."""
+        _check_class(message, Broadcast)
+        self._tell(message, data)
+
+    def _tell(self, message: Message[D, None], data: D) -> None:
+        body = message.encode_data(data)
+        connection = self._declare(message)
+        connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
+
+
+class PendingReply(Generic[R]):
+    """A query that was sent; its reply may be there already."""
+
+    def __init__(self, connection: Connection, request: Request, message: Query[Any, R]) -> None:
+        self._connection = connection
+        self._request = request
+        self._message = message
+        self._is_cancelled = False
+
+    def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
+        """The reply; waits for it *timeout* seconds (None: for ever).
+
+        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time: the query is then given up.
+        """
+        what = _name(self._message)
+        if self._is_cancelled:
+            msg = f"{what} was given up: send it again to get a reply"
+            raise MisuseError(msg)
+        if not self._connection.wait(self._request, timeout, what):
+            self.cancel()
+            msg = f"{what} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
+'tca messages', or give timeout="
+            raise Timeout(msg)
+        return self._reply(*self._request.answers[-1])
+
+    def _reply(self, answer: Answer, body: bytes) -> R:
+        if answer.outcome is not Outcome.DONE:
+            raise QueryFailed(_name(self._message), answer.failure or str(answer.outcome), answer.text, body)
+        return self._message.decode_reply(body)
+
+    def cancel(self) -> None:
+        """Give the query up: a handler that has not begun with it never will."""
+        if not self._is_cancelled:
+            self._is_cancelled = True
+            self._connection.abandon(self._request)
+
+
+def _name(message: Message[Any, Any]) -> str:
+    return f"{message.message_class} '{message.name}'"
+
+
+def _flags(options: TaskOptions) -> Flags:
+    flags = Flags.NONE
+    if options.get("sequential_planning"):
+        flags |= Flags.SEQ_PLANNING
+    if options.get("plan_first"):
+        flags |= Flags.PLAN_FIRST
+    if options.get("delay_planning"):
+        flags |= Flags.DELAY_PLANNING
+    return flags
+
+
+_CALLS = {
+    Goal: "goal()",
+    Command: "command()",
+    Query: "query()",
+    MultiQuery: "multi_query()",
+    Inform: "inform()",
+    Broadcast: "broadcast()",
+}
+
+
+def _check_class(message: Any, wanted: type[Message[Any, Any]]) -> None:
+    if not isinstance(message, wanted):
+        call = f": use {_CALLS[type(message)]}" if type(message) in _CALLS else ""
+        msg = f"{_CALLS[wanted]} takes messages of class {wanted.__name__}, and {message!r} is none{call}"
+        raise MisuseError(msg)

@@ -1,0 +1,274 @@
+"""One connection's side of the protocol: what was asked, what must be said again, what was delivered.
+
+Theory of operation. Headers go in through ``receive``, headers come out in ``outgoing``; time is passed in. Until
+central's Welcome nothing but Hello leaves. Every numbered request is kept until its answer is there, and after a
+break it is repeated in order: central knows it by its number and never does it twice. What is not numbered (informs)
+may be lost with a connection. A Welcome with another epoch says that central was restarted and its tree is lost: what
+was outstanding is lost too, while messages and handlers are declared again and the module serves on.
+
+Knows no socket, clock or thread.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import msgspec
+
+from tca_wire import headers
+from tca_wire.headers import (
+    Fail,
+    HandlerFormat,
+    Hello,
+    MessageFormat,
+    Refusal,
+    Register,
+    Reply,
+    Send,
+    ToCentral,
+    ToModule,
+)
+
+HELLO_NUMBER = 1
+"""A connection's first request is its Hello; said again it keeps its number."""
+
+QUIET = 2.5
+"""Seconds without a word after which central is asked for one; it beats every second."""
+
+REPEAT = 1.0
+"""Seconds between two such questions."""
+
+# Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
+_ARE_YOU_THERE = Register(0, [], [])
+
+Item = tuple[ToCentral, bytes]
+
+
+class Request:
+    """A numbered request and what has come back.
+
+    It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
+    was refused (*refused*), or it was lost with central's memory (*lost* says how).
+    """
+
+    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "refused", "repeated", "wants_answer",
+                 "was_sent")  # fmt: skip
+
+    def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
+        self.header = header
+        self.body = body
+        self.wants_answer = wants_answer  #: Accepted is not the end of it
+        self.was_sent = False  #: central may have got it
+        self.repeated = False  #: was sent more than once
+        self.is_over = False
+        self.accepted: int | None = None  #: the id of the task or message that it became
+        self.answers: deque[tuple[headers.Answer, bytes]] = deque()
+        self.refused: headers.Refused | None = None
+        self.lost = ""
+
+
+class Session:
+    """The state of one connection to central."""
+
+    def __init__(self, hello: Hello) -> None:
+        self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
+        self._newest = HELLO_NUMBER
+        self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
+        self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
+        self._handlers: dict[str, HandlerFormat] = {}
+        self._attended: dict[int, bool] = {}  #: deliveries being handled -> whether their task was killed
+        self._replies: list[Item] = []  #: central may not have got these yet
+        self._asked = float("-inf")  #: when central was last asked for a word
+        self.heard = float("-inf")  #: when central last said anything
+        self.outgoing: list[Item] = []
+        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
+        self.complaints: list[str] = []  #: what central said that answers no request; for the log
+        self.dropped = 0  #: informs and broadcasts that never left
+        self.is_welcome = False
+        self.refused: headers.Refused | None = None  #: central does not want this connection
+        self.epoch = ""
+        self.module = hello.module  #: the name under which central knows the module
+
+    # --- what the module does --------------------------------------------------------------------------------------
+
+    def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
+        """Ask central for something; the header's number is put in."""
+        request = Request(header, body, wants_answer=wants_answer)
+        self._number(request)
+        if self.is_welcome:
+            self._send(request)
+        return request
+
+    def _send(self, request: Request) -> None:
+        request.was_sent = True
+        self.outgoing.append((request.header, request.body))
+
+    def _number(self, request: Request) -> None:
+        self._newest += 1
+        request.header = msgspec.structs.replace(request.header, number=self._newest)
+        self._requests[self._newest] = request
+
+    def post(self, header: ToCentral, body: bytes = b"") -> bool:
+        """Say something that has no answer; False if it is lost because central is not there."""
+        if not self.is_welcome:
+            self.dropped += isinstance(header, Send)
+            return False
+        self.outgoing.append((header, body))
+        return True
+
+    def reply(self, header: Reply | Fail, body: bytes) -> None:
+        """A handler ended. Nothing is said of a delivery that central has forgotten."""
+        if self._attended.pop(header.delivery, None) is None:
+            return
+        self._replies.append((header, body))
+        if self.is_welcome:
+            self.outgoing.append((header, body))
+
+    def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat]) -> None:
+        """Central has accepted these; they are declared again when it has forgotten them."""
+        self._messages.update({message.name: message for message in messages})
+        self._handlers.update({handler.message: handler for handler in handlers})
+
+    def withdrawn(self) -> None:
+        """This module handles nothing any more."""
+        self._handlers.clear()
+
+    def abandon(self, request: Request) -> None:
+        """Nobody waits for that answer any more."""
+        if self._requests.pop(request.header.number, None) is not None and request.wants_answer:
+            self.post(headers.GiveUp(request.header.number))
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether the task of a delivery was killed while it was handled, or forgotten."""
+        return self._attended.get(delivery, True)
+
+    # --- the connection --------------------------------------------------------------------------------------------
+
+    def tend(self, now: float, since: float) -> None:
+        """After a silence ask central for a word, every second. *since* is when somebody began to listen."""
+        is_due = not self.is_welcome or now - max(self.heard, since) >= QUIET
+        if is_due and now - self._asked >= REPEAT:
+            self._asked = now
+            self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
+
+    def break_off(self) -> None:
+        """The connection broke, or central no longer knows it: begin with Hello again."""
+        self.is_welcome = False
+        self.dropped += sum(isinstance(header, Send) and not header.number for header, _ in self.outgoing)
+        for header, _ in self.outgoing:
+            if (request := self._requests.get(getattr(header, "number", 0))) is not None:
+                request.was_sent = request.repeated
+        self.outgoing.clear()
+        self._asked = float("-inf")
+
+    def receive(self, header: ToModule, body: bytes, now: float) -> None:
+        """Take in what central said."""
+        self.heard = now
+        self._ON[type(header)](self, header, body)
+
+    def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
+        if self.is_welcome:
+            return  # Hello was said twice
+        is_back = bool(self.epoch)
+        if is_back and header.epoch != self.epoch:
+            self._forget()
+        self.epoch, self.module, self.is_welcome = header.epoch, header.module, True
+        if is_back and (self._messages or self._handlers):
+            # Number 0: a new number would be higher than those repeated below, which central would take for answered.
+            again = Register(0, list(self._messages.values()), list(self._handlers.values()))
+            self.outgoing.append((again, b""))
+        for request in self._requests.values():
+            request.repeated = request.was_sent
+            self._send(request)
+        self.outgoing += self._replies
+
+    def _forget(self) -> None:
+        """Central was restarted and has lost its tree."""
+        for number, request in list(self._requests.items()):
+            if request.was_sent or refers_to_tasks(request.header):
+                request.lost = "central was restarted meanwhile and has forgotten it"
+                request.is_over = True
+                del self._requests[number]
+        self._replies.clear()
+        self._attended.clear()
+        self.deliveries.clear()
+
+    def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
+        request = self._requests.get(header.number)
+        if request is not None and not request.wants_answer:
+            request.accepted = header.id
+            self._end(request)
+
+    def _on_refused(self, header: headers.Refused, _: bytes) -> None:
+        request = self._requests.get(header.number)
+        if request is None:
+            if header.number == HELLO_NUMBER and not self.is_welcome:
+                self.refused = header
+            else:
+                self.complaints.append(f"central refused: {header.text}")
+        elif header.refusal is Refusal.TOO_LATE and request.repeated and request.wants_answer:
+            self._ask_again(request)
+        else:
+            request.refused = header
+            self._end(request)
+
+    def _ask_again(self, request: Request) -> None:
+        """Central dropped what was asked when the connection broke."""
+        del self._requests[request.header.number]
+        if isinstance(request.header, headers.WaitFor | headers.Ask):
+            self._number(request)
+            self._send(request)
+        else:  # A query may have been answered already; to ask again is the caller's decision.
+            request.lost = "the connection to central broke before the answer came"
+            request.is_over = True
+
+    def _on_answer(self, header: headers.Answer, body: bytes) -> None:
+        request = self._requests.get(header.number)
+        if request is not None:
+            request.answers.append((header, body))
+            if not header.more:
+                self._end(request)
+
+    def _end(self, request: Request) -> None:
+        request.is_over = True
+        del self._requests[request.header.number]
+
+    def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
+        self._replies.clear()  # a slot gets its next message only after the reply to the one before
+        self._attended[header.delivery] = False
+        self.deliveries.append((header, body))
+
+    def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
+        if header.delivery in self._attended:
+            self._attended[header.delivery] = True
+
+    def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
+        self._replies.clear()  # the connection was whole after they left
+
+    def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
+        if self.is_welcome:
+            self.break_off()
+
+    def _on_closing(self, header: headers.Closing, _: bytes) -> None:
+        self.complaints.append(f"central ends: {header.text}" if header.text else "central ends")
+        self.break_off()
+
+    _ON: ClassVar[dict[type, Callable[["Session", Any, bytes], None]]] = {
+        headers.Welcome: _on_welcome,
+        headers.Accepted: _on_accepted,
+        headers.Refused: _on_refused,
+        headers.Answer: _on_answer,
+        headers.Deliver: _on_deliver,
+        headers.Cancelled: _on_cancelled,
+        headers.Beat: _on_beat,
+        headers.Unknown: _on_unknown,
+        headers.Closing: _on_closing,
+    }
+    """One row per message from central."""
+
+
+def refers_to_tasks(header: Any) -> bool:
+    """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
+    if isinstance(header, Send):
+        return bool(header.parent or header.origin or header.constraints)
+    return not isinstance(header, Register | headers.Unregister | headers.Ask)

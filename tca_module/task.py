@@ -1,0 +1,80 @@
+"""What a handler sees of the message that it handles, and sends from."""
+
+from tca_module.connection import Connection
+from tca_module.constraints import Intervals, Span
+from tca_module.errors import CentralLost, MisuseError
+from tca_module.sender import Sender
+from tca_wire.headers import Deliver
+from tca_wire.points import ROOT, TaskId
+
+
+class Task(Sender, Intervals):
+    """The message being handled. Goals and commands sent from it become its subtasks.
+
+    It is for the handler's thread, until the handler returns. Its own points (``task.achieving.start``) may be used in
+    constraints. A query, inform or broadcast is no task of the tree: *id* is 0, and what its handler sends hangs under
+    the root.
+    """
+
+    def __init__(self, connection: Connection, delivery: Deliver) -> None:
+        Sender.__init__(self, delivery.task, delivery.delivery)
+        Intervals.__init__(self, delivery.task)
+        self._link: Connection | None = connection
+        self._born = connection.session.epoch
+        self._message = delivery.message
+
+    def __repr__(self) -> str:
+        return f"task {self.id} '{self.message}'" if self.id else f"'{self.message}'"
+
+    @property
+    def id(self) -> TaskId:
+        """The task's number, as in the journal; 0 if the message is no task."""
+        return self._task_id
+
+    @property
+    def message(self) -> str:
+        """The name of the message."""
+        return self._message
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the task has been killed: its handler should clean up and return. Never waits."""
+        try:
+            return self._connection().is_cancelled(self._origin)
+        except CentralLost:
+            return True
+
+    @property
+    def handling(self) -> Span:
+        """While this handler runs."""
+        return self._span("handling")
+
+    @property
+    def planning(self) -> Span:
+        """While this task and everything under it is being expanded into subtasks."""
+        return self._span("planning")
+
+    @property
+    def achieving(self) -> Span:
+        """While this task and everything under it is being done."""
+        return self._span("achieving")
+
+    def returned(self) -> None:
+        """The handler has returned: nothing can be sent from here any more."""
+        self._link = None
+
+    def _connection(self) -> Connection:
+        if self._link is None:
+            msg = f"{self} is used after its handler returned: send before it returns, or from the module"
+            raise MisuseError(msg)
+        if self._link.session.epoch != self._born:
+            msg = f"central was restarted and has forgotten {self}: its handler should return"
+            raise CentralLost(msg)
+        return self._link
+
+    def _span(self, interval: str) -> Span:
+        if self._task_id == ROOT:
+            msg = f"'{self.message}' is no task of the tree and has no points: only goals and commands have"
+            raise MisuseError(msg)
+        span: Span = getattr(super(), interval)
+        return span

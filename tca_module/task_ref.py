@@ -1,0 +1,100 @@
+"""The handle on a task that one has made: its points, its end and its result."""
+
+from typing import Any, Generic
+
+from tca_module.connection import Connection
+from tca_module.constraints import Intervals
+from tca_module.errors import BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_wire.declarations import Message, R
+from tca_wire.headers import Answer, Kill, Outcome, WaitFor
+from tca_wire.points import Point, TaskId
+
+_NIL = b"\xc0"  # None as MessagePack
+
+
+class TaskRef(Intervals, Generic[R]):
+    """A goal or command that was sent. ``ref.achieving.end`` and the like are its points, for constraints."""
+
+    def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
+        super().__init__(task_id)
+        self._connection = connection
+        self._message = message
+        self._origin = origin
+        self._epoch = connection.session.epoch
+        self._end: tuple[Answer, bytes] | None = None
+
+    def __repr__(self) -> str:
+        return f"task {self.id} '{self.message}'"
+
+    @property
+    def id(self) -> TaskId:
+        """The task's number, as in the journal."""
+        return self._task_id
+
+    @property
+    def message(self) -> str:
+        """The name of the message that the task is."""
+        return self._message.name
+
+    def result(self, timeout: float | None = None) -> R:
+        """What the task's handler returned; waits until the task has been achieved, at most *timeout* seconds.
+
+        Raises TaskFailed or TaskKilled if it ended so, Timeout if it has not ended in time.
+        """
+        answer, body = self._ended(timeout)
+        if answer.outcome is Outcome.FAILED:
+            raise TaskFailed(repr(self), answer.failure, answer.text, body)
+        if answer.outcome is Outcome.KILLED:
+            raise TaskKilled(repr(self), answer.text)
+        try:
+            return self._message.decode_reply(body or _NIL)
+        except BadData as error:
+            if body:
+                raise
+            msg = f"the result of {self} is no longer kept: call result() sooner after its end ({error})"
+            raise BadData(msg) from None
+
+    def wait(self, timeout: float | None = None) -> Outcome:
+        """Wait until the task has been achieved, failed or been killed, and say which. Raises Timeout."""
+        return self._ended(timeout)[0].outcome
+
+    def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
+        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``.
+
+        Returns how the point's task stands then: a task that is killed reaches all its points at once. Raises Timeout.
+        """
+        return self._reached(point, timeout)[0].outcome
+
+    def kill(self, why: str = "") -> None:
+        """End the task and everything under it. Handlers that run are told, and not interrupted."""
+        self._check_epoch()
+        self._connection.call(Kill(0, self.id, why), f"killing {self}")
+
+    def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
+        if self._end is None:
+            self._end = self._reached(self.achieving.end, timeout)
+        return self._end
+
+    def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
+        self._check_epoch()
+        point = _checked(point)
+        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
+        header = WaitFor(0, point, self._origin)
+        request = self._connection.request(header, wants_answer=True)
+        if not self._connection.wait(request, timeout, f"the wait for {what}"):
+            self._connection.abandon(request)
+            msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
+            raise Timeout(msg)
+        return request.answers[-1]
+
+    def _check_epoch(self) -> None:
+        if self._epoch != self._connection.session.epoch:
+            msg = f"central was restarted and has forgotten {self}: send it again"
+            raise CentralLost(msg)
+
+
+def _checked(point: Any) -> Point:
+    if not isinstance(point, Point):
+        msg = f"{point!r} is no point of a task: task.achieving.end is one"
+        raise MisuseError(msg)
+    return point

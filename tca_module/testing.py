@@ -1,0 +1,147 @@
+"""LocalCentral: the real central inside your own process, for tests of modules without sockets or processes.
+
+::
+
+with LocalCentral() as central:
+    planner = Module("gait planner", central=central)
+    ...
+    with planner.running(), connect("test", central) as user:
+        assert user.command(MOVE_LEG, leg_move).result(timeout=5) == footfall
+"""
+
+import importlib.util
+import itertools
+import queue
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+from tca_central.core import Central
+from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record
+from tca_module.errors import CentralLost
+from tca_wire.codec import pack_item, unpack_to_central
+from tca_wire.facts import Entry, Fact
+from tca_wire.headers import Closing
+
+
+class LocalCentral:
+    """The core of central, used from any thread. Its invariants are checked after every event."""
+
+    def __init__(self, epoch: str = "local") -> None:
+        self.address = f"local central '{epoch}'"
+        self.entries: list[Entry] = []  #: the journal
+        self.core = Central(epoch)
+        self._began = time.monotonic()
+        self._lock = threading.Lock()
+        self._numbers = itertools.count(1)
+        self._connections: dict[ConnectionId, LocalTransport] = {}
+        self._is_closed = False
+
+    @property
+    def facts(self) -> list[Fact]:
+        """All facts of the journal, in order."""
+        with self._lock:
+            return [fact for entry in self.entries for fact in entry.facts]
+
+    def transport(self) -> "LocalTransport":
+        """A new connection."""
+        with self._lock:
+            transport = LocalTransport(self, ConnectionId(b"local %d" % next(self._numbers)))
+            self._connections[transport.id] = transport
+            return transport
+
+    def restart(self, epoch: str) -> None:
+        """End and begin again with empty memory, as if central had crashed and its journal were lost."""
+        with self._lock:
+            self.core = Central(epoch)
+            for transport in self._connections.values():
+                transport.incoming.put(pack_item(Closing("restarted")))
+
+    def close(self) -> None:
+        """End: whoever still waits for an answer learns it."""
+        with self._lock:
+            self._is_closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def take(self, connection: ConnectionId, packet: bytes) -> bool:
+        """A packet arrives from a connection; whether somebody was there to take it."""
+        with self._lock:
+            if self._is_closed:
+                return False
+            for header, body in unpack_to_central(packet):
+                self._handle(Received(time.monotonic() - self._began, connection, header, body))
+            return True
+
+    def cut(self, module: str) -> None:
+        """All connections of a module break, as if the network had failed for a moment."""
+        with self._lock:
+            known = list(self.core.registry.connections.values())
+            for connection in [one.id for one in known if one.module.name == module]:
+                self._handle(ConnectionLost(time.monotonic() - self._began, connection))
+
+    def closed(self, connection: ConnectionId) -> None:
+        """The far end of a connection is gone."""
+        with self._lock:
+            self._connections.pop(connection, None)
+            if not self._is_closed:
+                self._handle(ConnectionLost(time.monotonic() - self._began, connection))
+
+    def _handle(self, event: Event) -> None:
+        for effect in self.core.handle(event):
+            if isinstance(effect, Record):
+                self.entries.append(effect.entry)
+            elif transport := self._connections.get(effect.connection):
+                transport.incoming.put(pack_item(effect.header, effect.body))
+        _check_invariants(self.core)
+
+
+class LocalTransport:
+    """One connection to a LocalCentral."""
+
+    def __init__(self, central: LocalCentral, connection: ConnectionId) -> None:
+        self.id = connection
+        self.incoming: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._central = central
+
+    @property
+    def address(self) -> str:
+        """The central's name."""
+        return self._central.address
+
+    def send(self, packet: bytes, wait_seconds: float) -> bool:  # noqa: ARG002 - central is there at once or never
+        """Hand the packet to central."""
+        return self._central.take(self.id, packet)
+
+    def receive(self, timeout_seconds: float) -> bytes | None:
+        """The next packet; None if there is none in time, or ``wake`` was called."""
+        try:
+            packet = self.incoming.get(timeout=timeout_seconds) if timeout_seconds > 0 else self.incoming.get_nowait()
+        except queue.Empty:
+            return None
+        return packet or None
+
+    def wake(self) -> None:
+        """Let ``receive`` return now."""
+        self.incoming.put(b"")
+
+    def close(self) -> None:
+        """Central notices if nobody said goodbye."""
+        self._central.closed(self.id)
+
+
+def _check_invariants(central: Central) -> None:
+    if importlib.util.find_spec("tca_central.invariants") is not None:
+        from tca_central.invariants import check_invariants  # noqa: PLC0415 - not part of every installation
+
+        check_invariants(central)
+
+
+__all__ = ["CentralLost", "LocalCentral"]

@@ -1,0 +1,66 @@
+"""Bodies of messages (user data of unknown type) as plain values and as text. Knows nothing of messages."""
+
+import base64
+import json
+import math
+from typing import Any
+
+import msgspec
+
+from tca_tools.terminal import printable
+from tca_wire.errors import BadData
+from tca_wire.formats import decode_untyped
+
+_LONGEST_TEXT = 2000
+_DEEPEST = 100
+
+
+def plain_data(body: bytes) -> Any:
+    """What *body* holds, as values that JSON has: strings for numbers it has not, objects for bytes and arrays."""
+    try:
+        return _plain(decode_untyped(body), 0)
+    except BadData as error:
+        return {"undecodable": f"{len(body)} bytes: {error}"}
+
+
+def data_text(body: bytes) -> str:
+    """What *body* holds, on one line and safe for a terminal; "" for nothing. Very long data is cut."""
+    data = plain_data(body)
+    if data is None:
+        return ""
+    text = json.dumps(data, ensure_ascii=False)
+    return printable(text if len(text) <= _LONGEST_TEXT else text[:_LONGEST_TEXT] + "…")
+
+
+def _plain(value: Any, depth: int) -> Any:
+    if depth > _DEEPEST:
+        return "…"
+    if isinstance(value, dict):
+        return {_key(key): _plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, depth + 1) for item in value]
+    return _plain_leaf(value)
+
+
+def _key(key: Any) -> str:
+    return key if isinstance(key, str) else str(_plain_leaf(key))
+
+
+def _plain_leaf(value: Any) -> Any:
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if isinstance(value, bytes | bytearray):
+        return {"base64": base64.b64encode(value).decode()}
+    return _plain_object(value)
+
+
+def _plain_object(value: Any) -> Any:
+    if isinstance(value, msgspec.msgpack.Ext):
+        return {"extension": value.code, "base64": base64.b64encode(value.data).decode()}
+    if hasattr(value, "isoformat"):
+        return value.isoformat()
+    if hasattr(value, "dtype"):  # an array, if numpy happens to be loaded; shown as it is without numpy
+        return {"dtype": value.dtype.str, "shape": list(value.shape)}
+    return str(value)

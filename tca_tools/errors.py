@@ -1,0 +1,29 @@
+"""Errors of the tools; each is shown as one line, and its exit code is the program's.
+
+ToolError           base: the answer is no (exit code 1)
+├── DamagedLog      a journal can't be read to its end; what comes before the damage was shown
+├── NoPicture       a picture can't be drawn here
+└── UnusableLog     LOG is no journal that can be read at all: wrong usage (exit code 2)
+"""
+
+import click
+
+
+class ToolError(click.ClickException):
+    """The answer is no."""
+
+    exit_code = 1
+
+
+class DamagedLog(ToolError):
+    """A journal can't be read to its end."""
+
+
+class NoPicture(ToolError):
+    """A picture can't be drawn here."""
+
+
+class UnusableLog(ToolError):
+    """LOG is no journal that can be read at all."""
+
+    exit_code = 2

@@ -1,0 +1,98 @@
+"""``tca log show``: a journal as text, one line a fact."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+
+from tca_tools.data import data_text, plain_data
+from tca_tools.logs import open_log
+from tca_tools.terminal import cut, line_width, printable
+from tca_tools.wording import Wording
+from tca_wire.facts import Entry, Fact, fields_of, kind_of
+from tca_wire.points import Point, describe_moments
+
+KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
+_KIND_WIDTH = max(map(len, KINDS))
+_LINES_AT_ONCE = 500
+_BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
+
+
+@click.group()
+def log() -> None:
+    """Read the journal of a run."""
+
+
+@log.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")
+@click.option("--task", metavar="N", type=int, help="Only facts about this task or message, and what it sent.")
+@click.option("--kind", "kinds", multiple=True, type=click.Choice(KINDS), help="Only facts of this kind (repeatable).")
+def show(log_path: Path | None, as_json: bool, follow: bool, task: int | None, kinds: tuple[str, ...]) -> None:
+    """Show a journal, one line a fact.
+
+    LOG is a journal directory or one of its segments; without it, the newest run is shown.
+    """
+    journal = open_log(log_path)
+    entries: Iterable[Entry] = journal.follow() if follow else journal
+    render = _json_lines if as_json else _text_lines
+    lines = render(
+        entries, lambda fact: (not kinds or kind_of(fact) in kinds) and (task is None or _tells_of(fact, task))
+    )
+    while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
+        click.echo("\n".join(chunk))
+    journal.check()
+
+
+def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
+    """Each wanted fact as a JSON object; *t* is its time and *cause* the number of its entry."""
+    for entry in entries:
+        for fact in filter(is_wanted, entry.facts):
+            row = {"t": entry.time, "cause": entry.number, "kind": kind_of(fact)} | _plain_fields(fact)
+            yield json.dumps(row)
+
+
+def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
+    """Each wanted fact as an aligned line: time, kind, words, data."""
+    wording, width = Wording(), line_width()
+    for entry in entries:
+        for fact in entry.facts:
+            words = wording.words(fact)  # also of what is not shown: it may name what is
+            if is_wanted(fact):
+                yield _text_line(entry.time, fact, words, width)
+
+
+def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
+    kind, data = kind_of(fact), data_text(getattr(fact, "body", b""))
+    start = f"{time:10.3f}  "
+    rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "")
+    rest = cut(rest.rstrip(), None if width is None else width - len(start))
+    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in _BAD_NEWS else rest)
+
+
+def _plain_fields(fact: Fact) -> dict[str, Any]:
+    """A fact's fields as values that JSON has, with its body decoded."""
+    fields = dict(fields_of(fact))
+    if "constraints" in fields:
+        fields["constraints"] = [
+            {"before": _plain_point(constraint.before), "after": _plain_point(constraint.after)}
+            for constraint in getattr(fact, "constraints", [])
+        ]
+    if hasattr(fact, "body"):
+        fields["data"] = plain_data(fact.body)
+    return fields
+
+
+def _plain_point(point: Point) -> dict[str, Any]:
+    return {"task": point.task, "moment": ", ".join(describe_moments(point.moment))}
+
+
+def _tells_of(fact: Fact, number: int) -> bool:
+    """Whether a fact is about message *number*, or about what its handler sent."""
+    if number in (getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin")):
+        return True
+    return any(number in (c.before.task, c.after.task) for c in getattr(fact, "constraints", []))

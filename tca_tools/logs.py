@@ -1,0 +1,135 @@
+"""Finds, opens and reads the journals of runs. Knows files and segments; knows nothing of what the facts mean."""
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tca_tools.errors import DamagedLog, UnusableLog
+from tca_wire.errors import JournalDamaged
+from tca_wire.facts import Entry
+from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
+
+_POLL_SECONDS = 0.2
+
+
+def journals_folder() -> Path:
+    """Where central keeps its journals unless told otherwise: one folder a run."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "tca" / "journals"
+
+
+def newest_journal() -> Path:
+    """The journal of the last run. Raises UnusableLog if there is none."""
+    folder = journals_folder()
+    runs = _listed(folder) if folder.is_dir() else []
+    for run in reversed(runs):
+        if run.is_dir() and _segments_in(run):
+            return run
+    raise UnusableLog(f"no journal below {folder}: name one as LOG, or start 'tca central' first")
+
+
+def open_log(path: Path | None) -> "Log":
+    """The journal at *path*, or the newest one. Raises UnusableLog if there is none to read."""
+    path = path or newest_journal()
+    try:
+        return Log(_checked(path))
+    except OSError as error:
+        raise UnusableLog(f"{path}: can't be read: {error.strerror}") from None
+
+
+class Log:
+    """One journal: a directory of segments, or one segment.
+
+    Iterating ends quietly where damage begins, so that what is good can be shown; ``check`` then tells of it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._damage = ""
+        self._entries = 0
+
+    @property
+    def name(self) -> str:
+        """What a title calls this journal."""
+        return self.path.resolve().name
+
+    def segments(self) -> list[Path]:
+        """The segments there are now, oldest first."""
+        return _segments_in(self.path) if self.path.is_dir() else [self.path]
+
+    def __iter__(self) -> Iterator[Entry]:
+        """The entries of all segments. Raises UnusableLog if there are none."""
+        for segment in self.segments():
+            with self._excused(), segment.open("rb") as stream:
+                yield from self._counted(JournalReader(stream, str(segment)))
+            if self._damage:
+                return
+        if not self._entries:
+            raise UnusableLog(f"{self.path}: empty, central has written nothing to it yet: try --follow")
+
+    def follow(self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)) -> Iterator[Entry]:
+        """The entries there are and those that come, calling *wait* before looking again; ends only at damage."""
+        followed = 0
+        while not self._damage:
+            segments = self.segments()
+            if followed < len(segments):
+                yield from self._follow_segment(segments[followed], wait)
+                followed += 1
+            else:
+                wait()
+
+    def check(self) -> None:
+        """Raise DamagedLog if reading stopped early, with the one line that says where and why."""
+        if self._damage:
+            raise DamagedLog(f"{self._damage}; what comes before it is shown")
+
+    def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[Entry]:
+        with self._excused(), segment.open("rb") as stream:
+            reader = JournalReader(stream, str(segment))
+            while True:
+                is_last = self.segments()[-1] == segment  # asked first: after that nothing is added to it
+                yield from self._counted(reader)
+                if not is_last:
+                    return
+                wait()
+
+    def _counted(self, entries: Iterable[Entry]) -> Iterator[Entry]:
+        for entry in entries:
+            self._entries += 1
+            yield entry
+
+    @contextmanager
+    def _excused(self) -> Iterator[None]:
+        """Reading may fail where something was read before; ``check`` tells of it."""
+        try:
+            yield
+        except JournalDamaged as error:
+            self._damage = str(error)
+        except OSError as error:
+            self._damage = f"{error.filename or self.path}: can't be read: {error.strerror}"
+        if self._damage and not self._entries:
+            raise UnusableLog(self._damage)
+
+
+def _checked(path: Path) -> Path:
+    if path.is_dir():
+        if not _segments_in(path):
+            raise UnusableLog(f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): name the journal of one run")
+    elif not path.exists():
+        raise UnusableLog(f"{path}: there is no such file or directory: name a journal directory or a segment")
+    elif not path.is_file():
+        raise UnusableLog(f"{path}: neither a file nor a directory: name a journal directory or a segment")
+    return path
+
+
+def _segments_in(folder: Path) -> list[Path]:
+    return [path for path in _listed(folder) if path.suffix == SEGMENT_SUFFIX]
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError as error:
+        raise UnusableLog(f"{folder}: can't be read: {error.strerror}") from None

@@ -1,0 +1,143 @@
+"""What a history remembers: messages, tasks, and what each handler did when. Plain records; history.py fills them."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from tca_wire.constraints import Constraint
+from tca_wire.headers import MessageClass, Outcome
+from tca_wire.points import ROOT, Moment, TaskId
+
+
+class State(StrEnum):
+    """What a task is doing at the moment folded so far."""
+
+    HELD = "held"  # not begun: constraints or its parent do not allow it yet
+    QUEUED = "queued"  # waits for a resource or for a handler
+    PLANNING = "planning"  # is being expanded, ahead of its achievement
+    PLANNED = "planned"  # expanded; may not be achieved yet
+    HANDLING = "handling"  # its handler runs and it is being achieved
+    ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
+    ACHIEVED = "achieved"
+    FAILED = "failed"
+    KILLED = "killed"
+
+
+@dataclass(slots=True)
+class Wait:
+    """A handler blocks: for the reply to message *awaited*, or until task *awaited* reaches a moment."""
+
+    awaited: int
+    start: float
+    moment: Moment | None = None
+    end: float | None = None
+
+
+@dataclass(slots=True)
+class Queueing:
+    """A delivery waits for a resource, or for a handler (module "")."""
+
+    message_id: int
+    module: str
+    resource: str
+    start: float
+    end: float | None = None
+
+
+@dataclass(slots=True)
+class Handling:
+    """One run of a handler."""
+
+    message_id: int
+    name: str
+    module: str
+    resource: str
+    start: float
+    end: float | None = None
+    outcome: Outcome | None = None
+    waits: list[Wait] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Message:
+    """A message that central accepted."""
+
+    id: int
+    name: str
+    message_class: MessageClass
+    sender: str
+    origin: int
+    """The delivery whose handler sent it (0: none)."""
+    received: float
+    body: bytes = b""
+    queueing: Queueing | None = None
+    """The last time it queued."""
+    handlings: list[Handling] = field(default_factory=list)
+    failure: str = ""
+    """The failure raised on it, with its text; "" again when it is handled anew."""
+    dropped: str = ""
+    result: bytes = b""
+
+    def __str__(self) -> str:
+        return f"{self.name} {{{self.id}}}"
+
+    @property
+    def is_queued(self) -> bool:
+        """Whether it waits for a resource or a handler now."""
+        return self.queueing is not None and self.queueing.end is None
+
+    @property
+    def handling(self) -> Handling | None:
+        """The run of its handler that goes on now."""
+        return self.handlings[-1] if self.handlings and self.handlings[-1].end is None else None
+
+
+@dataclass(slots=True)
+class Task(Message):
+    """A message that is a node of the task tree."""
+
+    parent: TaskId = ROOT
+    children: list[TaskId] = field(default_factory=list)
+    constraints: list[Constraint] = field(default_factory=list)
+    """Those that hold back a moment of this task."""
+    reached: dict[Moment, float] = field(default_factory=dict)
+    killed: str | None = None
+    """Why it was killed."""
+
+    @property
+    def state(self) -> State:
+        """What it is doing."""
+        return self._end_state() or self._running_state()
+
+    def _end_state(self) -> State | None:
+        if self.failure:
+            return State.FAILED
+        if self.killed is not None:
+            return State.KILLED
+        return State.ACHIEVED if Moment.END_ACHIEVING in self.reached else None
+
+    def _running_state(self) -> State:
+        if self.is_queued:
+            return State.QUEUED
+        if Moment.START_HANDLING not in self.reached:
+            return State.HELD
+        is_achieving = Moment.START_ACHIEVING in self.reached
+        if self.handling:
+            return State.HANDLING if is_achieving else State.PLANNING
+        if is_achieving:
+            return State.ACHIEVING
+        return State.PLANNED if Moment.END_PLANNING in self.reached else State.PLANNING
+
+
+@dataclass(slots=True)
+class ModuleRecord:
+    """A module, as long as the journal goes."""
+
+    name: str
+    joined: list[tuple[float, float | None]] = field(default_factory=list)
+    """From when until when it was connected."""
+    left: str = ""
+    """Why it left the last time."""
+    resources: dict[str, int] = field(default_factory=dict)
+    """Its resources with their capacities."""
+    waits: list[Wait] = field(default_factory=list)
+    """What it waited for outside of any handler."""

@@ -1,0 +1,77 @@
+"""The constraint arrows of a picture: one between two tasks, however many constraints, labelled by their kinds."""
+
+from dataclasses import dataclass, field
+
+from tca_tools.history import History
+from tca_wire.constraints import Constraint
+from tca_wire.points import Moment, describe_moments
+
+DELAYED = "DP"
+KINDS = {
+    (Moment.END_ACHIEVING, Moment.START_ACHIEVING): "SEQ",
+    (Moment.END_PLANNING, Moment.START_PLANNING): "SEQ planning",
+    (Moment.END_ACHIEVING, Moment.START_PLANNING): DELAYED,
+    (Moment.START_ACHIEVING, Moment.START_PLANNING): "plan ahead",
+}
+_OWN_KINDS = {
+    (Moment.START_ACHIEVING, Moment.START_PLANNING): DELAYED,
+    (Moment.END_PLANNING, Moment.START_ACHIEVING): "plan first",
+}
+MEANINGS = {
+    "SEQ": "achieved one after the other",
+    "SEQ planning": "planned one after the other",
+    DELAYED: "planned only when it may be achieved",
+    "plan ahead": "planned no earlier than the other is begun",
+    "plan first": "planned completely before it is begun",
+}
+
+
+@dataclass(slots=True)
+class Arrows:
+    """What the constraints of a tree look like."""
+
+    between: dict[tuple[int, int], list[str]] = field(default_factory=dict)
+    """For each two tasks, the kinds of the constraints between them."""
+    own: dict[int, list[str]] = field(default_factory=dict)
+    """For each task, the kinds of those with itself that no arrow to it carries."""
+
+    @property
+    def kinds(self) -> set[str]:
+        """All kinds there are."""
+        return {kind for kinds in (*self.between.values(), *self.own.values()) for kind in kinds}
+
+
+def arrows(history: History, shown: set[int]) -> Arrows:
+    """The arrows between the tasks shown."""
+    found = Arrows()
+    for task_id in sorted(shown):
+        task = history.tasks[task_id]
+        incoming: dict[int, list[str]] = {}
+        for constraint in task.constraints:
+            if constraint.before.task == task_id or constraint.before.task in shown:
+                _add(incoming.setdefault(constraint.before.task, []), _kind(constraint))
+        own = incoming.pop(task_id, [])
+        if DELAYED in own and (sequence := _sequence(incoming)):
+            own.remove(DELAYED)  # "after it, and not even planned before": one arrow, as the literature draws it
+            _add(sequence, DELAYED)
+        found.between |= {(before, task_id): kinds for before, kinds in incoming.items()}
+        if own:
+            found.own[task_id] = own
+    return found
+
+
+def _kind(constraint: Constraint) -> str:
+    before, after = constraint.before, constraint.after
+    names = _OWN_KINDS if before.task == after.task else KINDS
+    first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
+    return names.get((before.moment, after.moment), f"{first} before {second}")
+
+
+def _sequence(incoming: dict[int, list[str]]) -> list[str] | None:
+    """The kinds of an arrow that says SEQ, if there is one."""
+    return next((kinds for kinds in incoming.values() if "SEQ" in kinds), None)
+
+
+def _add(kinds: list[str], kind: str) -> None:
+    if kind not in kinds:
+        kinds.append(kind)

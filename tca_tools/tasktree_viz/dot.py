@@ -1,0 +1,147 @@
+"""The task tree as a picture, in the language of Graphviz: as figure 2 of Simmons 1994 draws it.
+
+Narrow arrows down lead from a task to its subtasks, which stand from left to right as they were sent; heavy arrows are
+temporal constraints.
+"""
+
+from collections.abc import Iterable, Iterator
+from html import escape
+from itertools import pairwise
+
+from tca_tools.history import History
+from tca_tools.records import State, Task
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
+from tca_tools.tasktree_viz.outline import Row
+from tca_tools.terminal import cut, printable
+from tca_wire.headers import MessageClass
+from tca_wire.points import Interval
+
+FILLS = {
+    State.HELD: "#ffffff",
+    State.QUEUED: "#fff3c4",
+    State.PLANNING: "#e9d8fd",
+    State.PLANNED: "#d6e4ff",
+    State.HANDLING: "#ffcf70",
+    State.ACHIEVING: "#ffe4b0",
+    State.ACHIEVED: "#cfeccb",
+    State.FAILED: "#f28b82",
+    State.KILLED: "#d5d5d5",
+}
+_INK, _FAINT, _HEAVY = "#1f2933", "#52606d", "#0b4f8a"
+_LONGEST_NAME, _LONGEST_DATA, _LONGEST_NOTE = 36, 48, 160
+_LOOKS = f"""\
+  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{_INK}", labelloc=t, labeljust=l,
+    bgcolor=white, pad=0.3, nodesep=0.35, ranksep=0.45, forcelabels=true, newrank=true];
+  node [shape=box, fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{_INK}", color="{_INK}",
+    penwidth=1, margin="0.12,0.06", height=0.3];
+  edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, color="{_FAINT}", penwidth=0.8, arrowsize=0.6];
+"""
+_CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
+
+
+def dot_source(history: History, rows: list[Row], title: str, *, with_data: bool = False) -> str:
+    """A directed graph of the rows."""
+    found = arrows(history, {row.task.id for row in rows if row.task})
+    body = "\n".join(f"  {line}" for line in _statements(history, rows, found, with_data))
+    return f"digraph tasks {{\n{_LOOKS}  label=<{_heading(rows, title, found)}>;\n{body}\n}}\n"
+
+
+def _statements(history: History, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
+    for row in rows:
+        yield _node(history, row, found, with_data)
+    for row in rows:
+        if row.parent >= 0:
+            yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
+    joined = set()
+    for (before, after), kinds in found.between.items():
+        joined.add((f"t{before}", f"t{after}"))
+        yield _constraint_arrow(history, before, after, kinds)
+    for brothers in _brothers(rows):
+        names = list(map(_id, brothers))
+        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(names) if (a, b) not in joined)
+        yield f"{{ rank=same; {'; '.join(names)}; {order} }}"
+
+
+def _id(row: Row) -> str:
+    return f"t{row.task.id}" if row.task else f"f{row.number}"
+
+
+def _brothers(rows: list[Row]) -> Iterable[list[Row]]:
+    """The rows under each row (and under the root), left to right, where there are several."""
+    below: dict[int, list[Row]] = {}
+    for row in rows:
+        below.setdefault(row.parent, []).append(row)
+    return (brothers for brothers in below.values() if len(brothers) > 1)
+
+
+def _constraint_arrow(history: History, before: int, after: int, kinds: list[str]) -> str:
+    label = " · ".join(kinds)
+    tooltip = printable(f"{history.describe(before)} to {history.describe(after)}: {label}")
+    siblings = history.tasks[before].parent == history.tasks[after].parent
+    rank = "" if siblings else ", constraint=false"
+    return f"t{before} -> t{after} [label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}];"
+
+
+def _node(history: History, row: Row, found: Arrows, with_data: bool) -> str:
+    if row.task is None:
+        fill = FILLS[row.state]
+        label = words.folded(row)
+        return f'{_id(row)} [label="{label}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
+    task, state = row.task, row.task.state
+    style = "filled,rounded" if task.message_class is MessageClass.GOAL else "filled"
+    style += ",dashed" if state is State.HELD else ""
+    tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(history, task), words.data(task)]))
+    label = "<br/>".join(_label_lines(history, task, found.own.get(task.id, []), with_data))
+    return f'{_id(row)} [label=<{label}>, style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}];'
+
+
+def _label_lines(history: History, task: Task, own: list[str], with_data: bool) -> Iterator[str]:
+    name = escape(cut(printable(task.name), _LONGEST_NAME))
+    yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
+    yield _small(" ".join(filter(None, [task.state, _times(task)])))
+    if own:
+        yield f'<font point-size="9" color="{_HEAVY}">{escape(", ".join(own))}</font>'
+    if task.failure:
+        yield _small(cut(words.note(history, task), _LONGEST_NAME))
+    if with_data and (data := words.data(task)):
+        yield _small(cut(data, _LONGEST_DATA))
+
+
+def _times(task: Task) -> str:
+    """When it was achieved or, before that is so, planned."""
+    span = words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING)
+    if not span:
+        return ""
+    start, end = span
+    return f"since {start:.2f}" if end is None else f"{start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash is right here
+
+
+def _small(text: str) -> str:
+    return f'<font point-size="9" color="{_FAINT}">{escape(text)}</font>'
+
+
+def _heading(rows: list[Row], title: str, found: Arrows) -> str:
+    """The title, and below it what colours, shapes and arrows mean."""
+    states = [state for state in State if any(row.task and row.task.state is state for row in rows)]
+    swatches = "".join(
+        f'<td bgcolor="{FILLS[state]}" border="1" color="{_FAINT}"><font point-size="10">{state}</font></td>'
+        for state in states
+    )
+    lines = [f'<font point-size="14"><b>{escape(title)}</b></font>']
+    if states:
+        width = sum(len(state) * 7 + 18 for state in states)  # generous: dot complains of tables too small
+        looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
+        lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
+    lines += [
+        f'<font point-size="10" color="{_HEAVY}"><b>{kind}</b>  {meaning}</font>'
+        for kind, meaning in MEANINGS.items()
+        if kind in found.kinds
+    ]
+    rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)
+    return f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
+
+
+def _quoted(text: str) -> str:
+    text = cut(text, _LONGEST_NOTE * 2).replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    return f'"{text}"'

@@ -1,0 +1,105 @@
+"""The task tree as text: one line a task, with guides, states, times and what each task waits for."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import click
+
+from tca_tools.history import History
+from tca_tools.records import State, Task
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.outline import Row
+from tca_tools.terminal import columns_of, cut, padded, printable
+from tca_wire.points import Interval
+
+COLOURS = {
+    State.HELD: "bright_black",
+    State.QUEUED: "yellow",
+    State.PLANNING: "magenta",
+    State.PLANNED: "blue",
+    State.HANDLING: "cyan",
+    State.ACHIEVING: "cyan",
+    State.ACHIEVED: "green",
+    State.FAILED: "red",
+    State.KILLED: "red",
+}
+_WIDEST_NAME = 48
+_LEVELS = 8
+"""After so many levels indentation begins anew, behind the depth as a number: names must stay in sight."""
+_STATE_WIDTH = max(map(len, State))
+_TIMES_WIDTH = 13
+
+
+@dataclass(frozen=True)
+class Guides:
+    """What is drawn before a task's name."""
+
+    child: str = "├─ "
+    last_child: str = "└─ "
+    beside: str = "│  "
+    empty: str = "   "
+
+
+UNICODE, ASCII = Guides(), Guides("|- ", "`- ", "|  ", "   ")
+
+
+def tree_lines(
+    history: History, rows: list[Row], *, guides: Guides = UNICODE, width: int | None = None, with_data: bool = False
+) -> Iterator[str]:
+    """The tree, line by line, below a line of headings; each cut to *width*."""
+    if not rows:
+        yield "(no task was sent)"
+        return
+    prefixes = _prefixes(rows, guides)
+    labels = [before + _name(row) for row, (before, _) in zip(rows, prefixes, strict=True)]
+    name_width = min(max(map(columns_of, labels)), max(_WIDEST_NAME, (width or 0) - 60))
+    heading = f"{'task':{name_width}}  {'state':{_STATE_WIDTH}}  {'planning':{_TIMES_WIDTH}}  achieving"
+    yield click.style(cut(heading, width), dim=True)
+    for row, label, (_, below) in zip(rows, labels, prefixes, strict=True):
+        if row.task is None:
+            yield click.style(cut(label, width), fg=COLOURS[row.state])
+            continue
+        yield _task_line(history, row.task, padded(label, name_width), width)
+        if with_data and (data := words.data(row.task)):
+            yield click.style(cut(f"{below}{data}", width), dim=True)
+
+
+def _name(row: Row) -> str:
+    return printable(str(row.task)) if row.task else words.folded(row)
+
+
+def _task_line(history: History, task: Task, label: str, width: int | None) -> str:
+    state = task.state
+    spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in (Interval.PLANNING, Interval.ACHIEVING)]
+    rest = cut(
+        "  ".join([f"{state:{_STATE_WIDTH}}", *spans, words.note(history, task)]).rstrip(), _rest_of(width, label)
+    )
+    return f"{label}  {click.style(rest[:_STATE_WIDTH], fg=COLOURS[state])}{rest[_STATE_WIDTH:]}"
+
+
+def _times(task: Task, interval: Interval) -> str:
+    if not (span := words.span(task, interval)):
+        return ""
+    start, end = span
+    return f"{start:.2f}-" if end is None else f"{start:.2f}-{end:.2f}"
+
+
+def _rest_of(width: int | None, label: str) -> int | None:
+    return None if width is None else max(width - columns_of(label) - 2, 0)
+
+
+def _prefixes(rows: list[Row], guides: Guides) -> list[tuple[str, str]]:
+    """What stands before each row's name, and before lines below it that belong to it."""
+    prefixes: list[tuple[str, str]] = []
+    inner: list[str] = []  # for each row, what stands before its children's guides
+    for row in rows:
+        before = inner[row.parent] if row.parent >= 0 else ""
+        if row.depth and row.depth % _LEVELS == 0:
+            before = f"[{row.depth}] "
+        child, beside = (guides.last_child, guides.empty) if row.is_last else (guides.child, guides.beside)
+        if row.depth == 0:
+            child = beside = ""
+        beside = (" " * len(before) if before.startswith("[") else before) + beside
+        inner.append(beside)
+        prefixes.append((before + child, beside + guides.empty))
+    return prefixes

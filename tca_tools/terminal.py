@@ -1,0 +1,61 @@
+"""What fits a terminal: width, cutting, padding, and no control characters from foreign text."""
+
+import os
+import shutil
+import sys
+import unicodedata
+
+
+def printable(text: str) -> str:
+    """*text* without characters that would steer a terminal: those are written as escapes."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def line_width() -> int | None:
+    """The columns a line may take; None if nobody looks (a pipe or file), so nothing need be cut."""
+    if os.environ.get("COLUMNS", "").isdecimal() or sys.stdout.isatty():
+        return shutil.get_terminal_size().columns
+    return None
+
+
+def columns_of(text: str) -> int:
+    """How many columns *text* takes: wide characters take two, combining ones none."""
+    if text.isascii():
+        return len(text)
+    return sum(map(_columns, text))
+
+
+def cut(text: str, width: int | None) -> str:
+    """*text* in at most *width* columns; what is missing shows as "…"."""
+    if width is None or columns_of(text) <= width:
+        return text
+    kept, room = [], width - 1
+    for character in text:
+        room -= _columns(character)
+        if room < 0:
+            break
+        kept.append(character)
+    return "".join(kept) + "…" * (width > 0)
+
+
+def padded(text: str, width: int) -> str:
+    """*text* in exactly *width* columns, cut if need be."""
+    text = cut(text, width)
+    return text + " " * (width - columns_of(text))
+
+
+def can_show(characters: str) -> bool:
+    """Whether standard output's encoding has these characters."""
+    try:
+        characters.encode(sys.stdout.encoding or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
+
+
+def _columns(character: str) -> int:
+    if unicodedata.combining(character):
+        return 0
+    return 2 if unicodedata.east_asian_width(character) in "WF" else 1
