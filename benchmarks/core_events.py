@@ -75,9 +75,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", default="1000,100000,1000000")
     arguments = parser.parse_args()
-    print(
-        f"{'tree':>6} {'tasks':>9} {'growing us/event':>17} {'bytes/task':>11} {'steady us/event: median':>24} {'p99':>7}"
-    )
+    titles = ("tree", "tasks", "growing us/event", "bytes/task", "steady us/event: median", "p99")
+    print("{:>6} {:>9} {:>17} {:>11} {:>24} {:>7}".format(*titles))
     for deep in (False, True):
         for size in map(int, arguments.sizes.split(",")):
             bench = Bench()

@@ -2,8 +2,9 @@
 
     python -m benchmarks.messaging [--rounds 3] [--seconds 1.0]
 
-Every contestant has three processes: client, broker, server; 100-byte bodies, Unix sockets. The proxy's ends are bare
-pyzmq; central's are the module library, with types checked at both ends. Ratios hold, absolute figures are this machine's.
+Every contestant has three processes: client, broker, server; 100-byte bodies, Unix sockets. The proxy's ends are
+bare pyzmq; central's are the module library, with types checked at both ends. Ratios hold, absolute figures are this
+machine's.
 """
 
 import argparse
@@ -118,7 +119,7 @@ def measure_proxy(seconds: float) -> dict[str, float]:
 def measure_central(seconds: float, *options: str) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        journal = ("--journal", str(folder / "journal")) if not options else options
+        journal = options or ("--journal", str(folder / "journal"))
         with central(folder, *journal) as address, process(serve_module, address), connect("client", address) as client:
             client.query(PING, BODY)
 

@@ -21,7 +21,7 @@ class Task(Delivery):
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = ("children", "delayed", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders", "origin",
+    __slots__ = ("children", "delayed", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders",
                  "parent", "reached", "requested", "result", "returned", "unplanned", "waiters")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: "MessageType", body: bytes, sender: "Connection | None") -> None:

@@ -182,7 +182,7 @@ class Bye(_Header, frozen=True, tag=12):
 
 
 class Welcome(_Header, frozen=True, tag=33):
-    """Answers Hello. *module* is the name under which the journal knows the module; *epoch* names this central's run."""
+    """Answers Hello. *module* is the name by which the journal knows the module; *epoch* names this run of central."""
 
     number: int
     version: int

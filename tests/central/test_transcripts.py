@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-
 from central.transcript import Transcript
 
 FOLDER = Path(__file__).parent / "transcripts"

@@ -12,6 +12,7 @@ import re
 from typing import Any
 
 from central.player import Player
+
 from tca_central.agenda import held_counts
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint, Flags
@@ -110,7 +111,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: bye", Transcript.bye),
     (rf"lose {NAME}", Transcript.lose),
     (rf"garbage {NAME}", Transcript.garbage),
-    (r"tree", lambda transcript: None),
+    (r"tree", lambda _: None),
     (rf"{NAME}: (?P<what>(?:{CLASSES}) \w+)(?P<options>.*)", Transcript.send),
 ]  # fmt: skip
 

@@ -101,7 +101,7 @@ def test_the_controller_was_replaced_between_the_arcs_and_the_walk_went_on(
 
 def steps_of(history: History, arc: int) -> list[int]:
     """The take-steps tasks of an arc, outermost first."""
-    chain = list(history.children(arc))
+    chain: list[int] = list(history.children(arc))
     while below := [child for child in history.children(chain[-1]) if history.tasks[child].name == "take steps"]:
         chain += below
     return chain

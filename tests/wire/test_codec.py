@@ -1,5 +1,7 @@
 """Packets: everything that goes in comes out, and no bytes whatever get past as something else than ProtocolError."""
 
+from contextlib import suppress
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -38,19 +40,16 @@ def test_a_packet_cut_anywhere_is_refused_or_ends_at_an_item(
 ) -> None:
     packet = codec.pack(items)
     cut = data.draw(st.integers(0, len(packet) - 1))
-    try:
-        assert codec.unpack_to_central(packet[:cut]) == items[: len(codec.unpack_to_central(packet[:cut]))]
-    except ProtocolError:
-        pass
+    with suppress(ProtocolError):
+        unpacked = codec.unpack_to_central(packet[:cut])
+        assert unpacked == items[: len(unpacked)]
 
 
 @given(st.binary(max_size=200))
 def test_no_bytes_do_worse_than_a_protocol_error(packet: bytes) -> None:
     for unpack in (codec.unpack_to_central, codec.unpack_to_module):
-        try:
+        with suppress(ProtocolError):
             unpack(packet)
-        except ProtocolError:
-            pass
 
 
 def item(header: bytes, body: bytes = b"") -> bytes:
