@@ -36,6 +36,8 @@ class History:
         self.modules: dict[str, ModuleRecord] = {}
         self.handlers: dict[str, dict[str, str]] = {}
         """For each message its handlers: module and resource."""
+        self.formats: dict[str, facts.FormatDefined] = {}
+        """For each message its class and formats, as first declared."""
         self._deliveries: dict[int, Handling] = {}
         self._queued: dict[int, Queueing] = {}
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
@@ -112,6 +114,9 @@ class History:
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
         self._module(fact.module).resources[fact.resource] = fact.capacity
+
+    def _format(self, fact: facts.FormatDefined) -> None:
+        self.formats.setdefault(fact.message, fact)
 
     def _handler(self, fact: facts.HandlerAdded) -> None:
         self.handlers.setdefault(fact.message, {})[fact.module] = fact.resource
@@ -266,6 +271,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.ModuleJoined: History._joined,
     facts.ModuleLeft: History._left,
     facts.ResourceChanged: History._resource,
+    facts.FormatDefined: History._format,
     facts.HandlerAdded: History._handler,
     facts.HandlerRemoved: History._no_handler,
     facts.Received: History._received,

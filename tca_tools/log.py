@@ -31,7 +31,14 @@ def log() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")
 @click.option("--task", metavar="N", type=int, help="Only facts about this task or message, and what it sent.")
-@click.option("--kind", "kinds", multiple=True, type=click.Choice(KINDS), help="Only facts of this kind (repeatable).")
+@click.option(
+    "--kind",
+    "kinds",
+    metavar="KIND",
+    multiple=True,
+    type=click.Choice(KINDS),
+    help="Only facts of this kind (repeatable).",
+)
 def show(log_path: Path | None, as_json: bool, follow: bool, task: int | None, kinds: tuple[str, ...]) -> None:
     """Show a journal, one line a fact.
 

@@ -178,8 +178,8 @@ def main() -> int:
         return 1
     console.print(f"{'Done' if code == 0 else 'Ended'} after {time.monotonic() - began:.0f} s:")
     for title, path in walk.outputs:
-        console.print(f"  {title:12} {path}")
-    console.print(f"Look at any moment again: [bold]tca tree {walk.folder}/journal --at 5[/bold]")
+        console.print(f"  {title:12} {path}", soft_wrap=True)
+    console.print(f"Look at any moment again: [bold]tca tree {walk.folder}/journal --at 5[/bold]", soft_wrap=True)
     return code
 
 

@@ -139,6 +139,16 @@ def test_a_failed_task_that_is_handled_anew_is_no_failure() -> None:
     assert story.fold().tasks[goal].state is State.PLANNING
 
 
+def test_who_handles_what_in_which_format() -> None:
+    story = Story().module("one", "walk").module("two", "walk", resource="legs")
+    first = facts.FormatDefined("walk", MessageClass.GOAL, '{"type":"number"}', "", "one")
+    story.say(first, facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "two"))
+    story.say(facts.HandlerRemoved("walk", "one"))
+    history = story.fold()
+    assert history.handlers == {"walk": {"two": "legs"}}
+    assert history.formats == {"walk": first}
+
+
 def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     story = Story().module("legs", "walk")
     goal = story.goal("walk", "x")
