@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from tca_central.registry import Connection, Handler, MessageType
 from tca_central.resources import Delivery, Resource
-from tca_wire.facts import HandlerRemoved, Queued
+from tca_wire.facts import HandlerRemoved, Queued, Unqueued
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -40,11 +40,12 @@ class Dispatcher:
         delivery.queues = resources
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
-            self._facts.append(Queued(delivery.id, "", ""))
+            self._facts.append(Queued(delivery.id, delivery.message_id, "", ""))
             return
         for resource in resources:
             resource.queue(delivery)
-        self._facts.append(Queued(delivery.id, resources[0].module, resources[0].name))
+        first = resources[0]
+        self._facts.append(Queued(delivery.id, delivery.message_id, first.module, first.name))
 
     def _attend(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
@@ -69,9 +70,12 @@ class Dispatcher:
             self._attend(following, slot)
 
     def withdraw(self, delivery: Delivery) -> None:
-        """Take a delivery out of wherever it waits."""
+        """Take a delivery out of wherever it waits, if it does."""
+        if delivery.queues is None:
+            return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
+        self._facts.append(Unqueued(delivery.id))
         delivery.withdraw()
 
     def is_full(self, message: MessageType) -> bool:

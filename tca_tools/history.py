@@ -153,11 +153,14 @@ class History:
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
         self._unqueue(fact.id)
-        queueing = Queueing(fact.id, fact.module, fact.resource, self.time)
+        queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
         if fact.id in self.messages:
             self.messages[fact.id].queueing = queueing
+
+    def _leave_queue(self, fact: facts.Unqueued) -> None:
+        self._unqueue(fact.id)
 
     def _unqueue(self, delivery: int) -> Queueing | None:
         if queueing := self._queued.pop(delivery, None):
@@ -166,8 +169,7 @@ class History:
 
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
-        if queueing := self._unqueue(fact.id):
-            queueing.message_id = fact.message_id  # until now only the delivery was known
+        self._unqueue(fact.id)
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         self.handlings.append(handling)
@@ -277,6 +279,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Received: History._received,
     facts.Constrained: History._constrain,
     facts.Queued: History._queue,
+    facts.Unqueued: History._leave_queue,
     facts.Delivered: History._deliver,
     facts.Returned: History._return,
     facts.Reached: History._reach,

@@ -75,7 +75,10 @@ class Wording:
         return self._constraints(fact.constraints)
 
     def _queued(self, fact: facts.Queued) -> str:
-        return f"{self._name(fact.id)} for {place(fact.module, fact.resource) or 'a handler'}"
+        return f"{self._name(fact.message_id)} for {place(fact.module, fact.resource) or 'a handler'}"
+
+    def _unqueued(self, fact: facts.Unqueued) -> str:
+        return self._name(fact.id)
 
     def _delivered(self, fact: facts.Delivered) -> str:
         copy = f" of message {{{fact.message_id}}}" if fact.id != fact.message_id else ""
@@ -134,6 +137,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Received: Wording._received,
     facts.Constrained: Wording._constrained,
     facts.Queued: Wording._queued,
+    facts.Unqueued: Wording._unqueued,
     facts.Delivered: Wording._delivered,
     facts.Returned: Wording._returned,
     facts.Reached: Wording._reached,

@@ -106,11 +106,18 @@ class Constrained(_Fact, frozen=True, tag="constrained"):
 
 
 class Queued(_Fact, frozen=True, tag="queued"):
-    """A delivery waits: for a resource that is busy, or for a handler (module and resource "")."""
+    """A delivery of message *message_id* waits: for a resource that is busy, or for a handler (module, resource "")."""
 
     id: int
+    message_id: int
     module: str
     resource: str
+
+
+class Unqueued(_Fact, frozen=True, tag="unqueued"):
+    """A delivery waits no longer and nobody was given it: its task is held again or killed, or its sender gave up."""
+
+    id: int
 
 
 class Delivered(_Fact, frozen=True, tag="delivered"):
@@ -138,7 +145,7 @@ class Reached(_Fact, frozen=True, tag="reached"):
 
 
 class Failed(_Fact, frozen=True, tag="failed"):
-    """A failure was raised on a task or message."""
+    """A failure was raised on a task or message. Of a module that was lost no handler returns: this ends its part."""
 
     id: int
     failure: str
@@ -192,7 +199,7 @@ class RequestRefused(_Fact, frozen=True, tag="refused"):
 
 Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
-    | Received | Constrained | Queued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
+    | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
     | WaitBegan | WaitEnded | RequestRefused
 )  # fmt: skip
 
@@ -216,5 +223,5 @@ def fields_of(fact: Fact) -> dict[str, object]:
     if isinstance(fact, Reached):
         fields["moments"] = describe_moments(fact.moments)
     elif isinstance(fact, WaitBegan):
-        fields["moment"] = describe_moments(fact.moment)[0]
+        fields["moment"] = ", ".join(describe_moments(fact.moment))
     return fields

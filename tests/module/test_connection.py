@@ -18,7 +18,9 @@ from tca_wire.headers import (
     Bye,
     Deliver,
     GiveUp,
+    HandlerFormat,
     Hello,
+    Limit,
     Refusal,
     Register,
     Reply,
@@ -26,6 +28,7 @@ from tca_wire.headers import (
     ToCentral,
     ToModule,
     Unknown,
+    Unregister,
     Welcome,
 )
 
@@ -56,6 +59,7 @@ class ScriptedCentral:
         if not self.is_there:
             self.now += wait_seconds
             return False
+        assert len(packet) <= Limit.PACKET
         for header, _ in unpack_to_central(packet):
             self.heard.append(header)
             if answers := self.script(header):
@@ -83,7 +87,7 @@ def friendly(header: ToCentral) -> list[ToModule]:
         return [WELCOME]
     if isinstance(header, Send) and header.number and header.message == "walk":
         return [Accepted(header.number, 17)]
-    if isinstance(header, Register):
+    if isinstance(header, Register | Unregister):
         return [Accepted(header.number)]
     return []
 
@@ -178,6 +182,11 @@ def test_what_central_does_not_acknowledge_is_given_up() -> None:
         central.say(Beat(), at=second)
     with pytest.raises(Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central .* is alive"):
         connection.call(Send(0, "x"), "goal 'x'")
+    central.say(Unknown())
+    connection.post(Send(0, "position"), b"")
+    central.heard.clear()
+    connection.post(Send(0, "position"), b"")
+    assert central.heard == [Send(0, "position")]  # and x is not repeated
 
 
 def test_a_silent_central_is_asked_and_then_given_up() -> None:
@@ -274,7 +283,7 @@ def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixt
 def test_big_messages_leave_in_several_packets() -> None:
     connection, central = connected()
     central.is_there = False
-    requests = [connection.request(Send(0, f"{number}"), bytes(5 << 20)) for number in range(3)]
+    requests = [connection.request(Send(0, f"{number}"), bytes(6 << 20)) for number in range(3)]
     central.is_there = True
     assert not connection.wait(requests[0], 0.3, "goal")
     assert [header.message for header in central.heard if isinstance(header, Send)] == ["0", "1", "2"]
@@ -307,6 +316,17 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
     assert connection.session.outgoing == [(GiveUp(2), b"")]
+
+
+def test_a_module_that_left_is_not_registered_again() -> None:
+    connection, central = connected()
+    connection.declare(WALK, handlers=[HandlerFormat("walk", "legs")])
+    connection.leave()
+    central.say(Unknown())
+    connection.post(Send(0, "position"), b"")
+    connection.post(Send(0, "position"), b"")
+    registrations = [header for header in central.heard if isinstance(header, Register)]
+    assert [len(header.handlers) for header in registrations] == [1, 0]
 
 
 def test_goodbye() -> None:

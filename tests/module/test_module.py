@@ -10,7 +10,7 @@ import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 
 from tca_module import CentralLost, Client, FormatRefused, MisuseError, Module, QueryFailed, Task, Timeout, connect
-from tca_module.testing import LocalCentral
+from tca_module.testing import LocalCentral, LocalTransport
 from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received
 
 SOON = 5.0
@@ -314,6 +314,51 @@ def test_a_module_that_cannot_begin_cleans_up(legs: Module, central: LocalCentra
         with pytest.raises(FormatRefused, match="two formats for message"), liar.running():
             pass
     assert [module["module"] for module in user.status("modules")] == ["user"]
+
+
+class Full(LocalCentral):
+    """A central to which only so many connections can be made."""
+
+    room = 1
+
+    def transport(self) -> LocalTransport:
+        self.room -= 1
+        if self.room < 0:
+            raise OSError("no room")
+        return super().transport()
+
+
+def test_a_module_ends_when_one_of_its_threads_cannot_begin() -> None:
+    with Full() as central:
+        legs = Module("legs", central)
+        legs.handles(TEMPERATURE)(lambda _: 36.6)
+        with pytest.raises(OSError, match="no room"), legs.running():
+            pass
+        assert not central.core.registry.connections
+
+
+def test_a_module_ends_when_one_of_its_threads_does(legs: Module, central: LocalCentral, user: Client) -> None:
+    """A bug of this library, or a full disk; it must not go unnoticed."""
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+
+    def break_one() -> None:
+        slot = next(one for one in central.core.registry.connections.values() if one.resource)
+        central._connections[slot.id].incoming.put("no bytes")  # type: ignore[arg-type]
+
+    with in_thread(legs.run) as ends:
+        assert user.query(TEMPERATURE) == 36.6
+        break_one()
+    assert isinstance(ends[0], TypeError)
+
+
+def test_a_module_can_be_stopped_before_central_is_there(legs: Module, central: LocalCentral) -> None:
+    central.close()
+    began = threading.Event()
+    central.take = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
+    with in_thread(legs.run) as ends:
+        assert began.wait(SOON)
+        legs.stop()
+    assert ends == [None]
 
 
 # --- central breaks -------------------------------------------------------------------------------------------------------

@@ -107,6 +107,9 @@ def test_nothing_is_planned_ahead(plan: Plan) -> None:
     with plan.ordering.sequence(0):
         plan.child()
         assert plan.child() == "seq ach, delay planning"
+        with plan.ordering.parallel():
+            assert plan.child() == "seq ach, delay planning"
+    assert plan.child() == "seq ach"
 
 
 def test_commands_are_not_planned_and_count_as_siblings(plan: Plan) -> None:

@@ -52,7 +52,7 @@ def test_split_queries_are_answered_in_any_order(legs: Module, user: Client) -> 
         assert pending[0].receive(0) == [0]
 
 
-def test_nobody_answers_in_time(user: Client) -> None:
+def test_nobody_answers_in_time(user: Client, central: LocalCentral) -> None:
     with pytest.raises(Timeout) as caught:
         user.query(TEMPERATURE, timeout=0.01)
     assert str(caught.value) == (
@@ -60,6 +60,7 @@ def test_nobody_answers_in_time(user: Client) -> None:
         "'tca messages', or give timeout="
     )
     assert isinstance(caught.value, TimeoutError)
+    assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == ["its sender gave up"]
 
 
 def test_a_query_that_was_given_up_is_not_handled(legs: Module, user: Client, central: LocalCentral) -> None:
@@ -81,13 +82,15 @@ def test_a_query_that_was_given_up_is_not_handled(legs: Module, user: Client, ce
     assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == ["its sender gave up"]
 
 
-def test_a_handler_may_ask_its_own_resource(legs: Module, user: Client) -> None:
+def test_a_handler_may_ask_its_own_resource(legs: Module, user: Client, central: LocalCentral) -> None:
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         return [int(radius), *task.query(STANCE, radius - 1, timeout=SOON)] if radius > 1 else [1]
 
     with legs.running():
         assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
+    received = [fact for fact in central.facts if isinstance(fact, Received)]
+    assert [(fact.origin, fact.blocking) for fact in received] == [(0, True), (1, True), (2, True), (3, True)]
 
 
 def test_a_handler_may_ask_its_own_resource_and_fetch_the_reply_later(legs: Module, user: Client) -> None:

@@ -325,6 +325,11 @@ def test_a_killed_task_is_cancelled_until_it_is_replied_to(session: Session) -> 
     assert session.is_cancelled(8)
 
 
+def test_a_task_that_central_has_forgotten_is_cancelled(session: Session) -> None:
+    hear(session, Deliver(8, "walk"), Unknown(), welcome("two"))
+    assert session.is_cancelled(8)
+
+
 def test_every_message_of_central_has_its_row() -> None:
     for kind in headers.ToModule.__args__:
         assert kind in Session._ON

@@ -81,19 +81,26 @@ def test_nobody_is_there(address: str) -> None:
 
 
 def test_status_says_what_waits_for_what(central: str) -> None:
-    with connect("user", central) as user:
+    legs, go = Module("legs", central), threading.Event()
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, float(go.wait(SOON))))
+    with legs.running(), connect("user", central) as user:
         user.query_send(TEMPERATURE)
         first = user.goal(REST)
         user.goal(REST, sequential_planning=True)
+        for leg in range(2):
+            user.command(MOVE_LEG, leg, sequential=False)
         code, text = ask(commands.status, "--central", central)
         assert code == 0
         assert text.startswith(f"central at {central}, run real\n")
-        assert "2 tasks" in text
-        assert "1 of query 'temperature'  a module that handles it\n" in text
-        assert f"task {first.id + 1} 'rest'  " in text
-        assert "1 constraint on its start planning\n" in text
+        assert "4 tasks" in text
+        lines = [" ".join(line.split()) for line in text.splitlines()]
+        assert "waits for" in lines
+        assert "1 of query 'temperature' a module that handles it" in lines
+        assert f"task {first.id + 1} 'rest' 1 constraint on its start planning" in lines
+        assert f"1 for resource 'legs/legs' the end of what it handles: {first.id + 2}" in lines
         code, text = ask(commands.status, "--central", central, "--json")
         assert json.loads(text)["waiting"][0] == {"what": "1 of query 'temperature'", "for": "a module that handles it"}
+        go.set()
 
 
 def test_modules_and_messages(central: str) -> None:

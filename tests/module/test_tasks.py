@@ -25,7 +25,7 @@ from tca_module import (
     this,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Delivered, Reached, Received, WaitBegan
+from tca_wire.facts import Delivered, Reached, Received, WaitBegan, WaitEnded
 from tca_wire.points import Moment, Point
 
 SOON = 5.0
@@ -197,6 +197,15 @@ def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     assert constraints[2] == ["end planning task 5 <= start achieving task 5"]
 
 
+def test_a_child_out_of_sequence_is_waited_for_by_what_follows_it_in_a_block(robot: Robot, user: Client) -> None:
+    with user.sequence():
+        user.goal(STEP, 1)
+        user.goal(STEP, 2, sequential=False)
+        user.goal(STEP, 3)
+    constraints = [{one.before.task for one in fact.constraints} for fact in robot.received("step")]
+    assert constraints == [set(), set(), {1, 2}]
+
+
 def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
     """What the handler's task plans is not done before the handler has returned."""
 
@@ -226,6 +235,7 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
     one = first.achieving.end <= second.planning.start
     assert isinstance(one, Constraint)
     assert str(one) == "end achieving task 1 <= start planning task 2"
+    assert str(second.planning.start >= first.achieving.end) == str(one)
     with pytest.raises(MisuseError, match="write a <= b <= c as two constraints"):
         _ = first.achieving.start <= first.achieving.end <= second.planning.start
 
@@ -253,6 +263,7 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
         assert stop.wait_for(stop.handling.start, SOON) is Outcome.DONE
         with pytest.raises(Timeout, match=r"end achieving task 1 \('stop'\) was not reached within 0.01 s"):
             stop.result(0.01)
+        assert WaitEnded("user", 0, stop.id) in robot.central.facts  # given up
         go.set()
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
         stop.result(SOON)

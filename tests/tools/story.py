@@ -78,7 +78,7 @@ class Story:
         return self.received(message, COMMAND, sender, parent, *constraints, **more)
 
     def queued(self, number: int, module: str = "", resource: str = "") -> "Story":
-        return self.say(facts.Queued(number, module, resource or module))
+        return self.say(facts.Queued(number, number, module, resource or module))
 
     def delivered(self, number: int, module: str, resource: str = "") -> "Story":
         self.say(facts.Delivered(number, number, module, resource or module))

@@ -176,7 +176,7 @@ def test_a_broadcast_has_a_handling_for_each_receiver() -> None:
     story = Story()
     pose = story.received("pose", MessageClass.BROADCAST, "legs")
     for delivery, module in ((2, "map"), (3, "screen")):
-        story.say(facts.Queued(delivery, module, module), facts.Delivered(delivery, pose, module, module))
+        story.say(facts.Queued(delivery, pose, module, module), facts.Delivered(delivery, pose, module, module))
     story.at(1.0).say(facts.Returned(2, Outcome.DONE, b""))
     history = story.fold()
     assert [(run.name, run.module, run.end) for run in history.messages[pose].handlings] == [
