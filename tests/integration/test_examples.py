@@ -1,0 +1,54 @@
+"""Every example runs, is short, and prints what it says."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from integration.programs import central
+
+pytestmark = pytest.mark.slow
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+PRINTED = {
+    "01_fetch": "drive kitchen\ngrasp cup\ndrive home\n",
+    "02_questions": "height: 0.5\nheights: [0.0, 0.1, 0.2]\nlowest battery: 0.4\n",
+    "03_plan_ahead": "plan row 0\n",
+    "04_constraints": "boil water\nlay table\npour\n",
+    "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
+    "06_testing_without_central": "passed\n",
+}
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_example(path: Path, tmp_path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= 60
+    with central(tmp_path) as daemon:
+        done = subprocess.run(
+            [sys.executable, str(path)], capture_output=True, text=True, timeout=30, check=False,
+            env={**os.environ, "TCA_CENTRAL": daemon.address},
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    expected = PRINTED[path.stem]
+    assert done.stdout.startswith(expected)
+    if path.stem == "03_plan_ahead":
+        diary = done.stdout.splitlines()
+        assert [line for line in diary if "plan" in line] == [f"plan row {row}" for row in range(4)]
+        assert [line for line in diary if "mow" in line] == [f"mow row {row}" for row in range(4)]
+        for row in range(2):
+            assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
+    if path.stem == "05_failure":
+        assert "terrain collision" in done.stdout
+        assert "leg 1 met a rock" in done.stdout
+
+
+def test_the_readme_quotes_the_first_example() -> None:
+    code = (EXAMPLES / "01_fetch.py").read_text().partition('"""\n\n')[2]
+    readme = (EXAMPLES.parent / "README.md").read_text()
+    quoted = readme.partition("```python\n")[2].partition("```")[0]
+    assert [line for line in quoted.splitlines() if line.strip()] == [
+        line.removeprefix("    ") if "robot.running" in line or "robot.goal" in line else line
+        for line in code.splitlines()
+        if line.strip() and "__main__" not in line
+    ]
