@@ -31,6 +31,7 @@ from tca_wire.headers import (
     Unregister,
     Welcome,
 )
+from tca_wire.points import TaskId
 
 WELCOME = Welcome(1, 1, "legs", "one")
 WALK = Goal("walk")
@@ -182,6 +183,7 @@ def test_what_central_does_not_acknowledge_is_given_up() -> None:
         central.say(Beat(), at=second)
     with pytest.raises(Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central .* is alive"):
         connection.call(Send(0, "x"), "goal 'x'")
+    central.packets.clear()
     central.say(Unknown())
     connection.post(Send(0, "position"), b"")
     central.heard.clear()
@@ -216,6 +218,14 @@ def test_what_was_lost_with_central_raises() -> None:
     central.say(Unknown())
     with pytest.raises(CentralLost, match=r"query 'stance' is lost: central was restarted .*; ask again"):
         connection.wait(request, None, "query 'stance'")
+
+
+def test_a_new_central_is_not_asked_about_the_tasks_of_the_old_one() -> None:
+    connection, central = connected()
+    central.say(Unknown(), Welcome(1, 1, "legs", "two"))
+    with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten its tasks"):
+        connection.call(Send(0, "walk", parent=TaskId(3)), "goal 'walk'")
+    assert connection.call(Send(0, "walk"), "goal 'walk'") == 17
 
 
 def test_a_sender_that_never_waits_still_finds_central_again() -> None:

@@ -263,7 +263,7 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
         assert stop.wait_for(stop.handling.start, SOON) is Outcome.DONE
         with pytest.raises(Timeout, match=r"end achieving task 1 \('stop'\) was not reached within 0.01 s"):
             stop.result(0.01)
-        assert WaitEnded("user", 0, stop.id) in robot.central.facts  # given up
+        assert robot.central.facts.count(WaitEnded("user", 0, stop.id)) == 2  # the second was given up
         go.set()
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
         stop.result(SOON)

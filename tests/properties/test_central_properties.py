@@ -1,120 +1,22 @@
 """Random lives of central: the invariants hold after every event, and everything comes to an end."""
 
-from central.player import Player, before, point
+from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from properties.life import MODULES, Life, operation
 
-from tca_central.core import Central
 from tca_central.task_tree import Task
-from tca_wire import headers
 from tca_wire.constraints import Flags
 from tca_wire.facts import Delivered, Reached, Received
-from tca_wire.points import Moment, TaskId
-
-MODULES = {
-    "planner": ("goal walk", "goal step", "query where"),
-    "legs": ("command move", "command lift", "inform note"),
-    "map": ("query where", "multi-query all", "broadcast pose"),
-}
-MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
-small = st.integers(0, 1000)
-operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail", "kill", "constrain", "wait", "lose",
-                                       "join", "bye", "give up"]), small, small, small, small)  # fmt: skip
-
-
-class Life:
-    """Turns numbers into something that a module could do now."""
-
-    def __init__(self) -> None:
-        self.player = Player()
-        self.generation = 0
-        self.player.module("user")
-        self.player.declare("user", *MESSAGES)
-        for module in MODULES:
-            self.join(module)
-
-    @property
-    def central(self) -> Central:
-        return self.player.central
-
-    def connections(self) -> list[str]:
-        return [connection.decode() for connection in self.central.registry.connections]
-
-    def join(self, module: str) -> None:
-        self.generation += 1
-        name = f"{module}{self.generation}"
-        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "")
-
-    def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
-        getattr(self, name.replace(" ", "_"))(a, b, c, d)
-
-    def send(self, a: int, b: int, c: int, d: int) -> None:
-        senders = self.connections()
-        tasks = [0, *self.central.tree.tasks]
-        constraints = []
-        if d % 4 == 0 and len(tasks) > 2:
-            one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
-            constraints.append(before(point(one, moment), point(-1, list(Moment)[a % 6])))
-        self.player.send(
-            senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].split(" ", 1)[1], under=tasks[c % len(tasks)],
-            flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
-        )  # fmt: skip
-
-    def reply(self, a: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.attended.values())
-        if attended:
-            delivery = attended[a % len(attended)]
-            assert delivery.slot
-            self.player.reply(delivery.slot.id.decode(), delivery.id, value=a)
-
-    def fail(self, a: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.attended.values())
-        if attended:
-            delivery = attended[a % len(attended)]
-            assert delivery.slot
-            self.player.fail(delivery.slot.id.decode(), "slipped", delivery.id)
-
-    def kill(self, a: int, *_: int) -> None:
-        tasks = list(self.central.tree.tasks)
-        if tasks:
-            self.player.receive("user", headers.Kill(self.player.number("user"), TaskId(tasks[a % len(tasks)])))
-
-    def constrain(self, a: int, b: int, c: int, d: int) -> None:
-        tasks = list(self.central.tree.tasks)
-        if tasks:
-            one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
-            wanted = before(point(one, list(Moment)[c % 6]), point(other, list(Moment)[d % 6]))
-            self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
-
-    def wait(self, a: int, b: int, c: int, d: int) -> None:
-        tasks = list(self.central.tree.tasks)
-        if tasks:
-            where = point(tasks[a % len(tasks)], list(Moment)[b % 6])
-            self.player.receive("user", headers.WaitFor(self.player.number("user"), where))
-
-    def give_up(self, a: int, *_: int) -> None:
-        self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
-
-    def lose(self, a: int, *_: int) -> None:
-        others = [name for name in self.connections() if name != "user"]
-        if others:
-            self.player.lose(others[a % len(others)])
-
-    def bye(self, a: int, *_: int) -> None:
-        others = [name for name in self.connections() if name != "user"]
-        if others:
-            self.player.receive(others[a % len(others)], headers.Bye())
-
-    def join_(self, a: int, *_: int) -> None:
-        self.join(list(MODULES)[a % 3])
+from tca_wire.points import Moment
 
 
 @given(st.lists(operation, max_size=60))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=500, deadline=None)
 def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life()
     for name, *numbers in operations:
-        life.do("join_" if name == "join" else name, *numbers)
+        life.do(name, *numbers)
     _end_everything(life)
     assert not life.central.tree.tasks
     assert not life.central.dispatcher.attended
@@ -130,7 +32,7 @@ def _end_everything(life: Life) -> None:
     life.player.module("latecomer", "command later")
     rounds = 0
     while life.central.dispatcher.attended:
-        life.reply(0)
+        life.reply_(0)
         rounds += 1
         assert rounds < 5000
     assert not life.central.tree.tasks, [stuck(task) for task in life.central.tree.tasks.values()]
