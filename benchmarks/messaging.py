@@ -8,6 +8,7 @@ machine's.
 """
 
 import argparse
+import itertools
 import multiprocessing
 import statistics
 import subprocess
@@ -21,6 +22,7 @@ from pathlib import Path
 import zmq
 
 from tca_module import Goal, Module, Query, Task, connect
+from tca_wire import codec, headers
 
 PING = Query("ping", bytes, reply=bytes)
 WALK = Goal("walk", bytes)
@@ -143,8 +145,57 @@ def measure_central(seconds: float, *options: str) -> dict[str, float]:
     return result
 
 
+def serve_bare(address: str) -> None:
+    """A module by hand, without the module library."""
+    slots = [dealer(address) for _ in range(CAPACITY + 1)]
+    for number, slot in enumerate(slots):
+        slot.send(codec.pack_item(headers.Hello(1, 1, "bare", "bare", number, "bare" if number else "")))
+        slot.recv()
+    messages, handlers = [PING.format], [headers.HandlerFormat("ping", "bare")]
+    slots[0].send(codec.pack_item(headers.Register(2, messages, handlers)))
+    slots[0].recv()
+    poller = zmq.Poller()
+    for slot in slots[1:]:
+        poller.register(slot, zmq.POLLIN)
+    while True:
+        for slot, _ in poller.poll():
+            for header, body in codec.unpack_to_module(slot.recv()):
+                if isinstance(header, headers.Deliver):
+                    slot.send(codec.pack_item(headers.Reply(header.delivery), body))
+
+
+def measure_bare(seconds: float) -> dict[str, float]:
+    """Central without the module library: both ends speak the protocol over bare pyzmq."""
+    with tempfile.TemporaryDirectory() as name:  # noqa: SIM117
+        with central(Path(name), "--no-journal") as address, process(serve_bare, address):
+            socket = dealer(address)
+            socket.send(codec.pack_item(headers.Hello(1, 1, "client", "client")))
+            socket.recv()
+            socket.send(codec.pack_item(headers.Register(2, [PING.format])))
+            socket.recv()
+            numbers, body = itertools.count(3), PING.encode_data(BODY)
+
+            def exchange(count: int) -> int:
+                for _ in range(count):
+                    socket.send(codec.pack_item(headers.Send(next(numbers), "ping"), body))
+                answered = 0
+                while answered < count:
+                    items = codec.unpack_to_module(socket.recv())
+                    answered += sum(isinstance(header, headers.Answer) for header, _ in items)
+                return count
+
+            exchange(OUTSTANDING)
+            result = {
+                "round trip": 1e6 / rate(seconds, lambda: exchange(1)),
+                "queries": rate(seconds, lambda: exchange(OUTSTANDING)),
+            }
+            socket.close(linger=0)
+    return result
+
+
 CONTESTANTS: dict[str, Callable[[float], dict[str, float]]] = {
     "zmq.proxy": measure_proxy,
+    "central, bare ends": measure_bare,
     "central, no journal": lambda seconds: measure_central(seconds, "--no-journal"),
     "central": measure_central,
 }

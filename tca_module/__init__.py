@@ -9,6 +9,7 @@ from tca_module.errors import (
     MisuseError,
     QueryFailed,
     Refused,
+    Stopped,
     TaskFailed,
     TaskKilled,
     TcaError,
@@ -32,7 +33,7 @@ from tca_wire.declarations import (
 )
 from tca_wire.errors import BadFormat
 from tca_wire.headers import Outcome
-from tca_wire.points import Edge, Interval, Point
+from tca_wire.points import Edge, Interval, Moment, Point
 
 __all__ = [
     "BadData",
@@ -52,6 +53,7 @@ __all__ = [
     "Message",
     "MisuseError",
     "Module",
+    "Moment",
     "MultiQuery",
     "Outcome",
     "PendingReply",
@@ -60,6 +62,7 @@ __all__ = [
     "QueryFailed",
     "Refused",
     "Sender",
+    "Stopped",
     "Task",
     "TaskFailed",
     "TaskKilled",

@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, Self
 import msgspec
 
 from tca_module.connection import PATIENCE, Connection
-from tca_module.errors import CentralLost, MisuseError
+from tca_module.errors import MisuseError
 from tca_module.sender import Sender
 from tca_module.session import Session
 from tca_module.transport import DealerTransport, Transport
@@ -115,6 +115,3 @@ class Client(Sender):
 def connect(name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2) -> Client:
     """Connect to central from a program that is no module. Raises CentralLost if none answers in *patience* seconds."""
     return Client(open_connection(central, hello(checked_module_name(name), new_incarnation()), patience))
-
-
-__all__ = ["CentralAddress", "CentralLost", "CentralNearby", "Client", "Topic", "connect"]

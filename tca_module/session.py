@@ -250,7 +250,8 @@ class Session:
             self.break_off()
 
     def _on_closing(self, header: headers.Closing, _: bytes) -> None:
-        self.complaints.append(f"central ends: {header.text}" if header.text else "central ends")
+        if not self._hello.connection:  # one of the module's connections says it for all
+            self.complaints.append(f"central ends: {header.text}" if header.text else "central ends")
         self.break_off()
 
     _ON: ClassVar[dict[type, Callable[["Session", Any, bytes], None]]] = {

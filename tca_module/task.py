@@ -5,7 +5,7 @@ from tca_module.constraints import Intervals, Span
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.sender import Sender
 from tca_wire.headers import Deliver
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ROOT, Interval, TaskId
 
 
 class Task(Sender, Intervals):
@@ -47,17 +47,17 @@ class Task(Sender, Intervals):
     @property
     def handling(self) -> Span:
         """While this handler runs."""
-        return self._span("handling")
+        return self._span(Interval.HANDLING)
 
     @property
     def planning(self) -> Span:
         """While this task and everything under it is being expanded into subtasks."""
-        return self._span("planning")
+        return self._span(Interval.PLANNING)
 
     @property
     def achieving(self) -> Span:
         """While this task and everything under it is being done."""
-        return self._span("achieving")
+        return self._span(Interval.ACHIEVING)
 
     def returned(self) -> None:
         """The handler has returned: nothing can be sent from here any more."""
@@ -72,9 +72,8 @@ class Task(Sender, Intervals):
             raise CentralLost(msg)
         return self._link
 
-    def _span(self, interval: str) -> Span:
+    def _span(self, interval: Interval) -> Span:
         if self._task_id == ROOT:
             msg = f"'{self.message}' is no task of the tree and has no points: only goals and commands have"
             raise MisuseError(msg)
-        span: Span = getattr(super(), interval)
-        return span
+        return Span(self._task_id, interval)

@@ -19,7 +19,6 @@ from typing import Self
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record
-from tca_module.errors import CentralLost
 from tca_wire.codec import pack_item, unpack_to_central
 from tca_wire.facts import Entry, Fact
 from tca_wire.headers import Closing
@@ -142,6 +141,3 @@ def _check_invariants(central: Central) -> None:
         from tca_central.invariants import check_invariants  # noqa: PLC0415 - not part of every installation
 
         check_invariants(central)
-
-
-__all__ = ["CentralLost", "LocalCentral"]

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
+from module.robot import Robot
 
 from tca_module import Client, connect
 from tca_module.testing import LocalCentral
@@ -19,3 +20,9 @@ def user(central: LocalCentral) -> Iterator[Client]:
     """Whoever sends from outside of handlers."""
     with connect("user", central) as client:
         yield client
+
+
+@pytest.fixture
+def robot(central: LocalCentral) -> Robot:
+    """A planner and legs that do not run yet."""
+    return Robot(central)

@@ -1,4 +1,4 @@
-"""Modules: declaring handlers, running, sharing and taking over messages, leaving, coming back."""
+"""Modules: running, sharing and taking over messages, leaving, coming back."""
 
 import queue
 import threading
@@ -32,99 +32,6 @@ class Busy:
         self.started.put(threading.current_thread().name)
         assert self.go.wait(SOON)
         return 36.6
-
-
-# --- declaring --------------------------------------------------------------------------------------------------------
-
-
-def nothing() -> list[int]:
-    return []
-
-
-def only_data(radius: float) -> list[int]:
-    return []
-
-
-def three(task: Task, radius: float, more: int) -> list[int]:
-    return []
-
-
-async def later(task: Task, radius: float) -> list[int]:
-    return []
-
-
-class Later:
-    async def __call__(self, task: Task, radius: float) -> list[int]:
-        return []
-
-
-@pytest.mark.parametrize(
-    ("function", "complaint"),
-    [
-        (
-            only_data,
-            r"handler only_data of query 'stance' is declared with \(radius.*: declare it with \(task, data: float\)",
-        ),
-        (three, "handler three of query 'stance' is declared with"),
-        (later, "handler later of query 'stance' is 'async def', which is not possible yet"),
-        (Later(), "is 'async def'"),
-        (nothing, r"is declared with \(\)"),
-    ],
-)
-def test_a_handlers_signature_is_checked_when_it_is_declared(
-    legs: Module, function: Callable[..., list[int]], complaint: str
-) -> None:
-    with pytest.raises(MisuseError, match=complaint):
-        legs.handles(STANCE)(function)
-
-
-def test_only_messages_are_handled(legs: Module) -> None:
-    with pytest.raises(MisuseError, match=r"handles\(\) wants a message .* and 'stance' is none"):
-        legs.handles("stance")(only_data)  # type: ignore[call-overload]
-
-
-def test_one_handler_a_message(legs: Module) -> None:
-    legs.handles(STANCE)(lambda _, _radius: [])
-    with pytest.raises(MisuseError, match="module 'legs' handles 'stance' already, in test_one_handler_a_message"):
-        legs.handles(STANCE)(lambda _, _radius: [])
-
-
-@pytest.mark.parametrize("capacity", [0, -1, 1.5, 1000])
-def test_a_capacity_is_a_small_number(legs: Module, capacity: int) -> None:
-    with pytest.raises(MisuseError, match="resource 'arm' can't have capacity"):
-        legs.resource("arm", capacity)
-
-
-def test_the_decorator_leaves_the_function_as_it_is(legs: Module) -> None:
-    def stance(task: Task, radius: float) -> list[int]:
-        return [1]
-
-    assert legs.handles(STANCE)(stance) is stance
-    assert legs.handles(REST)(print) is print
-    assert repr(legs) == "Module('legs')"
-
-
-def test_methods_and_partial_functions_handle(legs: Module, user: Client) -> None:
-    class Body:
-        def stance(self, task: Task, radius: float) -> list[int]:
-            return [int(radius)]
-
-    legs.handles(STANCE)(Body().stance)
-    legs.handles(TEMPERATURE)(partial(lambda degrees, _: degrees, 36.6))
-    with legs.running():
-        assert user.query(STANCE, 7.0) == [7]
-        assert user.query(TEMPERATURE) == 36.6
-
-
-def test_handlers_are_declared_before_the_module_runs(legs: Module) -> None:
-    with legs.running():
-        with pytest.raises(MisuseError, match=r"handles\(\) of module 'legs' comes too late: declare before run"):
-            legs.handles(STANCE)
-        with pytest.raises(MisuseError, match=r"resource\(\) of module 'legs' comes too late"):
-            legs.resource("arm")
-        with pytest.raises(MisuseError, match="module 'legs' runs already"), legs.running():
-            pass
-    legs.handles(STANCE)(lambda _, _radius: [])
 
 
 # --- resources ----------------------------------------------------------------------------------------------------------
@@ -174,22 +81,21 @@ def test_what_a_module_leaves_behind_waits_for_the_next(central: LocalCentral, u
     old, new, busy = Module("old", central), Module("new", central), Busy()
     old.handles(TEMPERATURE)(lambda _: 0.0)
     new.handles(TEMPERATURE)(busy)
-    ended = threading.Event()
+    began, ended, sent = threading.Event(), threading.Event(), threading.Event()
 
     def run_new() -> None:
         with new.running():
+            began.set()
             assert busy.started.get(timeout=SOON)
-            pending_two.wait(SOON)
+            assert sent.wait(SOON)
         ended.set()
 
-    pending_two = threading.Event()
     with old.running():
         thread = threading.Thread(target=run_new)
         thread.start()
-        while "new" not in [module["module"] for module in user.status("modules") if module["handles"]]:
-            pass
+        assert began.wait(SOON)
         first, second = user.query_send(TEMPERATURE), user.query_send(TEMPERATURE)
-        pending_two.set()
+        sent.set()
         assert second.receive(SOON) == 0.0
         assert not ended.is_set()
         busy.go.set()

@@ -1,0 +1,174 @@
+"""Tasks that fail or are killed, and what is left of them when central is gone."""
+
+import queue
+import threading
+
+import pytest
+from module.gait_messages import COLLISION, EXHAUSTED, MOVE_LEG, REST, STOP, WALK, Arc, Footfall
+from module.robot import Robot
+
+from tca_module import (
+    BadData,
+    CentralLost,
+    Client,
+    Command,
+    MisuseError,
+    Outcome,
+    Task,
+    TaskFailed,
+    TaskKilled,
+)
+from tca_wire.facts import Delivered
+
+SOON = 5.0
+
+
+# --- failures -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
+    @robot.planner.handles(WALK)
+    def walk(task: Task, arc: Arc) -> None:
+        raise COLLISION(Footfall(2, arc.radius), "rock")
+
+    with robot.running():
+        goal = user.goal(WALK, Arc(0.25, 1))
+        with pytest.raises(TaskFailed, match="task 1 'walk' failed: collision: rock") as failed:
+            goal.result(SOON)
+    assert (failed.value.failure, failed.value.text) == ("collision", "rock")
+    assert failed.value.data_as(COLLISION) == Footfall(2, 0.25)
+    assert goal.wait() is Outcome.FAILED
+
+
+def test_a_failure_without_data(robot: Robot, user: Client) -> None:
+    @robot.planner.handles(REST)
+    def rest(task: Task) -> None:
+        raise EXHAUSTED  # type: ignore[misc]
+
+    @robot.planner.handles(STOP)
+    def stop(task: Task) -> None:
+        raise EXHAUSTED()  # noqa: RSE102
+
+    with robot.running():
+        with pytest.raises(TaskFailed, match="handler error: TypeError"):
+            user.goal(REST).result(SOON)
+        with pytest.raises(TaskFailed, match=r"failed: exhausted$") as failed:
+            user.command(STOP).result(SOON)
+    assert failed.value.data_as(EXHAUSTED) is None
+    assert failed.value.data is None
+
+
+def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on(
+    robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    @robot.planner.handles(WALK)
+    def walk(task: Task, arc: Arc) -> None:
+        if not arc.steps:
+            raise SystemExit(3)
+        _ = arc.steps / int(arc.radius)
+
+    with robot.running():
+        with pytest.raises(TaskFailed, match=r"handler error: ZeroDivisionError: division by zero$") as failed:
+            user.goal(WALK, Arc(0, 1)).result(SOON)
+        assert "in walk\n    _ = arc.steps / int(arc.radius)" in failed.value.text
+        with pytest.raises(TaskFailed, match="handler error: SystemExit: 3"):
+            user.goal(WALK, Arc(0, 0)).result(SOON)
+        user.goal(WALK, Arc(1.0, 1)).result(SOON)
+    assert "handler test_an_unexpected_exception" in caplog.text
+
+
+def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
+    measure = Command("measure", result=float)
+    robot.planner.handles(measure)(lambda _: "high")  # type: ignore[arg-type]
+    robot.planner.handles(REST)(lambda _: 5)  # type: ignore[arg-type]
+    with robot.running():
+        with pytest.raises(TaskFailed, match="bad data: the handler of command 'measure' must return float") as failed:
+            user.command(measure).result(SOON)
+        assert failed.value.failure == "bad data"
+        with pytest.raises(TaskFailed, match="the handler of goal 'rest' must return None"):
+            user.goal(REST).result(SOON)
+
+
+def test_a_failure_of_a_child_reaches_a_handler_that_waits(robot: Robot, user: Client) -> None:
+    @robot.planner.handles(WALK)
+    def walk(task: Task, arc: Arc) -> None:
+        try:
+            task.command(STOP).result(SOON)
+        except TaskFailed as error:
+            robot.done.append(error.failure)
+
+    @robot.legs.handles(STOP)
+    def stop(task: Task) -> None:
+        raise COLLISION(Footfall(1, 0.0))
+
+    with robot.running():
+        assert user.goal(WALK, Arc(1.0, 1)).wait(SOON) is Outcome.FAILED
+    assert robot.done == ["collision"]
+
+
+# --- killing ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_task_is_told_and_its_end_reported(robot: Robot, user: Client) -> None:
+    started, seen = threading.Event(), queue.Queue[bool]()
+
+    @robot.planner.handles(REST)
+    def rest(task: Task) -> None:
+        seen.put(task.cancelled)
+        started.set()
+        with pytest.raises(TaskKilled):
+            task.command(STOP).result(SOON)
+        seen.put(task.cancelled)
+
+    with robot.running():
+        goal = user.goal(REST)
+        assert started.wait(SOON)
+        goal.kill("enough")
+        with pytest.raises(TaskKilled, match="task 1 'rest' was killed: enough") as killed:
+            goal.result(SOON)
+        assert (killed.value.why, goal.wait()) == ("enough", Outcome.KILLED)
+        goal.kill()
+    assert [seen.get(timeout=SOON) for _ in range(2)] == [False, True]
+
+
+def test_a_task_that_was_killed_is_not_handled(robot: Robot, user: Client) -> None:
+    user.command(MOVE_LEG, 1).kill()
+    with robot.running():
+        user.command(MOVE_LEG, 2).result(SOON)
+    assert robot.done == ["leg 2"]
+    assert sum(isinstance(fact, Delivered) for fact in robot.central.facts) == 1
+
+
+def test_a_task_is_of_no_use_after_its_handler(robot: Robot, user: Client) -> None:
+    kept: list[Task] = []
+    robot.planner.handles(REST)(kept.append)
+    with robot.running():
+        user.goal(REST).result(SOON)
+    with pytest.raises(MisuseError, match="task 1 'rest' is used after its handler returned"):
+        kept[0].goal(REST)
+    with pytest.raises(MisuseError, match="after its handler returned"):
+        _ = kept[0].cancelled
+
+
+def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> None:
+    with robot.running():
+        move = user.command(MOVE_LEG, 1)
+        assert move.wait_for(move.achieving.end, SOON) is Outcome.DONE
+        robot.central.core.outcomes.clear()
+        with pytest.raises(BadData, match="the result of task 1 'move leg' is no longer kept"):
+            move.result()
+
+
+def test_after_a_restart_of_central_its_tasks_are_unknown(robot: Robot, user: Client) -> None:
+    goal = user.goal(REST)
+    with user.parallel():
+        user.goal(REST)
+        robot.central.restart("afresh")
+        with pytest.raises(CentralLost, match="is lost: central was restarted"):
+            goal.wait()
+        user.goal(REST)  # in no order with what was forgotten
+    with pytest.raises(CentralLost, match="central was restarted and has forgotten task 1 'rest': send it again"):
+        goal.result()
+    with pytest.raises(CentralLost):
+        goal.kill()
+    assert user.status()["tasks"] == 1
