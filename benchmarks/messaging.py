@@ -28,7 +28,7 @@ PING = Query("ping", bytes, reply=bytes)
 WALK = Goal("walk", bytes)
 BODY = bytes(100)
 OUTSTANDING = 100
-CAPACITY = 4
+CAPACITY = 16
 """Queries that the server may have at a time: central waits for one answer before it gives a slot the next."""
 
 
