@@ -1,45 +1,31 @@
-"""Central's core: all of its state and the one function that changes it. Knows no socket, file, clock or thread.
+"""Central's core: the one function by which its state changes. Knows no socket, file, clock or thread.
 
 Theory of operation. ``handle`` takes one event, lets the row of HANDLERS for it record what happened, then settles:
 points are reached, startable tasks are given to resources, ended tasks are reported, until nothing moves. It returns
 what the world must do: first the journal entry with every fact, then the messages to send. The same events always
 give the same effects. The rules live apart and do not know each other: registry (who and what), task_tree (structure),
-agenda (points and constraints), resources and dispatcher (capacity and order); this file alone joins them.
+agenda (points and constraints), resources and dispatcher (capacity and order); state.py puts them together, requests.py
+and joining.py say what each message means to them, and this file decides when.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 from tca_central import joining, requests
-from tca_central.agenda import Agenda
-from tca_central.dispatcher import Dispatcher
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
-from tca_central.registry import Connection, MessageType, Registry
-from tca_central.resources import Delivery
-from tca_central.task_tree import Task, TaskTree
+from tca_central.registry import Connection
+from tca_central.state import State
+from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import Accepted, MessageClass, MessageFormat, Outcome, Refusal, Refused, ToModule
-from tca_wire.points import TaskId
+from tca_wire.headers import Accepted, Outcome, Refusal, Refused
 
 REMEMBERED_OUTCOMES = 10_000
 """Ended tasks whose failure or result can still be asked for."""
 
 
-class Central:
+class Central(State):
     """The state of everything. ``handle`` is the only way it changes; all else that is public are questions."""
-
-    def __init__(self, epoch: str = "test") -> None:
-        self.epoch = epoch
-        self.registry = Registry()
-        self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
-        self.facts: list[Any] = []  #: of the event being handled
-        self.agenda = Agenda(self.tree, self.facts)
-        self.dispatcher = Dispatcher(self.facts, self._deliver)
-        self.collectors: dict[int, requests.Collector] = {}  #: by delivery, of multi-queries under way
-        self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
-        self.events = 0  #: number of events handled
-        self._messages: list[Effect] = []
 
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
@@ -52,11 +38,11 @@ class Central:
         elif isinstance(event, BadBytes):
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
         self._settle()
-        effects = self._messages
+        effects = self.messages
         if self.facts:
             effects = [Record(facts.Entry(self.events, event.time, self.facts[:])), *effects]
             self.facts.clear()
-        self._messages = []
+        self.messages = []
         return effects
 
     # --- an event ----------------------------------------------------------------------------------------------
@@ -68,7 +54,7 @@ class Central:
             if isinstance(header, headers.Hello):
                 self._guarded(event.connection, header.number, lambda: joining.hello(self, event.connection, header))
             else:
-                self._messages.append(Transmit(event.connection, headers.Unknown()))
+                self.messages.append(Transmit(event.connection, headers.Unknown()))
             return
         number = getattr(header, "number", 0)
         if number and number <= connection.last_number and not isinstance(header, headers.Hello):
@@ -92,7 +78,7 @@ class Central:
             connection.outstanding.pop(number, None)
             self.send(connection, number, Refused(number, refusal, text))
         else:
-            self._messages.append(Transmit(connection_id, Refused(number, refusal, text)))
+            self.messages.append(Transmit(connection_id, Refused(number, refusal, text)))
 
     def _repeat(self, connection: Connection, number: int) -> None:
         """A request came twice: give the answer that it had, or say again that it was taken."""
@@ -101,9 +87,9 @@ class Central:
             known = connection.outstanding.get(number)
             header = Accepted(number, getattr(known, "id", 0))
             if known is None:
-                text = f"request {number} was answered before, and its answer is no longer kept"
+                text = f"request {number} is not open any more: it was answered long ago, or dropped when the connection broke"
                 header = Refused(number, Refusal.TOO_LATE, text)
-        self._messages.append(Transmit(connection.id, header, body))
+        self.messages.append(Transmit(connection.id, header, body))
 
     # --- what the rules agree on -----------------------------------------------------------------------------------
 
@@ -125,48 +111,12 @@ class Central:
                 requests.answer_wait(self, wait, self.outcome(task))
             agenda.settle()
 
-    def _deliver(self, delivery: Delivery, slot: Connection) -> None:
-        """A handler gets a message: the one place where messages leave for modules."""
-        resource = slot.resource
-        assert resource is not None
-        self.facts.append(facts.Delivered(delivery.id, delivery.message_id, resource.module, resource.name))
-        task_id = TaskId(0)
-        if isinstance(delivery, Task):
-            task_id = TaskId(delivery.id)
-            self.agenda.started(delivery)
-        header = headers.Deliver(delivery.id, delivery.message.name, task_id)
-        self._messages.append(Transmit(slot.id, header, delivery.body))
-
     def _ended(self, task: Task) -> None:
         outcome = self.outcome(task)
         if outcome[0] is not Outcome.DONE or outcome[3]:
             self.outcomes[task.id] = outcome
             if len(self.outcomes) > REMEMBERED_OUTCOMES:
                 del self.outcomes[next(iter(self.outcomes))]
-
-    def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
-        """How a task ended, or stands: outcome, failure's name, text, and result or failure data."""
-        if task.failure is not None:
-            return Outcome.FAILED, *task.failure
-        if task.killed:
-            return Outcome.KILLED, "", task.killed, b""
-        return Outcome.DONE, "", "", task.result
-
-    # --- sending -----------------------------------------------------------------------------------------------------
-
-    def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
-        """Answer a request, for good; the answer is kept in case the request is repeated."""
-        connection.remember(number, header, body)
-        self._messages.append(Transmit(connection.id, header, body))
-
-    def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
-        """Send a message that is no final answer."""
-        self._messages.append(Transmit(connection.id, header, body))
-
-    def new_id(self) -> int:
-        """The next id; ids are never used again."""
-        self.tree.newest += 1
-        return self.tree.newest
 
 
 HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {

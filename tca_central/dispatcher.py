@@ -6,8 +6,7 @@ reports through the two functions it is given.
 
 from collections.abc import Callable
 
-from tca_central.registry import Connection, Handler, MessageType
-from tca_central.resources import Delivery, Resource
+from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
 
 QUEUE_LIMIT = 10_000
@@ -23,7 +22,7 @@ class Dispatcher:
         self._deliver = deliver
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
 
-    def route(self, delivery: Delivery, *targets: Resource) -> None:
+    def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
 
         *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
@@ -61,7 +60,7 @@ class Dispatcher:
         elif slot is not None and slot.resource is not None:
             self._give_slot(slot, slot.resource)
 
-    def _give_slot(self, slot: Connection, resource: Resource) -> None:
+    def _give_slot(self, slot: Connection, resource: ModuleResource) -> None:
         following = resource.next_queued()
         if following is None:
             resource.free_slot(slot)
@@ -87,7 +86,7 @@ class Dispatcher:
 
     # --- slots and handlers come and go ----------------------------------------------------------------------------
 
-    def slot_came(self, slot: Connection, resource: Resource) -> None:
+    def slot_came(self, slot: Connection, resource: ModuleResource) -> None:
         """A connection offers to handle messages for a resource."""
         slot.resource = resource
         resource.add_slot(slot)
@@ -131,7 +130,7 @@ class Dispatcher:
         return []
 
     @staticmethod
-    def _take_queued(message: MessageType, only: Resource | None = None) -> list[Delivery]:
+    def _take_queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""
         resources = [only] if only else {handler.resource: None for handler in message.handlers}
         found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
@@ -143,7 +142,7 @@ class Dispatcher:
         return queued
 
 
-def own_slot(delivery: Delivery, resources: tuple[Resource, ...]) -> Connection | None:
+def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
     """The sender's own slot, if it blocks for this answer there: such a message ignores capacity, or it would wait for
     itself (TCA 8.5: self-queries).
     """

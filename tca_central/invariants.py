@@ -5,7 +5,6 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 """
 
 from collections import Counter
-from typing import TYPE_CHECKING
 
 from tca_central.agenda import held_counts
 from tca_central.intervals import (
@@ -18,15 +17,13 @@ from tca_central.intervals import (
     START_PLANNING,
     delivered_at,
 )
-from tca_central.resources import Resource
+from tca_central.registry import ModuleResource
+from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire.points import ALL_MOMENTS, ROOT
 
-if TYPE_CHECKING:
-    from tca_central.core import Central
 
-
-def check_invariants(central: "Central") -> None:
+def check_invariants(central: State) -> None:
     """Raise AssertionError, naming the task or resource, where an invariant does not hold."""
     tree = central.tree
     held, leaders = _constraints_in_force(central)
@@ -43,7 +40,7 @@ def check_invariants(central: "Central") -> None:
     _check_connections(central)
 
 
-def _constraints_in_force(central: "Central") -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
+def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
     """What the followers' lists say about who is held, counted anew."""
     held: dict[int, Counter[int]] = {}
     leaders: dict[int, set[tuple[int, int, int]]] = {}
@@ -55,7 +52,7 @@ def _constraints_in_force(central: "Central") -> tuple[dict[int, Counter[int]], 
     return held, leaders
 
 
-def _check_place(central: "Central", task: Task) -> None:
+def _check_place(central: State, task: Task) -> None:
     """Task tree schema: every node but the root has one parent, which is a node or the root; the root is no node."""
     tree = central.tree
     assert task.id != ROOT, "the root is among the tasks"
@@ -95,7 +92,7 @@ def _check_order(task: Task) -> None:
         assert task.killed or not task.reached & moment, f"{task}: moment {moment} is past, and still held"
 
 
-def _check_delivery(central: "Central", task: Task) -> None:
+def _check_delivery(central: State, task: Task) -> None:
     """A task is in one place: held by constraints, in a queue, with a handler, or returned."""
     parent = task.parent
     assert parent is not None
@@ -111,9 +108,9 @@ def _check_delivery(central: "Central", task: Task) -> None:
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
 
 
-def _check_resources(central: "Central") -> None:
+def _check_resources(central: State) -> None:
     """A resource is never over its capacity, and nothing waits while a slot is free."""
-    attending: Counter[Resource] = Counter()
+    attending: Counter[ModuleResource] = Counter()
     slots = set()
     for delivery in central.dispatcher.attended.values():
         assert delivery.slot is not None, f"delivery {delivery.id}: attended by nobody"
@@ -132,7 +129,7 @@ def _check_resources(central: "Central") -> None:
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
 
 
-def _check_connections(central: "Central") -> None:
+def _check_connections(central: State) -> None:
     registry = central.registry
     for connection in registry.connections.values():
         assert registry.modules.get(connection.module.incarnation) is connection.module

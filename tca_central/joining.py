@@ -1,28 +1,26 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
-from typing import TYPE_CHECKING
-
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.registry import Connection, Handler, Module
 from tca_central.requests import fail_delivery, give_up
+from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Refusal
 
-if TYPE_CHECKING:
-    from tca_central.core import Central
-
 MODULE_LOST = "module lost"
 
 
-def hello(central: "Central", connection_id: ConnectionId, header: headers.Hello) -> None:
+def hello(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
     if header.version != PROTOCOL_VERSION:
         text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
         raise RequestError(Refusal.PROTOCOL, text)
-    if not all(name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource)):
+    if not all(
+        name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
+    ):
         raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
@@ -38,7 +36,7 @@ def hello(central: "Central", connection_id: ConnectionId, header: headers.Hello
     on_hello_again(central, connection, header, b"")
 
 
-def _join(central: "Central", connection: Connection, resource_name: str) -> Connection:
+def _join(central: State, connection: Connection, resource_name: str) -> Connection:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
@@ -51,18 +49,18 @@ def _join(central: "Central", connection: Connection, resource_name: str) -> Con
     return connection
 
 
-def on_hello_again(central: "Central", connection: Connection, header: headers.Hello, _: bytes) -> None:
+def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
     """A connection that is known asks whether it still is."""
     welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
     central.tell(connection, welcome)
 
 
-def on_bye(central: "Central", connection: Connection, _header: headers.Bye, _: bytes) -> None:
+def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
     """A connection closes of its own will."""
     leave(central, connection, "it said goodbye", lost=False)
 
 
-def leave(central: "Central", connection: Connection, why: str, *, lost: bool) -> None:
+def leave(central: State, connection: Connection, why: str, *, lost: bool) -> None:
     """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
     module = connection.module
     central.registry.forget_connection(connection)
@@ -89,7 +87,7 @@ def leave(central: "Central", connection: Connection, why: str, *, lost: bool) -
 # --- messages and handlers -------------------------------------------------------------------------------------------
 
 
-def on_register(central: "Central", connection: Connection, header: headers.Register, _: bytes) -> None:
+def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
     """A module declares messages and handlers: all of them or none."""
     module, registry = connection.module, central.registry
     for declared in header.messages:
@@ -109,7 +107,7 @@ def on_register(central: "Central", connection: Connection, header: headers.Regi
     central.send(connection, header.number, Accepted(header.number))
 
 
-def _add_handler(central: "Central", module: Module, handled: headers.HandlerFormat) -> None:
+def _add_handler(central: State, module: Module, handled: headers.HandlerFormat) -> None:
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
     resource = module.resource(handled.resource)
@@ -118,7 +116,7 @@ def _add_handler(central: "Central", module: Module, handled: headers.HandlerFor
     central.dispatcher.handler_came(Handler(message, module, resource, handled.pool))
 
 
-def on_unregister(central: "Central", connection: Connection, header: headers.Unregister, _: bytes) -> None:
+def on_unregister(central: State, connection: Connection, header: headers.Unregister, _: bytes) -> None:
     """A module stops handling messages; those under way are finished."""
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
@@ -126,7 +124,7 @@ def on_unregister(central: "Central", connection: Connection, header: headers.Un
     central.send(connection, header.number, Accepted(header.number))
 
 
-def remove_handlers(central: "Central", handlers: list[Handler]) -> None:
+def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails."""
     for handler in handlers:
         for delivery in central.dispatcher.handler_gone(handler):

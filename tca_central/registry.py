@@ -5,7 +5,7 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
-from tca_central.resources import Delivery, Resource
+from tca_central.resources import Resource
 from tca_wire.formats import first_difference
 from tca_wire.headers import Limit, MessageClass, MessageFormat, Refusal, ToModule
 
@@ -13,6 +13,10 @@ REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
 
 REMEMBERED_CONNECTIONS = 256
+
+
+class ModuleResource(Resource["Connection", "Delivery"]):
+    """A resource of a module: its slots are connections, and deliveries wait for them."""
 
 
 class Connection:
@@ -24,7 +28,7 @@ class Connection:
         self.id = connection_id
         self.session = session  #: names it across reconnects
         self.module = module
-        self.resource: Resource | None = None
+        self.resource: ModuleResource | None = None
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
         self.last_number = 0  #: the highest request number seen
@@ -45,13 +49,13 @@ class Module:
         self.incarnation = incarnation
         self.process = process
         self.connections: dict[str, Connection] = {}  #: by session
-        self.resources: dict[str, Resource] = {}
+        self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
 
-    def resource(self, name: str) -> Resource:
+    def resource(self, name: str) -> ModuleResource:
         """The resource of that name; made when first named."""
         if name not in self.resources:
-            self.resources[name] = Resource(self.name, name)
+            self.resources[name] = ModuleResource(self.name, name)
         return self.resources[name]
 
 
@@ -60,7 +64,7 @@ class Handler:
 
     __slots__ = ("message", "module", "pool", "resource")
 
-    def __init__(self, message: "MessageType", module: Module, resource: Resource, pool: str) -> None:
+    def __init__(self, message: "MessageType", module: Module, resource: ModuleResource, pool: str) -> None:
         self.message = message
         self.module = module
         self.resource = resource
@@ -81,7 +85,7 @@ class MessageType:
         self.handlers: list[Handler] = []  #: newest last
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
 
-    def candidates(self) -> Iterator[Resource]:
+    def candidates(self) -> Iterator[ModuleResource]:
         """The resources that may handle this message: of the newest handler and of those in its pool."""
         if not self.handlers:
             return
@@ -91,6 +95,35 @@ class MessageType:
             for handler in reversed(self.handlers[:-1]):
                 if handler.pool == newest.pool:
                     yield handler.resource
+
+
+class Delivery:
+    """One message on its way to one handler."""
+
+    __slots__ = ("body", "id", "message", "message_id", "nested", "number", "priority", "queues", "sender", "slot",
+                 "ticket")  # fmt: skip
+
+    def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
+        self.id = delivery_id
+        self.message_id = delivery_id
+        self.message = message
+        self.body = body
+        self.sender = sender  #: who wants the answer; None when it is gone
+        self.number = 0  #: of the sender's request (0: no answer wanted)
+        self.priority = 0
+        self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
+        self.queues: tuple[ModuleResource, ...] | None = (
+            None  #: where it waits; () while no handler is there, None: nowhere
+        )
+        self.slot: Connection | None = None  #: the connection whose thread handles it
+        self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
+
+    def withdraw(self) -> None:
+        """Leave the queues."""
+        for resource in self.queues or ():
+            resource.left_queue()
+        self.queues = None
+        self.ticket += 1
 
 
 class Registry:

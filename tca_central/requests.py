@@ -3,23 +3,20 @@
 One function a message; HANDLERS in core.py says which. A function that raises RequestError has changed nothing.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from tca_central import status
 from tca_central.errors import RequestError
 from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND, SINGLE_MOMENTS
-from tca_central.registry import Connection, MessageType
-from tca_central.resources import Delivery, Resource
+from tca_central.registry import Connection, Delivery, MessageType, ModuleResource
+from tca_central.state import Collector, State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.headers import Accepted, Answer, Cancelled, Limit, MessageClass, Outcome, Refusal
 from tca_wire.points import ROOT, TaskId
-
-if TYPE_CHECKING:
-    from tca_central.core import Central
 
 NIL = b"\xc0"  # None as MessagePack
 
@@ -34,20 +31,10 @@ class Wait:
         self.task_id = header.point.task
 
 
-class Collector:
-    """A multi-query under way: how many replies are wanted still, and from which deliveries."""
-
-    __slots__ = ("connection", "id", "number", "pending", "wanted")
-
-    def __init__(self, connection: Connection, number: int, message_id: int, wanted: int) -> None:
-        self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
-        self.pending: dict[int, Delivery] = {}
-
-
 # --- sending ---------------------------------------------------------------------------------------------------------
 
 
-def on_send(central: "Central", connection: Connection, header: headers.Send, body: bytes) -> None:
+def on_send(central: State, connection: Connection, header: headers.Send, body: bytes) -> None:
     """A message to be routed by its class."""
     message = central.registry.messages.get(header.message)
     if message is None:
@@ -69,9 +56,7 @@ def _received(
     )
 
 
-def _make(
-    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
-) -> Delivery:
+def _make(central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes) -> Delivery:
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.priority = header.priority
     central.facts.append(_received(connection, header, delivery, []))
@@ -79,7 +64,7 @@ def _make(
 
 
 def _route_inform(
-    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     delivery = _make(central, connection, header, message, body)
     _route_or_drop(central, delivery)
@@ -87,7 +72,7 @@ def _route_inform(
         central.send(connection, header.number, Accepted(header.number, delivery.id))
 
 
-def _route_or_drop(central: "Central", delivery: Delivery, *targets: Resource) -> None:
+def _route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
     if central.dispatcher.is_full(delivery.message):
         central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
     else:
@@ -95,7 +80,7 @@ def _route_or_drop(central: "Central", delivery: Delivery, *targets: Resource) -
 
 
 def _route_query(
-    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"too many messages wait for the handler of '{message.name}': try later")
@@ -105,7 +90,7 @@ def _route_query(
     central.dispatcher.route(delivery)
 
 
-def _copies(central: "Central", original: Delivery) -> list[tuple[Delivery, Resource]]:
+def _copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
     """One delivery for each handler of a broadcast or multi-query."""
     copies = []
     for handler in original.message.handlers:
@@ -116,7 +101,7 @@ def _copies(central: "Central", original: Delivery) -> list[tuple[Delivery, Reso
 
 
 def _route_broadcast(
-    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     original = _make(central, connection, header, message, body)
     copies = _copies(central, original)
@@ -129,7 +114,7 @@ def _route_broadcast(
 
 
 def _route_multi_query(
-    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     original = _make(central, connection, header, message, body)
     copies = _copies(central, original)
@@ -145,7 +130,7 @@ def _route_multi_query(
 
 
 def _route_task(
-    central: "Central", connection: Connection, header: headers.Send, message: MessageType, body: bytes
+    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     parent = central.tree.root if header.parent == ROOT else central.agenda.task(header.parent)
     if parent is None:
@@ -177,7 +162,7 @@ ROUTES = {
 # --- handlers return -------------------------------------------------------------------------------------------------
 
 
-def _attended(central: "Central", connection: Connection, delivery_id: int) -> Delivery:
+def _attended(central: State, connection: Connection, delivery_id: int) -> Delivery:
     delivery = central.dispatcher.attended.get(delivery_id)
     if delivery is None or delivery.slot is not connection:
         text = (
@@ -187,7 +172,7 @@ def _attended(central: "Central", connection: Connection, delivery_id: int) -> D
     return delivery
 
 
-def on_reply(central: "Central", connection: Connection, header: headers.Reply, body: bytes) -> None:
+def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """A handler returned."""
     delivery = _attended(central, connection, header.delivery)
     central.facts.append(facts.Returned(delivery.id, Outcome.DONE, body))
@@ -199,7 +184,7 @@ def on_reply(central: "Central", connection: Connection, header: headers.Reply, 
         _answer_query(central, delivery, Answer(delivery.number), body)
 
 
-def on_fail(central: "Central", connection: Connection, header: headers.Fail, body: bytes) -> None:
+def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
     """A handler failed."""
     delivery = _attended(central, connection, header.delivery)
     central.facts.append(facts.Returned(delivery.id, Outcome.FAILED, body))
@@ -207,7 +192,7 @@ def on_fail(central: "Central", connection: Connection, header: headers.Fail, bo
     fail_delivery(central, delivery, header.failure, header.text, body)
 
 
-def fail_delivery(central: "Central", delivery: Delivery, failure: str, text: str, body: bytes) -> None:
+def fail_delivery(central: State, delivery: Delivery, failure: str, text: str, body: bytes) -> None:
     """Raise a failure on a delivery that no handler has any more."""
     central.facts.append(facts.Failed(delivery.id, failure, text))
     if isinstance(delivery, Task):
@@ -218,12 +203,12 @@ def fail_delivery(central: "Central", delivery: Delivery, failure: str, text: st
         _answer_query(central, delivery, Answer(delivery.number, Outcome.FAILED, failure, text), body)
 
 
-def _returned(central: "Central", task: Task) -> None:
+def _returned(central: State, task: Task) -> None:
     task.body = b""
     central.agenda.returned(task)
 
 
-def _raise(central: "Central", task: Task, failure: str, text: str, body: bytes) -> None:
+def _raise(central: State, task: Task, failure: str, text: str, body: bytes) -> None:
     """Nobody handles the failure: the top-level task is killed, and whoever waits for it is told."""
     task.failure = (failure, text, body)
     top = task.top_level()
@@ -232,14 +217,14 @@ def _raise(central: "Central", task: Task, failure: str, text: str, body: bytes)
     kill(central, top, f"failure '{failure}' of {task} was not handled")
 
 
-def kill(central: "Central", task: Task, why: str) -> None:
+def kill(central: State, task: Task, why: str) -> None:
     """End a task and all under it; handlers that run are told, and not interrupted."""
     for running in central.agenda.kill(task, why):
         if running.slot is not None:
             central.tell(running.slot, Cancelled(running.id))
 
 
-def _answer_query(central: "Central", delivery: Delivery, answer: Answer, body: bytes) -> None:
+def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes) -> None:
     if collector := central.collectors.pop(delivery.id, None):
         _collect(central, collector, delivery, answer, body)
         return
@@ -249,7 +234,7 @@ def _answer_query(central: "Central", delivery: Delivery, answer: Answer, body: 
         central.send(sender, delivery.number, answer, body)
 
 
-def _collect(central: "Central", collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
+def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
     del collector.pending[delivery.id]
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
@@ -257,7 +242,7 @@ def _collect(central: "Central", collector: Collector, delivery: Delivery, answe
     _end_if_complete(central, collector)
 
 
-def _end_if_complete(central: "Central", collector: Collector) -> None:
+def _end_if_complete(central: State, collector: Collector) -> None:
     is_complete = not collector.wanted or not collector.pending
     if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
         central.facts.append(facts.Answered(collector.id))
@@ -267,7 +252,7 @@ def _end_if_complete(central: "Central", collector: Collector) -> None:
 # --- tasks: constraints, waits, kills --------------------------------------------------------------------------------
 
 
-def on_constrain(central: "Central", connection: Connection, header: headers.Constrain, _: bytes) -> None:
+def on_constrain(central: State, connection: Connection, header: headers.Constrain, _: bytes) -> None:
     """Constraints between tasks that exist."""
     added = central.agenda.constrain(header.constraints)
     if added:
@@ -275,7 +260,7 @@ def on_constrain(central: "Central", connection: Connection, header: headers.Con
     central.send(connection, header.number, Accepted(header.number))
 
 
-def on_wait_for(central: "Central", connection: Connection, header: headers.WaitFor, _: bytes) -> None:
+def on_wait_for(central: State, connection: Connection, header: headers.WaitFor, _: bytes) -> None:
     """A module waits for a moment of a task."""
     moment = int(header.point.moment)
     if moment not in SINGLE_MOMENTS:
@@ -293,7 +278,7 @@ def on_wait_for(central: "Central", connection: Connection, header: headers.Wait
         central.agenda.wait(task, moment, wait)
 
 
-def answer_wait(central: "Central", wait: Any, outcome: tuple[Outcome, str, str, bytes]) -> None:
+def answer_wait(central: State, wait: Any, outcome: tuple[Outcome, str, str, bytes]) -> None:
     """Tell who waited for a task how it stands."""
     if wait.connection.outstanding.pop(wait.number, None) is not None:
         central.facts.append(facts.WaitEnded(wait.connection.module.name, wait.origin, wait.task_id))
@@ -301,12 +286,12 @@ def answer_wait(central: "Central", wait: Any, outcome: tuple[Outcome, str, str,
         central.send(wait.connection, wait.number, Answer(wait.number, result, failure, text), body)
 
 
-def on_give_up(central: "Central", connection: Connection, header: headers.GiveUp, _: bytes) -> None:
+def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
     """The sender no longer waits for an answer."""
     give_up(central, connection, header.request)
 
 
-def give_up(central: "Central", connection: Connection, number: int) -> None:
+def give_up(central: State, connection: Connection, number: int) -> None:
     """Forget that an answer is due; a query that no handler has yet is dropped."""
     due = connection.outstanding.pop(number, None)
     if isinstance(due, Wait):
@@ -322,13 +307,13 @@ def give_up(central: "Central", connection: Connection, number: int) -> None:
         central.facts.append(facts.Dropped(due.id, "its sender gave up"))
 
 
-def _abandon(central: "Central", delivery: Delivery) -> None:
+def _abandon(central: State, delivery: Delivery) -> None:
     if delivery.queues is not None:
         central.dispatcher.withdraw(delivery)
         central.collectors.pop(delivery.id, None)
 
 
-def on_kill(central: "Central", connection: Connection, header: headers.Kill, _: bytes) -> None:
+def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
     """A module ends a task."""
     task = central.agenda.task(header.task)
     if task is not None:
@@ -336,7 +321,7 @@ def on_kill(central: "Central", connection: Connection, header: headers.Kill, _:
     central.send(connection, header.number, Accepted(header.number, header.task))
 
 
-def on_ask(central: "Central", connection: Connection, header: headers.Ask, _: bytes) -> None:
+def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
     """A module asks what central knows."""
     body = msgspec.msgpack.encode(status.TOPICS[header.topic](central))
     if len(body) > Limit.BODY:

@@ -6,40 +6,21 @@ number of messages delivered and not yet completed, not the length of a queue).
 
 import heapq
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from tca_central.registry import Connection, MessageType
+from typing import Generic, Protocol, TypeVar
 
 
-class Delivery:
-    """One message on its way to one handler."""
+class Queueable(Protocol):
+    """What can wait for a resource. Its entry in a queue is void as soon as *ticket* differs from what it was then."""
 
-    __slots__ = ("body", "id", "message", "message_id", "nested", "number", "priority", "queues", "sender", "slot",
-                 "ticket")  # fmt: skip
-
-    def __init__(self, delivery_id: int, message: "MessageType", body: bytes, sender: "Connection | None") -> None:
-        self.id = delivery_id
-        self.message_id = delivery_id
-        self.message = message
-        self.body = body
-        self.sender = sender  #: who wants the answer; None when it is gone
-        self.number = 0  #: of the sender's request (0: no answer wanted)
-        self.priority = 0
-        self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
-        self.queues: tuple[Resource, ...] | None = None  #: where it waits; () while no handler is there, None: nowhere
-        self.slot: Connection | None = None  #: the connection whose thread handles it
-        self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
-
-    def withdraw(self) -> None:
-        """Leave the queues."""
-        for resource in self.queues or ():
-            resource.left_queue()
-        self.queues = None
-        self.ticket += 1
+    ticket: int
+    priority: int
 
 
-class Resource:
+S = TypeVar("S")  # what stands for a slot
+Q = TypeVar("Q", bound=Queueable)
+
+
+class Resource(Generic[S, Q]):
     """Slots that handle one message each, and the queue of those that wait: higher priority first, then arrival."""
 
     def __init__(self, module: str, name: str) -> None:
@@ -47,8 +28,8 @@ class Resource:
         self.name = name
         self.capacity = 0  #: number of slots
         self.waiting = 0  #: number of valid entries in the queue
-        self._free: dict[Connection, None] = {}
-        self._queue: list[tuple[int, int, int, Any]] = []  #: (-priority, arrival, ticket, delivery), a heap
+        self._free: dict[S, None] = {}
+        self._queue: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, delivery), a heap
         self._arrivals = 0
 
     @property
@@ -56,17 +37,17 @@ class Resource:
         """Number of slots that handle nothing."""
         return len(self._free)
 
-    def add_slot(self, slot: "Connection") -> None:
+    def add_slot(self, slot: S) -> None:
         """A connection that handles messages for this resource came."""
         self.capacity += 1
         self._free[slot] = None
 
-    def remove_slot(self, slot: "Connection") -> None:
+    def remove_slot(self, slot: S) -> None:
         """Such a connection is gone."""
         self.capacity -= 1
         self._free.pop(slot, None)
 
-    def take_slot(self) -> "Connection | None":
+    def take_slot(self) -> S | None:
         """The slot that has been free longest, no longer free; None if all are busy."""
         if not self._free:
             return None
@@ -74,11 +55,11 @@ class Resource:
         del self._free[longest_free]
         return longest_free
 
-    def free_slot(self, slot: "Connection") -> None:
+    def free_slot(self, slot: S) -> None:
         """That slot's message is completed."""
         self._free[slot] = None
 
-    def queue(self, delivery: Delivery) -> None:
+    def queue(self, delivery: Q) -> None:
         """Let a delivery wait its turn."""
         self._arrivals += 1
         self.waiting += 1
@@ -90,15 +71,15 @@ class Resource:
         if not self.waiting:
             self._queue.clear()
 
-    def queued(self) -> Iterator[Delivery]:
+    def queued(self) -> Iterator[Q]:
         """The deliveries that wait, in no particular order."""
         return (delivery for _, _, ticket, delivery in self._queue if delivery.ticket == ticket)
 
-    def next_queued(self) -> Delivery | None:
+    def next_queued(self) -> Q | None:
         """The delivery whose turn it is; it stays in its queues until it is withdrawn from them."""
         while self._queue:
             _, _, ticket, delivery = self._queue[0]
             if delivery.ticket == ticket:
-                return delivery  # type: ignore[no-any-return]
+                return delivery
             heapq.heappop(self._queue)
         return None

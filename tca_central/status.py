@@ -1,17 +1,15 @@
 """What central tells people about itself: one function a topic, plain values out. Changes nothing."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tca_central.agenda import held_counts
+from tca_central.state import State
 from tca_wire.points import Moment, describe_moments
-
-if TYPE_CHECKING:
-    from tca_central.core import Central
 
 SHOWN_TASKS = 10_000
 
 
-def overview(central: "Central") -> dict[str, Any]:
+def overview(central: State) -> dict[str, Any]:
     """Counts of everything."""
     registry = central.registry
     return {
@@ -27,7 +25,7 @@ def overview(central: "Central") -> dict[str, Any]:
     }
 
 
-def modules(central: "Central") -> list[dict[str, Any]]:
+def modules(central: State) -> list[dict[str, Any]]:
     """Each module with its resources and what they do."""
     busy: dict[tuple[str, str], list[int]] = {}
     for delivery in central.dispatcher.attended.values():
@@ -53,7 +51,7 @@ def modules(central: "Central") -> list[dict[str, Any]]:
     ]
 
 
-def messages(central: "Central") -> list[dict[str, Any]]:
+def messages(central: State) -> list[dict[str, Any]]:
     """Each message with its class, its handlers (newest first) and how many wait for one."""
     return [
         {
@@ -68,7 +66,7 @@ def messages(central: "Central") -> list[dict[str, Any]]:
     ]
 
 
-def tree(central: "Central") -> list[dict[str, Any]]:
+def tree(central: State) -> list[dict[str, Any]]:
     """The live tasks, parents first, at most SHOWN_TASKS."""
     tasks = []
     for task in central.tree.subtree(central.tree.root):

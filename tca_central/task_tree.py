@@ -4,13 +4,9 @@ Only tasks that have not ended are here; what has ended lives on in the journal.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
-from tca_central.resources import Delivery
+from tca_central.registry import Connection, Delivery, MessageType
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
-
-if TYPE_CHECKING:
-    from tca_central.registry import Connection, MessageType
 
 _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIEVING)
 
@@ -24,7 +20,7 @@ class Task(Delivery):
     __slots__ = ("children", "delayed", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders",
                  "parent", "reached", "requested", "result", "returned", "unplanned", "waiters")  # fmt: skip
 
-    def __init__(self, task_id: TaskId, message: "MessageType", body: bytes, sender: "Connection | None") -> None:
+    def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
@@ -67,7 +63,7 @@ class Task(Delivery):
 class TaskTree:
     """All live tasks by id, under a root that is always being achieved."""
 
-    def __init__(self, root_message: "MessageType") -> None:
+    def __init__(self, root_message: MessageType) -> None:
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = _STARTS
         self.tasks: dict[int, Task] = {}

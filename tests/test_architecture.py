@@ -24,23 +24,24 @@ ONLY_IN = {
 }
 EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
 
-# Inside central: what a file may import of its own package. Only core (with joining and requests, the rows of its
-# tables) joins the parts; the parts know nothing of each other beyond this.
+# Inside central: what a file may import of its own package; nothing runs in a circle. The parts (registry, task_tree,
+# agenda, resources, dispatcher) know each other only along these lines; state puts them together.
 CENTRAL = {
     "errors": set(),
     "events": set(),
-    "resources": set(),
     "intervals": set(),
+    "resources": set(),
     "registry": {"errors", "events", "resources"},
-    "task_tree": {"resources"},
+    "task_tree": {"registry"},
     "cycles": {"intervals", "task_tree"},
     "agenda": {"cycles", "errors", "intervals", "task_tree"},
-    "dispatcher": {"registry", "resources"},
-    "status": {"agenda"},
-    "invariants": {"agenda", "intervals", "resources", "task_tree"},
-    "requests": {"status", "errors", "intervals", "registry", "resources", "task_tree"},
-    "joining": {"errors", "events", "registry", "requests", "task_tree"},
-    "core": {"agenda", "dispatcher", "errors", "events", "joining", "registry", "requests", "resources", "task_tree"},
+    "dispatcher": {"registry"},
+    "state": {"agenda", "dispatcher", "events", "registry", "task_tree"},
+    "status": {"agenda", "state"},
+    "invariants": {"agenda", "intervals", "registry", "state", "task_tree"},
+    "requests": {"status", "errors", "intervals", "registry", "state", "task_tree"},
+    "joining": {"errors", "events", "registry", "requests", "state", "task_tree"},
+    "core": {"errors", "events", "joining", "registry", "requests", "state", "task_tree"},
     "journal_writer": {"errors"},
     "server": {"core", "errors", "events", "journal_writer"},
     "__main__": {"core", "errors", "journal_writer", "server"},
@@ -49,18 +50,10 @@ CENTRAL = {
 
 
 def imports(path: Path) -> set[str]:
-    """Dotted names that a file imports while it runs (imports for type checkers are left out)."""
+    """Dotted names that a file imports, for types or anything else."""
     found = set()
     tree = ast.parse(path.read_text())
-    skipped = {
-        inner
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-        for inner in ast.walk(node)
-    }
     for node in ast.walk(tree):
-        if node in skipped:
-            continue
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -1,0 +1,72 @@
+"""All that central knows, and how anything leaves it. Holds no rule: those are in the parts and in requests.py."""
+
+from typing import Any
+
+from tca_central.agenda import Agenda
+from tca_central.dispatcher import Dispatcher
+from tca_central.events import Effect, Transmit
+from tca_central.registry import Connection, Delivery, MessageType, Registry
+from tca_central.task_tree import Task, TaskTree
+from tca_wire import facts, headers
+from tca_wire.headers import MessageClass, MessageFormat, Outcome, ToModule
+from tca_wire.points import TaskId
+
+
+class Collector:
+    """A multi-query under way: how many replies are wanted still, and from which deliveries."""
+
+    __slots__ = ("connection", "id", "number", "pending", "wanted")
+
+    def __init__(self, connection: Connection, number: int, message_id: int, wanted: int) -> None:
+        self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
+        self.pending: dict[int, Delivery] = {}
+
+
+class State:
+    """The parts, put together. ``facts`` and ``messages`` are those of the event being handled."""
+
+    def __init__(self, epoch: str = "test") -> None:
+        self.epoch = epoch
+        self.registry = Registry()
+        self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
+        self.facts: list[Any] = []  #: of the event being handled
+        self.agenda = Agenda(self.tree, self.facts)
+        self.dispatcher = Dispatcher(self.facts, self.deliver)
+        self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
+        self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
+        self.events = 0  #: number of events handled
+        self.messages: list[Effect] = []
+
+    def deliver(self, delivery: Delivery, slot: Connection) -> None:
+        """A handler gets a message: the one place where messages leave for modules."""
+        resource = slot.resource
+        assert resource is not None
+        self.facts.append(facts.Delivered(delivery.id, delivery.message_id, resource.module, resource.name))
+        task_id = TaskId(0)
+        if isinstance(delivery, Task):
+            task_id = TaskId(delivery.id)
+            self.agenda.started(delivery)
+        header = headers.Deliver(delivery.id, delivery.message.name, task_id)
+        self.messages.append(Transmit(slot.id, header, delivery.body))
+
+    def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
+        """How a task ended, or stands: outcome, failure's name, text, and result or failure data."""
+        if task.failure is not None:
+            return Outcome.FAILED, *task.failure
+        if task.killed:
+            return Outcome.KILLED, "", task.killed, b""
+        return Outcome.DONE, "", "", task.result
+
+    def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
+        """Answer a request, for good; the answer is kept in case the request is repeated."""
+        connection.remember(number, header, body)
+        self.messages.append(Transmit(connection.id, header, body))
+
+    def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
+        """Send a message that is no final answer."""
+        self.messages.append(Transmit(connection.id, header, body))
+
+    def new_id(self) -> int:
+        """The next id; ids are never used again."""
+        self.tree.newest += 1
+        return self.tree.newest
