@@ -87,7 +87,7 @@ class Central(State):
             known = connection.outstanding.get(number)
             header = Accepted(number, getattr(known, "id", 0))
             if known is None:
-                text = f"request {number} is not open any more: it was answered long ago, or dropped when the connection broke"
+                text = f"request {number} is not open: it was answered long ago, or dropped when the connection broke"
                 header = Refused(number, Refusal.TOO_LATE, text)
         self.messages.append(Transmit(connection.id, header, body))
 

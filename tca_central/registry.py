@@ -112,9 +112,7 @@ class Delivery:
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
         self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
-        self.queues: tuple[ModuleResource, ...] | None = (
-            None  #: where it waits; () while no handler is there, None: nowhere
-        )
+        self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
 
