@@ -43,6 +43,7 @@ class JournalWriter:
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._unsynced = False
+        self._error: OSError | None = None  #: of the thread that syncs
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             if any(folder.glob(f"*{SEGMENT_SUFFIX}")):
@@ -66,12 +67,20 @@ class JournalWriter:
             self._next_segment(entry)
 
     def flush(self) -> None:
-        """End a turn: what must be safe before the turn's messages leave is safe when this returns."""
+        """End a turn: what must be safe before the turn's messages leave is safe when this returns.
+
+        Raises CentralError if the journal can't be written, or if what was written may not be on the disk.
+        """
+        if self._error is not None:  # after a failed sync the data is gone, and a second sync would say all is well
+            raise self._broken(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
         self._write()
         if self.sync is Sync.ALWAYS:
-            self._fsync()
+            try:
+                self._fsync()
+            except OSError as error:
+                raise self._broken(error) from None
 
     def close(self, entry_number: int, time_now: float, why: str) -> None:
         """Write the rest and the end."""
@@ -93,8 +102,7 @@ class JournalWriter:
                 self._size += written
                 data = data[written:]
         except OSError as error:
-            msg = f"journal {self.folder}: {error.strerror}: central stops, for what it can't record it must not do"
-            raise CentralError(msg) from None
+            raise self._broken(error) from None
         self._unsynced = True
 
     def _next_segment(self, entry: Entry) -> None:
@@ -115,7 +123,15 @@ class JournalWriter:
         while not self._stopped.wait(SYNC_PERIOD):
             if self._unsynced:
                 self._unsynced = False
-                self._fsync()
+                try:
+                    self._fsync()
+                except OSError as error:
+                    self._error = error
+                    return
+
+    def _broken(self, error: OSError) -> CentralError:
+        msg = f"journal {self.folder}: {error.strerror}: central stops, for what it can't record it must not do"
+        return CentralError(msg)
 
     def _fsync(self) -> None:
         with self._lock:

@@ -1,0 +1,88 @@
+"""The journal on real files: turns, segments, and disks that say no."""
+
+import os
+import resource
+from pathlib import Path
+
+import pytest
+from integration.programs import Central
+
+from tca_central import journal_writer
+from tca_central.errors import CentralError
+from tca_central.journal_writer import JournalWriter, Sync
+from tca_module import Client, Inform, TcaError, connect
+from tca_tools.logs import open_log
+from tca_wire.facts import Closed, Dropped, Entry, Opened
+
+NOTE = Inform("note", bytes)
+
+
+def writer(folder: Path, sync: Sync = Sync.BATCH) -> JournalWriter:
+    return JournalWriter(folder, epoch="e", version="0", sync=sync)
+
+
+@pytest.mark.parametrize("sync", list(Sync))
+def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
+    journal = writer(tmp_path / "run", sync)
+    for number in range(1, 100):
+        journal.add(Entry(number, number / 10, [Dropped(number, "why")]))
+        journal.flush()
+    journal.close(100, 10.0, "done")
+    entries = list(open_log(tmp_path / "run"))
+    assert [entry.number for entry in entries] == list(range(101))
+    assert isinstance(entries[0].facts[0], Opened)
+    assert entries[-1].facts == [Closed("done")]
+
+
+def test_a_flush_is_with_the_kernel_when_it_returns(tmp_path: Path) -> None:
+    journal = writer(tmp_path / "run")
+    journal.add(Entry(1, 0.5, [Dropped(1, "why")]))
+    assert len(list(open_log(tmp_path / "run"))) == 1
+    journal.flush()
+    assert len(list(open_log(tmp_path / "run"))) == 2
+    journal.close(2, 1.0, "done")
+
+
+def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_writer, "SEGMENT_BYTES", 2000)
+    journal = writer(tmp_path / "run")
+    for number in range(1, 200):
+        journal.add(Entry(number, number / 10, [Dropped(number, "x" * 50)]))
+        journal.flush()
+    journal.close(200, 20.0, "done")
+    segments = sorted(path.name for path in (tmp_path / "run").iterdir())
+    assert segments[:3] == ["00000001.tcaj", "00000002.tcaj", "00000003.tcaj"]
+    dropped = [fact.id for entry in open_log(tmp_path / "run") for fact in entry.facts if isinstance(fact, Dropped)]
+    assert dropped == list(range(1, 200))
+
+
+def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_writer, "SYNC_PERIOD", 0.01)
+    journal = writer(tmp_path / "run")
+    os.close(journal._file)
+    journal._file = os.open("/dev/full", os.O_WRONLY)
+    journal.add(Entry(1, 0.5, [Dropped(1, "why")]))
+    with pytest.raises(CentralError, match="No space left on device: central stops"):
+        journal.flush()
+
+
+def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # as if the disk were full; inherited
+    try:
+        daemon = Central(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with connect("user", daemon.address, patience=2) as user, pytest.raises(TcaError):
+        flood(user)
+    assert daemon.process.wait(timeout=10) == 1
+    said = daemon.stop()
+    assert "File too large: central stops, for what it can't record it must not do" in said
+    assert "Traceback" not in said
+    assert len(list(open_log(daemon.journal))) > 5
+
+
+def flood(user: Client) -> None:
+    while True:
+        user.inform(NOTE, bytes(1000))
+        user.status("status")
