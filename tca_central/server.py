@@ -23,6 +23,7 @@ from tca_central.errors import CentralError
 from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Event, Received, Record, Transmit
 from tca_central.journal_writer import JournalWriter
 from tca_wire import codec, facts
+from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
 from tca_wire.headers import Beat, Closing, Limit, ToModule
 
@@ -251,6 +252,8 @@ def _lock_of(endpoint: str) -> int:
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         owner = path.parent.stat().st_uid
+        if path.parent == default_folder() and owner == os.getuid():
+            path.parent.chmod(0o700)  # whoever made it: only its owner shall enter
         lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
