@@ -28,7 +28,7 @@ class Central:
         ]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         assert self.process.stderr
-        self.first_line = self.process.stderr.readline().strip()
+        self.first_line = "" if "--quiet" in options else self.process.stderr.readline().strip()
 
     def signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)

@@ -1,5 +1,6 @@
 """Random lives of central: the invariants hold after every event, and everything comes to an end."""
 
+import pytest
 from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,10 +11,24 @@ from tca_wire.constraints import Flags
 from tca_wire.facts import Delivered, Reached, Received
 from tca_wire.points import Moment
 
+lives = st.lists(operation, max_size=60)
 
-@given(st.lists(operation, max_size=60))
+
+@given(lives)
 @settings(max_examples=500, deadline=None)
 def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[tuple[str, int, int, int, int]]) -> None:
+    live(operations)
+
+
+@pytest.mark.soak
+@given(st.lists(operation, max_size=300))
+@settings(max_examples=10_000, deadline=None)
+def test_long_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
+    live(operations)
+
+
+def live(operations: list[tuple[str, int, int, int, int]]) -> None:
+    """One life to its end."""
     life = Life()
     for name, *numbers in operations:
         life.do(name, *numbers)
@@ -27,6 +42,9 @@ def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[t
 
 def _end_everything(life: Life) -> None:
     """Handlers for all there is, and every handler returns: nothing may be left waiting, for there are no circles."""
+    for connection in life.connections():
+        if connection != "user":  # a module that has lost its slots, but not itself, would hold what it was given
+            life.player.lose(connection)
     for module in MODULES:
         life.join(module)
     life.player.module("latecomer", "command later")
