@@ -26,6 +26,7 @@ from tca_central.intervals import (
     STARTS,
     STARTS_OF_COMMAND,
     STARTS_OF_GOAL,
+    comes_after,
     delivered_at,
     unified,
 )
@@ -38,7 +39,7 @@ from tca_wire.constraints import (
     sequential_achievement,
     sequential_planning,
 )
-from tca_wire.facts import Killed, Reached
+from tca_wire.facts import Constrained, Killed, Reached
 from tca_wire.headers import Refusal
 from tca_wire.points import ALL_MOMENTS, ROOT, THIS, Moment, Point, TaskId
 
@@ -87,6 +88,9 @@ class Agenda:
             self.tree.detach(task)
             parent.unplanned -= task.is_goal
             raise
+        for constraint in added:
+            if constraint.after.task != task.id:
+                self._hold_again(self.tree.tasks[constraint.after.task])
         self.tree.become_last(task, sender)
         if parent.killed:
             self.kill(task, parent.killed)
@@ -128,6 +132,7 @@ class Agenda:
                 continue
             doomed.killed = why
             self._facts.append(Killed(TaskId(doomed.id), why))
+            self._bequeath(doomed)
             if doomed.is_running:
                 running.append(doomed)
             else:
@@ -135,6 +140,20 @@ class Agenda:
                 self.withdrawn.append(doomed)
             self._look_at.append(doomed)
         return running
+
+    def _bequeath(self, task: Task) -> None:
+        """What waits for a killed task goes on waiting for what that one waited for: the end of a sequence does not
+        overtake its beginning because its middle was killed.
+        """
+        for moment, leader_id, its_moment in task.leaders or ():
+            leader = self.tree.tasks.get(leader_id)
+            if leader is None or leader.reached & its_moment:
+                continue
+            for at, follower, held in task.followers or ():
+                if at in comes_after(task.is_goal, moment) and not follower.reached & held:
+                    self._hold(leader, its_moment, follower, held)
+                    points = Point(TaskId(leader_id), Moment(its_moment)), Point(TaskId(follower.id), Moment(held))
+                    self._facts.append(Constrained([Constraint(*points)]))
 
     def wait(self, task: Task, moment: int, waiter: object) -> None:
         """Put *waiter* into ``met`` when the task reaches that moment."""
@@ -236,28 +255,35 @@ class Agenda:
             raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
         task, moment = after
         if before == (task, START_ACHIEVING) and moment == START_PLANNING:
-            self._delay_planning(task, constraint)
-            return [constraint]
+            return [constraint] if self._delay_planning(task, constraint) else []
         if check:
             self._refuse_cycle(constraint, after, before)
-        if before.task.followers is None:
-            before.task.followers = []
-        before.task.followers.append((before.moment, task, moment))
-        if task.leaders is None:
-            task.leaders = []
-        task.leaders.append((moment, before.task.id, before.moment))
-        task.held += 1 << _SHIFT[moment]
+        self._hold(before.task, before.moment, task, moment)
         return [constraint]
 
-    def _delay_planning(self, task: Task, constraint: Constraint) -> None:
+    @staticmethod
+    def _hold(leader: Task, its_moment: int, task: Task, moment: int) -> None:
+        """From now on *moment* of *task* waits for *its_moment* of *leader*."""
+        if leader.followers is None:
+            leader.followers = []
+        leader.followers.append((its_moment, task, moment))
+        if task.leaders is None:
+            task.leaders = []
+        task.leaders.append((moment, leader.id, its_moment))
+        task.held += 1 << _SHIFT[moment]
+
+    def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
         """Planning starts no earlier than achieving, which starts no earlier than planning: they start together. So
-        this is no count on a point; whatever holds back either holds back both.
+        this is no count on a point; whatever holds back either holds back both. Whether it is so only from now on.
         """
+        if task.delayed:
+            return False
         if task.children or task.followers:
             text = f"{constraint}: planning can only be delayed when the goal is sent"
             raise RequestError(Refusal.TOO_LATE, text)
         self._refuse_cycle(constraint, Place(task, END_HANDLING), Place(task, START_ACHIEVING))
         task.delayed = True
+        return True
 
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
         """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""

@@ -21,7 +21,8 @@ from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Outcome, Refusal, Refused
 
 REMEMBERED_OUTCOMES = 10_000
-"""Ended tasks whose failure or result can still be asked for."""
+REMEMBERED_BYTES = 64 << 20
+"""Ended tasks whose failure or result can still be asked for, and how much these may hold."""
 
 
 class Central(State):
@@ -97,7 +98,8 @@ class Central(State):
         """Let everything happen that may, until nothing moves."""
         agenda = self.agenda
         agenda.settle()
-        while agenda.startable or agenda.ended or agenda.met or agenda.withdrawn:
+        dispatcher = self.dispatcher
+        while agenda.startable or agenda.ended or agenda.met or agenda.withdrawn or dispatcher.freed:
             while agenda.withdrawn:
                 self.dispatcher.withdraw(agenda.withdrawn.popleft())
             while agenda.startable:
@@ -109,14 +111,23 @@ class Central(State):
             while agenda.met:
                 task, wait = agenda.met.popleft()
                 requests.answer_wait(self, wait, self.outcome(task))
+            if dispatcher.freed and not (agenda.startable or agenda.withdrawn):
+                dispatcher.give_freed_slot()
             agenda.settle()
 
     def _ended(self, task: Task) -> None:
         outcome = self.outcome(task)
         if outcome[0] is not Outcome.DONE or outcome[3]:
             self.outcomes[task.id] = outcome
-            if len(self.outcomes) > REMEMBERED_OUTCOMES:
-                del self.outcomes[next(iter(self.outcomes))]
+            self.outcome_bytes += _size(outcome)
+            while len(self.outcomes) > REMEMBERED_OUTCOMES or self.outcome_bytes > REMEMBERED_BYTES:
+                oldest = next(iter(self.outcomes))
+                self.outcome_bytes -= _size(self.outcomes.pop(oldest))
+                self.forgotten = max(self.forgotten, oldest)
+
+
+def _size(outcome: tuple[Outcome, str, str, bytes]) -> int:
+    return len(outcome[2]) + len(outcome[3])
 
 
 HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {

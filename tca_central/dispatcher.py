@@ -4,10 +4,12 @@ Knows messages' handlers and resources' order; knows nothing of points and const
 reports through the two functions it is given.
 """
 
+from collections import deque
 from collections.abc import Callable
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
+from tca_wire.headers import MessageClass
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -21,6 +23,7 @@ class Dispatcher:
         self._facts = facts
         self._deliver = deliver
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+        self.freed: deque[Connection] = deque()  #: slots whose handlers have returned, to be given to the next
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
@@ -52,15 +55,22 @@ class Dispatcher:
         self._deliver(delivery, slot)
 
     def complete(self, delivery: Delivery) -> None:
-        """The handler returned: its slot takes the next one."""
+        """The handler returned. Its slot is given on when all that follows from that has happened: what is killed or
+        held again because of it must not be delivered first.
+        """
         del self.attended[delivery.id]
         slot, delivery.slot = delivery.slot, None
         if delivery.nested:
             delivery.nested = False
-        elif slot is not None and slot.resource is not None:
-            self._give_slot(slot, slot.resource)
+        elif slot is not None:
+            self.freed.append(slot)
 
-    def _give_slot(self, slot: Connection, resource: ModuleResource) -> None:
+    def give_freed_slot(self) -> None:
+        """Let the slot that was freed first take the next message of its resource, if one waits."""
+        slot = self.freed.popleft()
+        resource = slot.resource
+        if resource is None or slot not in resource.slots:
+            return
         following = resource.next_queued()
         if following is None:
             resource.free_slot(slot)
@@ -77,12 +87,12 @@ class Dispatcher:
         self._facts.append(Unqueued(delivery.id))
         delivery.withdraw()
 
-    def is_full(self, message: MessageType) -> bool:
-        """Whether too much waits already where a message of this type would have to wait."""
-        resources = list(message.candidates())
-        if not resources:
+    @staticmethod
+    def is_full(message: MessageType, *targets: ModuleResource) -> bool:
+        """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""
+        if not targets and not message.handlers:
             return len(message.waiting) >= QUEUE_LIMIT
-        return all(resource.waiting >= QUEUE_LIMIT for resource in resources)
+        return all(resource.waiting >= QUEUE_LIMIT for resource in targets or message.candidates())
 
     # --- slots and handlers come and go ----------------------------------------------------------------------------
 
@@ -90,10 +100,7 @@ class Dispatcher:
         """A connection offers to handle messages for a resource."""
         slot.resource = resource
         resource.add_slot(slot)
-        if resource.next_queued() is not None:
-            taken = resource.take_slot()
-            assert taken is slot
-            self._give_slot(slot, resource)
+        self.freed.append(slot)
 
     def slot_gone(self, slot: Connection) -> list[Delivery]:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
@@ -147,6 +154,5 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
     itself (TCA 8.5: self-queries).
     """
     sender = delivery.sender
-    if sender is not None and sender.resource in resources and delivery.number in sender.outstanding:
-        return sender if not delivery.message.message_class.is_task else None
-    return None
+    asks = delivery.message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
+    return sender if asks and sender is not None and sender.resource in resources else None

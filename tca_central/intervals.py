@@ -58,6 +58,16 @@ def predecessors_within(is_goal: bool, moment: int) -> tuple[int, ...]:
     return _PREVIOUS[is_goal].get(moment, ())
 
 
+def comes_after(is_goal: bool, moment: int) -> frozenset[int]:
+    """*moment* and all moments of the same task that cannot be reached before it."""
+    found, frontier = {moment}, [moment]
+    for place in frontier:  # grows while it is walked
+        new = [following for following in successors_within(is_goal, place) if following not in found]
+        found.update(new)
+        frontier += new
+    return frozenset(found)
+
+
 _NEXT: dict[bool, dict[int, tuple[int, ...]]] = {
     True: {
         START_PLANNING: (START_ACHIEVING, END_HANDLING),

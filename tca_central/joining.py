@@ -4,7 +4,7 @@ from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.registry import Connection, Handler, Module
 from tca_central.requests import fail_delivery, give_up
-from tca_central.state import State
+from tca_central.state import State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Refusal
@@ -34,6 +34,9 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
     else:
         connection = _join(central, Connection(connection_id, session, module), header.resource)
     on_hello_again(central, connection, header, b"")
+    for delivery in list(central.dispatcher.attended.values()):
+        if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
+            central.tell(connection, deliver(delivery), delivery.body)
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> Connection:

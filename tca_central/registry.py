@@ -13,6 +13,8 @@ REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
 
 REMEMBERED_CONNECTIONS = 256
+MESSAGES = 10_000
+"""Names of messages that may be declared."""
 
 
 class ModuleResource(Resource["Connection", "Delivery"]):
@@ -75,15 +77,19 @@ class MessageType:
     """A declared message: its format, who uses it, who handles it, and what waits because nobody does."""
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
+        self.redefine(declared, by)
+        self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
+        self.handlers: list[Handler] = []  #: newest last
+        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
+
+    def redefine(self, declared: MessageFormat, by: str) -> None:
+        """Take a format; those who declared another are gone."""
         self.format = declared
         self.name = declared.name
         self.message_class = declared.message_class
         self.is_goal = declared.message_class is MessageClass.GOAL
         self.fans_out = declared.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
         self.first_declared_by = by
-        self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
-        self.handlers: list[Handler] = []  #: newest last
-        self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
 
     def candidates(self) -> Iterator[ModuleResource]:
         """The resources that may handle this message: of the newest handler and of those in its pool."""
@@ -154,20 +160,24 @@ class Registry:
             del self.lost[next(iter(self.lost))]
 
     def forget_module(self, module: Module) -> None:
-        """The last connection of a module is gone. Messages that nobody else declared may be declared anew."""
+        """The last connection of a module is gone. The messages that it declared stay: tasks may still be held, for
+        whoever handles them next.
+        """
         del self.modules[module.incarnation]
         self._names.discard(module.name)
-        for message in [message for message in self.messages.values() if module.incarnation in message.declarers]:
-            del message.declarers[module.incarnation]
-            if not message.declarers and not message.waiting:
-                del self.messages[message.name]
+        for message in self.messages.values():
+            message.declarers.pop(module.incarnation, None)
 
     def check(self, declared: MessageFormat, module: Module) -> None:
         """Raises RequestError if others know a message of that name with another format or class."""
         known = self.messages.get(declared.name)
         if not declared.name.isprintable() or not 0 < len(declared.name) <= Limit.NAME:
             raise RequestError(Refusal.PROTOCOL, f"{declared.name!r:.40} is no message name")
-        if known is None or known.format == declared:
+        if known is None and len(self.messages) >= MESSAGES:
+            raise RequestError(
+                Refusal.OVERLOAD, f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
+            )
+        if known is None or known.format == declared or not known.declarers:
             return
         if known.message_class != declared.message_class:
             difference = f"a {declared.message_class} here, a {known.message_class} there"
@@ -181,10 +191,12 @@ class Registry:
             raise RequestError(Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})")
 
     def declare(self, declared: MessageFormat, module: Module) -> tuple[MessageType, bool]:
-        """The message of that name, and whether it is new; ``check`` has passed."""
+        """The message of that name, and whether it, or its format, is new; ``check`` has passed."""
         message = self.messages.get(declared.name)
-        is_new = message is None
+        is_new = message is None or not (message.declarers or message.format == declared)
         if message is None:
             self.messages[declared.name] = message = MessageType(declared, module.name)
+        elif is_new:
+            message.redefine(declared, module.name)
         message.declarers[module.incarnation] = None
         return message, is_new

@@ -73,7 +73,7 @@ def _route_inform(
 
 
 def _route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
-    if central.dispatcher.is_full(delivery.message):
+    if central.dispatcher.is_full(delivery.message, *targets):
         central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
     else:
         central.dispatcher.route(delivery, *targets)
@@ -91,9 +91,11 @@ def _route_query(
 
 
 def _copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
-    """One delivery for each handler of a broadcast or multi-query."""
+    """One delivery for each handler of a broadcast or multi-query that has somebody to handle it."""
     copies = []
     for handler in original.message.handlers:
+        if not handler.resource.capacity:
+            continue
         copy = Delivery(central.new_id(), original.message, original.body, original.sender)
         copy.message_id, copy.priority = original.id, original.priority
         copies.append((copy, handler.resource))
@@ -125,7 +127,10 @@ def _route_multi_query(
         collector.pending[copy.id] = copy
         central.collectors[copy.id] = collector
     for copy, resource in copies:
-        central.dispatcher.route(copy, resource)
+        if central.dispatcher.is_full(message, resource):
+            fail_delivery(central, copy, "overload", "too many messages wait for its handler", b"")
+        else:
+            central.dispatcher.route(copy, resource)
     _end_if_complete(central, collector)
 
 
@@ -266,6 +271,9 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
     if moment not in SINGLE_MOMENTS:
         raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
     task = central.agenda.task(header.point.task)
+    if task is None and header.point.task <= central.forgotten and header.point.task not in central.outcomes:
+        text = f"task {header.point.task} ended too long ago to know how: see the journal"
+        raise RequestError(Refusal.TOO_LATE, text)
     wait = Wait(connection, header)
     connection.outstanding[header.number] = wait
     origin = header.origin

@@ -16,6 +16,9 @@ class Queueable(Protocol):
     priority: int
 
 
+VOID_ENTRIES = 64
+"""Void entries that a queue may hold beyond as many as it has valid ones."""
+
 S = TypeVar("S")  # what stands for a slot
 Q = TypeVar("Q", bound=Queueable)
 
@@ -26,11 +29,16 @@ class Resource(Generic[S, Q]):
     def __init__(self, module: str, name: str) -> None:
         self.module = module
         self.name = name
-        self.capacity = 0  #: number of slots
+        self.slots: dict[S, None] = {}
         self.waiting = 0  #: number of valid entries in the queue
         self._free: dict[S, None] = {}
         self._queue: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, delivery), a heap
         self._arrivals = 0
+
+    @property
+    def capacity(self) -> int:
+        """How many messages it handles at a time."""
+        return len(self.slots)
 
     @property
     def free(self) -> int:
@@ -38,13 +46,12 @@ class Resource(Generic[S, Q]):
         return len(self._free)
 
     def add_slot(self, slot: S) -> None:
-        """A connection that handles messages for this resource came."""
-        self.capacity += 1
-        self._free[slot] = None
+        """A connection that handles messages for this resource came; it takes none before ``free_slot``."""
+        self.slots[slot] = None
 
     def remove_slot(self, slot: S) -> None:
         """Such a connection is gone."""
-        self.capacity -= 1
+        self.slots.pop(slot, None)
         self._free.pop(slot, None)
 
     def take_slot(self) -> S | None:
@@ -68,8 +75,9 @@ class Resource(Generic[S, Q]):
     def left_queue(self) -> None:
         """An entry became void."""
         self.waiting -= 1
-        if not self.waiting:
-            self._queue.clear()
+        if len(self._queue) > 2 * self.waiting + VOID_ENTRIES:
+            self._queue = [entry for entry in self._queue if entry[3].ticket == entry[2]]
+            heapq.heapify(self._queue)
 
     def queued(self) -> Iterator[Q]:
         """The deliveries that wait, in no particular order."""

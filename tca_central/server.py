@@ -35,6 +35,7 @@ _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
 
 BEAT_PERIOD = 1.0
 PACKETS_PER_TURN = 256
+TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 OUTBOX_BYTES = 64 << 20
 PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
 
@@ -107,7 +108,12 @@ class Server:
     def _flush(self) -> None:
         """End a turn: first the journal, then the messages that it justifies."""
         if self.journal is not None:
-            self.journal.flush()
+            try:
+                self.journal.flush()
+            except CentralError:
+                self._outboxes.clear()  # what could not be recorded must not be said
+                self._dirty.clear()
+                raise
         for connection, outbox in list(self._dirty.items()):
             self._send(connection, outbox)
 
@@ -123,8 +129,7 @@ class Server:
 
     def _received(self) -> Iterator[Event]:
         for _ in range(PACKETS_PER_TURN):
-            # Asking is cheaper than the exception that a socket without messages raises.
-            if not int(self.socket.getsockopt(_EVENTS)) & _POLLIN:
+            if not self._has_arrived():
                 return
             routing_id, *frames = self.socket.recv_multipart(_DONTWAIT)
             connection, now = ConnectionId(routing_id), self.now()
@@ -147,16 +152,31 @@ class Server:
         for connection, why in self._too_slow.items():
             yield ConnectionLost(self.now(), connection, why)
         self._too_slow.clear()
-        beat = codec.pack_item(Beat())
+        beat, gone = codec.pack_item(Beat()), []
         for connection in list(self.central.registry.connections):
             try:
                 self.socket.send_multipart((connection, beat), zmq.DONTWAIT)
             except zmq.Again:
                 continue
             except zmq.ZMQError:
-                yield ConnectionLost(self.now(), connection)
-        for gone in [known for known in self._outboxes if known not in self.central.registry.connections]:
-            self._forget(gone)
+                gone.append(connection)
+        if gone:
+            yield from self._last_words()
+        for connection in gone:
+            yield ConnectionLost(self.now(), connection)
+        for stranger in [known for known in self._outboxes if known not in self.central.registry.connections]:
+            self._forget(stranger)
+
+    def _last_words(self) -> Iterator[Event]:
+        """What has arrived by now: a connection that is gone may have said goodbye before it went."""
+        for _ in range(TURNS_OF_LAST_WORDS):
+            if not self._has_arrived():
+                return
+            yield from self._received()
+
+    def _has_arrived(self) -> bool:
+        # Asking is cheaper than the exception that a socket without messages raises.
+        return bool(int(self.socket.getsockopt(_EVENTS)) & _POLLIN)
 
     # --- sending ---------------------------------------------------------------------------------------------------
 

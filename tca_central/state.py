@@ -22,6 +22,12 @@ class Collector:
         self.pending: dict[int, Delivery] = {}
 
 
+def deliver(delivery: Delivery) -> headers.Deliver:
+    """The header by which a handler gets a delivery."""
+    task_id = TaskId(delivery.id if isinstance(delivery, Task) else 0)
+    return headers.Deliver(delivery.id, delivery.message.name, task_id)
+
+
 class State:
     """The parts, put together. ``facts`` and ``messages`` are those of the event being handled."""
 
@@ -34,6 +40,8 @@ class State:
         self.dispatcher = Dispatcher(self.facts, self.deliver)
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
+        self.outcome_bytes = 0  #: size of what they hold
+        self.forgotten = 0  #: the highest id of a task whose outcome was kept, and is no more
         self.events = 0  #: number of events handled
         self.messages: list[Effect] = []
 
@@ -42,12 +50,9 @@ class State:
         resource = slot.resource
         assert resource is not None
         self.facts.append(facts.Delivered(delivery.id, delivery.message_id, resource.module, resource.name))
-        task_id = TaskId(0)
         if isinstance(delivery, Task):
-            task_id = TaskId(delivery.id)
             self.agenda.started(delivery)
-        header = headers.Deliver(delivery.id, delivery.message.name, task_id)
-        self.messages.append(Transmit(slot.id, header, delivery.body))
+        self.messages.append(Transmit(slot.id, deliver(delivery), delivery.body))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
         """How a task ended, or stands: outcome, failure's name, text, and result or failure data."""

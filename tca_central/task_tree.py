@@ -97,10 +97,21 @@ class TaskTree:
         """Take an ended task out."""
         del self.tasks[task.id]
         parent = task.parent
+        if parent is self.root and task.killed and task.sender is not None:
+            self._restore_last_of(task, task.sender.module.name)
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             if parent.last_child is task:
-                parent.last_child = None
+                # After a killed last child flags refer to the sibling before it, not to nothing.
+                parent.last_child = next(reversed(parent.children.values()), None) if task.killed else None
+
+    def _restore_last_of(self, killed: Task, sender: str) -> None:
+        """After a killed top-level task flags refer to the living one that the same module sent before it."""
+        if self.last_of_module.get(sender) is killed:
+            others = reversed((self.root.children or {}).values())
+            before = next((t for t in others if t is not killed and t.sender and t.sender.module.name == sender), None)
+            if before is not None:
+                self.last_of_module[sender] = before
 
     def forget_module(self, sender: str) -> None:
         """A module is gone; its next namesake starts a sequence of its own."""

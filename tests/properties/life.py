@@ -51,7 +51,8 @@ class Life:
         constraints = []
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
-            constraints.append(before(point(one, moment), point(-1, list(Moment)[a % 6])))
+            pair = [point(one, moment), point(-1, list(Moment)[a % 6])]
+            constraints.append(before(*pair) if b % 2 else before(*reversed(pair)))
         self.player.send(
             senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].split(" ", 1)[1], under=tasks[c % len(tasks)],
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
