@@ -16,6 +16,9 @@ from tca_central.journal_writer import JournalWriter, Sync
 from tca_central.server import Server
 from tca_wire.endpoint import VARIABLE, default_endpoint
 
+LONGEST_PATH = 100
+"""Bytes in the path of a Unix socket; systems differ between 103 and 107."""
+
 LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
 
 
@@ -33,6 +36,9 @@ def _check_address(bind: str, *, insecure: bool) -> None:
     """Only programs of this user should reach central, until connections can prove who they are."""
     port = bind.rpartition(":")[2]
     is_tcp = bind.startswith("tcp://") and (port == "*" or 0 < _number(port) < 65536)
+    if bind.startswith("ipc:///") and len(bind) > LONGEST_PATH + len("ipc://"):
+        msg = f"{bind} is too long: the path of a socket has at most {LONGEST_PATH} bytes"
+        raise click.UsageError(msg)
     if not is_tcp and not bind.startswith("ipc:///"):
         msg = f"'{bind}' is no address: use ipc:///path/of/socket or tcp://127.0.0.1:port (port * takes a free one)"
         raise click.UsageError(msg)

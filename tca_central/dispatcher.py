@@ -155,4 +155,6 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
     """
     sender = delivery.sender
     asks = delivery.message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
-    return sender if asks and sender is not None and sender.resource in resources else None
+    if not asks or sender is None or sender.resource is None or sender not in sender.resource.slots:
+        return None
+    return sender if sender.resource in resources else None

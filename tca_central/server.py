@@ -299,7 +299,7 @@ def _log_what_people_should_know(entry: facts.Entry) -> None:
 _TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
     facts.Failed: (
         logging.WARNING,
-        lambda fact: f"failure '{fact.failure}' of {fact.id}: {fact.text.strip().rpartition(chr(10))[2]}",
+        lambda fact: f"failure '{fact.failure}' of message {fact.id}: {fact.text.strip().rpartition(chr(10))[2]}",
     ),
     facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
     facts.ModuleJoined: (logging.INFO, lambda fact: f"module '{fact.module}' joined ({fact.process})"),

@@ -28,6 +28,7 @@ ACKNOWLEDGED_WITHIN = 30.0
 _STEP = 0.2  # seconds at a time that a wait listens, so that stops are noticed
 _SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
+_STALL = 2.0  # seconds that a turn of a wait never takes unless the process itself was stopped
 _FOR_EVER = float("inf")
 
 
@@ -199,7 +200,9 @@ is alive: it is overloaded; whether it took the request is not known"
             session.tend(now, since)
             self._flush(_SEND_WAIT if session.is_welcome else _STEP)
             self._listen(min(_STEP, max(0.0, deadline - now)))
-            now = self._clock()
+            before, now = now, self._clock()
+            if now - before > _STALL:
+                since = now  # this process stood still, and central's words have yet to be read: blame nobody
             if now >= deadline:
                 return is_over()
             if now - max(session.heard, since) > patience:

@@ -14,6 +14,8 @@ from tca_wire.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, 
 from tca_wire.headers import Answer, Constrain, MessageClass, Outcome, Send
 from tca_wire.points import ROOT, TaskId
 
+HIGHEST_PRIORITY = 1_000_000
+
 QUERY_TIMEOUT = 30.0
 """Seconds that a query waits for its reply where nobody says otherwise."""
 
@@ -73,6 +75,7 @@ class Sender:
         return self._task(message, data, options)
 
     def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
+        _check_options(message, options)
         body = message.encode_data(data)
         connection = self._declare(message)
         self._forget_if_central_did(connection.session.epoch)
@@ -138,6 +141,7 @@ class Sender:
     def _question(
         self, message: Message[Any, Any], data: Any, *, priority: int = 0, blocking: bool = False, maximum: int = 0
     ) -> tuple[Connection, Request]:
+        _check_priority(message, priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -222,6 +226,21 @@ class PendingReply(Generic[R]):
 
 def _name(message: Message[Any, Any]) -> str:
     return f"{message.message_class} '{message.name}'"
+
+
+def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
+    unknown = sorted(options.keys() - TaskOptions.__annotations__.keys())
+    if unknown:
+        known = ", ".join(TaskOptions.__annotations__)
+        msg = f"{_name(message)} can't be sent with {unknown[0]}=: the options are {known}"
+        raise MisuseError(msg)
+    _check_priority(message, options.get("priority", 0))
+
+
+def _check_priority(message: Message[Any, Any], priority: Any) -> None:
+    if not isinstance(priority, int) or abs(priority) > HIGHEST_PRIORITY:
+        msg = f"{_name(message)} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
+        raise MisuseError(msg)
 
 
 def _flags(options: TaskOptions) -> Flags:

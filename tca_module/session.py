@@ -234,9 +234,15 @@ class Session:
         del self._requests[request.header.number]
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
+        if header.delivery in self._attended or any(reply.delivery == header.delivery for reply, _ in self._said()):
+            return  # central repeats after a reconnect what it does not know to have arrived
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
         self._attended[header.delivery] = False
         self.deliveries.append((header, body))
+
+    def _said(self) -> list[tuple[Reply | Fail, bytes]]:
+        """The replies that central may not have got yet."""
+        return [(reply, body) for reply, body in self._replies if isinstance(reply, Reply | Fail)]
 
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
         if header.delivery in self._attended:

@@ -1,7 +1,9 @@
 """The walk: central, the Ambler's modules and the simulator, each a process; then the pictures of the run."""
 
 import argparse
+import fcntl
 import logging
+import os
 import shutil
 import subprocess
 import sys
@@ -24,6 +26,9 @@ from tca_module.task_ref import TaskRef
 MODULES = ("perception", "leg planner", "body planner", "gait planner")
 LOOK_PERIOD = 3.0
 """Seconds between two looks at whether all programs are still there."""
+
+MARKER = ".ambler-walk"
+"""A file by which a folder is known to hold a walk, and locked while the walk goes on."""
 
 console = Console(highlight=False)
 
@@ -152,11 +157,27 @@ def _parser() -> argparse.ArgumentParser:
 
 def _fresh(folder: Path) -> Path:
     """An empty folder, where only an earlier walk may have been."""
-    if folder.exists() and any(folder.iterdir()) and not (folder / "journal").is_dir():
+    marker = folder / MARKER
+    if folder.exists() and any(folder.iterdir()) and not marker.exists():
         raise SystemExit(f"ambler: {folder} holds something else than a walk: name another folder with --out")
+    if marker.exists() and not _may_lock(marker):
+        raise SystemExit(f"ambler: another walk is going on in {folder}: name another folder with --out")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
+    marker.touch()
+    _may_lock(marker)
     return folder.resolve()
+
+
+def _may_lock(marker: Path) -> bool:
+    """Whether no other walk has this folder; it is ours from then on, for as long as this process lives."""
+    handle = os.open(marker, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        return False
+    return True
 
 
 def main() -> int:
@@ -166,12 +187,12 @@ def main() -> int:
     has_physics = options.backend != "kinematic" and pybullet_is_installed()
     how = "with PyBullet's physics" if has_physics else "kinematically, without physics (no PyBullet here)"
     console.print(f"The Ambler walks {options.metres:g} m {how}, {options.pace:g} times as fast as in reality.")
-    walk = Walk(options, _fresh(options.out))
     began = time.monotonic()
     try:
+        walk = Walk(options, _fresh(options.out))
         code = walk.run()
     except KeyboardInterrupt:
-        console.print("stopped; what happened so far is in", walk.folder)
+        console.print(f"stopped; what happened so far is in {options.out}", soft_wrap=True)
         return 130
     except TcaError as error:
         console.print(f"ambler: {error}", style="red")

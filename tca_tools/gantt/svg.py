@@ -10,7 +10,7 @@ from tca_tools.gantt.bars import Bar, Chart, Row
 from tca_tools.gantt.colours import dark, light
 from tca_tools.terminal import columns_of, cut, printable
 
-_NARROWEST, _WIDEST = 1100.0, 4000.0
+_NARROWEST, _WIDEST = 1100.0, 2200.0
 _USUAL_BAR = 8.0
 """The chart is made wide enough for half of the bars to be that wide, within the limits above."""
 _LANE, _QUEUE_LANE, _ROW_GAP, _MARGIN = 24.0, 9.0, 14.0, 24.0

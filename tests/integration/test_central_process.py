@@ -3,6 +3,7 @@
 import os
 import signal
 import socket as sockets
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -297,3 +298,19 @@ def test_handlers_may_be_threads_of_this_process_too(tmp_path: Path) -> None:
     moves = [task for task in history.tasks.values() if task.name == "move"]
     assert len(moves) == 5
     assert msgspec.msgpack.decode(moves[3].result) == 3
+
+
+def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user, ExitStack() as programs:
+        legs = programs.enter_context(program(MOVES_UNTIL_TERMINATED, daemon.address))
+        for _ in range(8):
+            moves = [user.command(MOVE, number, sequential=False) for number in range(20)]
+            successor = programs.enter_context(program(MOVES_UNTIL_TERMINATED, daemon.address))
+            while sum("move" in module["handles"] for module in user.status("modules")) < 2:
+                pass
+            moves += [user.command(MOVE, number, sequential=False) for number in range(20, 40)]
+            legs.send_signal(signal.SIGTERM)
+            assert [move.result(timeout=20) for move in moves] == list(range(40))
+            assert legs.wait(timeout=10) == 0
+            legs = successor
+        assert "its connection closed" not in daemon.stop()

@@ -105,3 +105,11 @@ def steps_of(history: History, arc: int) -> list[int]:
     while below := [child for child in history.children(chain[-1]) if history.tasks[child].name == "take steps"]:
         chain += below
     return chain
+
+
+def test_a_folder_with_something_else_is_not_touched(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    done = walk(tmp_path)
+    assert done.returncode == 1
+    assert "holds something else than a walk: name another folder with --out" in done.stderr
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"

@@ -341,3 +341,13 @@ def test_a_question_is_asked_again_like_a_wait(session: Session) -> None:
     hear(session, Unknown(), welcome(), Refused(2, Refusal.TOO_LATE, ""), Answer(3, Outcome.DONE))
     assert asked.is_over
     assert not asked.lost
+
+
+def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
+    deliver = headers.Deliver(7, "walk", TaskId(7))
+    hear(session, deliver, deliver)
+    assert len(session.deliveries) == 1
+    session.deliveries.clear()
+    session.reply(headers.Reply(7), b"\xc0")
+    hear(session, deliver)
+    assert not session.deliveries

@@ -240,3 +240,18 @@ def test_only_tasks_have_points(robot: Robot, user: Client) -> None:
 
     with robot.running():
         assert user.query(STANCE, 1.0) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"planfirst": True}, "can't be sent with planfirst=: the options are sequential, "),
+        ({"priority": float("nan")}, "can't have priority nan"),
+        ({"priority": 2**70}, "can't have priority"),
+    ],
+)
+def test_options_are_checked_before_anything_is_sent(user: Client, options: dict[str, object], words: str) -> None:
+    with pytest.raises(MisuseError, match=words):
+        user.command(STOP, **options)  # type: ignore[arg-type, misc]
+    with pytest.raises(MisuseError, match="can't have priority"):
+        user.query(STANCE, priority=1.5)  # type: ignore[arg-type]
