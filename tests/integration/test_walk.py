@@ -76,6 +76,13 @@ def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> N
             assert times[Moment.START_HANDLING] < body[Moment.END_HANDLING]
 
 
+def test_perception_scans_while_the_leg_moves(history: History) -> None:
+    moves = [handling for handling in history.handlings if handling.name in ("move leg", "move body")]
+    scans = [handling for handling in history.handlings if handling.name == "scan"]
+    during = [s for s in scans if any(m.start < s.start and s.end and m.end and s.end < m.end for m in moves)]
+    assert len(during) >= len(scans) // 2 > 0
+
+
 def test_never_is_a_step_planned_two_ahead(history: History) -> None:
     steps = [history.tasks[task].reached for task in tasks(history, "take steps")]
     moments = sorted({time for times in steps for time in times.values()})

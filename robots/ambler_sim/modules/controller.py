@@ -1,7 +1,7 @@
 """The real-time controller: owns the robot (here the simulator), moves it, and saves where it is after every move.
 
-One resource of capacity one: the machine does one thing at a time. A controller that is started on the state file of
-another takes the robot over where that one left it.
+The machine makes one move at a time; its scanner is a resource of its own, so that perception need not wait for the
+end of a move. A controller that is started on the state file of another takes the robot over where that one left it.
 """
 
 import argparse
@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import cast
 
 from robots.ambler_sim.errors import AmblerError
+from robots.ambler_sim.machine import Machine
 from robots.ambler_sim.messages import MOTION_FAULT, MOVE_BODY, MOVE_LEG, PICTURE, SCAN, STANCE
-from robots.ambler_sim.perception import pack_scan
+from robots.ambler_sim.pacing import OnTick
 from robots.ambler_sim.robot import Backend, Robot, make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
 from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Scan, Stance, TerrainSpec
@@ -20,6 +21,13 @@ from tca_module import Module, Task
 def make_module(robot: Robot, state_file: Path | None) -> Module:
     """The module that moves *robot*."""
     controller = Module("controller")
+    controller.resource("scanner")
+    machine = Machine(robot)
+
+    def goes_on(task: Task) -> bool:
+        """Between two control ticks: scan if somebody waits for one; stop if the task was killed."""
+        machine.tick()
+        return not task.cancelled
 
     def save() -> None:
         if state_file is not None:
@@ -27,33 +35,41 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
 
     @controller.handles(MOVE_LEG)
     def move_leg(task: Task, move: LegMove) -> Footfall:
-        footfall = robot.move_leg(move, on_tick=lambda _: not task.cancelled)
+        with machine.moving(move.leg):
+            footfall = robot.move_leg(move, on_tick=lambda _: goes_on(task))
         save()
         return footfall
 
     @controller.handles(MOVE_BODY)
     def move_body(task: Task, move: BodyMove) -> Pose:
-        try:
-            pose = robot.move_body(move, on_tick=lambda _: not task.cancelled)
-        except AmblerError as error:
-            raise MOTION_FAULT(str(error)) from error
+        with machine.moving():
+            pose = _moved_body(robot, move, on_tick=lambda _: goes_on(task))
         save()
         return pose
 
     @controller.handles(STANCE)
     def stance(_: Task) -> Stance:
-        return robot.stance()
+        with machine.moving():
+            return robot.stance()
 
-    @controller.handles(SCAN)
+    @controller.handles(SCAN, resource="scanner")
     def scan(_: Task) -> Scan:
-        return pack_scan(robot.stance(), robot.scan())
+        return machine.scan()
 
     @controller.handles(PICTURE)
     def picture(_: Task, path: str) -> str:
-        return str(robot.picture(path))
+        with machine.moving():
+            return str(robot.picture(path))
 
     save()
     return controller
+
+
+def _moved_body(robot: Robot, move: BodyMove, on_tick: OnTick) -> Pose:
+    try:
+        return robot.move_body(move, on_tick)
+    except AmblerError as error:
+        raise MOTION_FAULT("body", str(error)) from error
 
 
 def main() -> None:
