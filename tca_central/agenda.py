@@ -145,15 +145,24 @@ class Agenda:
         """What waits for a killed task goes on waiting for what that one waited for: the end of a sequence does not
         overtake its beginning because its middle was killed.
         """
-        for moment, leader_id, its_moment in task.leaders or ():
+        if task.leaders:
+            for at, follower, held in list(task.followers or ()):
+                if inherited := self._inherit(task, at, follower, held):
+                    self._facts.append(Constrained(inherited))
+
+    def _inherit(self, killed: Task, at: int, follower: Task, held: int) -> list[Constraint]:
+        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
+        inherited = []
+        for moment, leader_id, its_moment in list(killed.leaders or ()):
             leader = self.tree.tasks.get(leader_id)
-            if leader is None or leader.reached & its_moment:
+            first = START_PLANNING if killed.delayed and moment == START_ACHIEVING else moment
+            if leader is None or leader is follower or leader.reached & its_moment or follower.reached & held:
                 continue
-            for at, follower, held in task.followers or ():
-                if at in comes_after(task.is_goal, moment) and not follower.reached & held:
-                    self._hold(leader, its_moment, follower, held)
-                    points = Point(TaskId(leader_id), Moment(its_moment)), Point(TaskId(follower.id), Moment(held))
-                    self._facts.append(Constrained([Constraint(*points)]))
+            if at in comes_after(killed.is_goal, first):
+                self._hold(leader, its_moment, follower, held)
+                points = Point(TaskId(leader_id), Moment(its_moment)), Point(TaskId(follower.id), Moment(held))
+                inherited.append(Constraint(*points))
+        return inherited
 
     def wait(self, task: Task, moment: int, waiter: object) -> None:
         """Put *waiter* into ``met`` when the task reaches that moment."""
@@ -258,8 +267,11 @@ class Agenda:
             return [constraint] if self._delay_planning(task, constraint) else []
         if check:
             self._refuse_cycle(constraint, after, before)
+        if task.held >> _SHIFT[moment] & _COUNTER == _COUNTER:
+            raise RequestError(Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already")
         self._hold(before.task, before.moment, task, moment)
-        return [constraint]
+        inherited = self._inherit(before.task, before.moment, task, moment) if before.task.killed else []
+        return [constraint, *inherited]
 
     @staticmethod
     def _hold(leader: Task, its_moment: int, task: Task, moment: int) -> None:

@@ -22,6 +22,7 @@ class Dispatcher:
     def __init__(self, facts: list[object], deliver: Callable[[Delivery, Connection], None]) -> None:
         self._facts = facts
         self._deliver = deliver
+        self._arrivals = 0
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.freed: deque[Connection] = deque()  #: slots whose handlers have returned, to be given to the next
 
@@ -30,6 +31,9 @@ class Dispatcher:
 
         *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
         """
+        if not delivery.arrival:
+            self._arrivals += 1
+            delivery.arrival = self._arrivals
         resources = targets or tuple(delivery.message.candidates())
         for resource in resources:
             if slot := resource.take_slot():
@@ -84,6 +88,7 @@ class Dispatcher:
             return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
+        delivery.arrival = 0
         self._facts.append(Unqueued(delivery.id))
         delivery.withdraw()
 
@@ -143,7 +148,7 @@ class Dispatcher:
         found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
         found.update(message.waiting)
         message.waiting.clear()
-        queued = [found[delivery_id] for delivery_id in sorted(found)]
+        queued = sorted(found.values(), key=lambda delivery: delivery.arrival)
         for delivery in queued:
             delivery.withdraw()
         return queued

@@ -106,8 +106,8 @@ class MessageType:
 class Delivery:
     """One message on its way to one handler."""
 
-    __slots__ = ("body", "id", "message", "message_id", "nested", "number", "priority", "queues", "sender", "slot",
-                 "ticket")  # fmt: skip
+    __slots__ = ("arrival", "body", "id", "message", "message_id", "nested", "number", "priority", "queues", "sender",
+                 "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
@@ -117,6 +117,7 @@ class Delivery:
         self.sender = sender  #: who wants the answer; None when it is gone
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
+        self.arrival = 0  #: when it could first be handled; kept when it has to queue again
         self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
         self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it
@@ -177,7 +178,9 @@ class Registry:
             raise RequestError(
                 Refusal.OVERLOAD, f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
             )
-        if known is None or known.format == declared or not known.declarers:
+        if known is None or known.format == declared:
+            return
+        if not known.declarers and known.message_class == declared.message_class:
             return
         if known.message_class != declared.message_class:
             difference = f"a {declared.message_class} here, a {known.message_class} there"

@@ -18,6 +18,9 @@ from tca_wire.constraints import Constraint
 from tca_wire.headers import Accepted, Answer, Cancelled, Limit, MessageClass, Outcome, Refusal
 from tca_wire.points import ROOT, TaskId
 
+MOST_CONSTRAINTS = 1000
+"""In one request: so long must everybody else wait for it."""
+
 NIL = b"\xc0"  # None as MessagePack
 
 
@@ -137,6 +140,7 @@ def _route_multi_query(
 def _route_task(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
+    _check_number(header.constraints)
     parent = central.tree.root if header.parent == ROOT else central.agenda.task(header.parent)
     if parent is None:
         text = f"task {header.parent} has ended: nothing can be added under it"
@@ -257,8 +261,15 @@ def _end_if_complete(central: State, collector: Collector) -> None:
 # --- tasks: constraints, waits, kills --------------------------------------------------------------------------------
 
 
+def _check_number(constraints: list[Constraint]) -> None:
+    if len(constraints) > MOST_CONSTRAINTS:
+        text = f"{len(constraints)} constraints in one request: {MOST_CONSTRAINTS} are allowed, send several requests"
+        raise RequestError(Refusal.OVERLOAD, text)
+
+
 def on_constrain(central: State, connection: Connection, header: headers.Constrain, _: bytes) -> None:
     """Constraints between tasks that exist."""
+    _check_number(header.constraints)
     added = central.agenda.constrain(header.constraints)
     if added:
         central.facts.append(facts.Constrained(added))

@@ -14,6 +14,7 @@ class Queueable(Protocol):
 
     ticket: int
     priority: int
+    arrival: int
 
 
 VOID_ENTRIES = 64
@@ -33,7 +34,6 @@ class Resource(Generic[S, Q]):
         self.waiting = 0  #: number of valid entries in the queue
         self._free: dict[S, None] = {}
         self._queue: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, delivery), a heap
-        self._arrivals = 0
 
     @property
     def capacity(self) -> int:
@@ -68,9 +68,8 @@ class Resource(Generic[S, Q]):
 
     def queue(self, delivery: Q) -> None:
         """Let a delivery wait its turn."""
-        self._arrivals += 1
         self.waiting += 1
-        heapq.heappush(self._queue, (-delivery.priority, self._arrivals, delivery.ticket, delivery))
+        heapq.heappush(self._queue, (-delivery.priority, delivery.arrival, delivery.ticket, delivery))
 
     def left_queue(self) -> None:
         """An entry became void."""

@@ -69,6 +69,7 @@ class TaskTree:
         self.tasks: dict[int, Task] = {}
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
+        self.top_of_module: dict[str, dict[int, Task]] = {}  #: living top-level tasks per sending module, oldest first
 
     def last_sibling(self, parent: Task, sender: str) -> Task | None:
         """The task that flags of a new child refer to. Under the root each module has its own, so that top-level
@@ -84,6 +85,8 @@ class TaskTree:
             parent.children = {}
         parent.children[task.id] = task
         self.tasks[task.id] = task
+        if parent is self.root:
+            self.top_of_module.setdefault(_sender(task), {})[task.id] = task
 
     def become_last(self, task: Task, sender: str) -> None:
         """From now on flags refer to this task."""
@@ -97,21 +100,22 @@ class TaskTree:
         """Take an ended task out."""
         del self.tasks[task.id]
         parent = task.parent
-        if parent is self.root and task.killed and task.sender is not None:
-            self._restore_last_of(task, task.sender.module.name)
+        if parent is self.root:
+            self._detach_top(task, _sender(task))
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             if parent.last_child is task:
                 # After a killed last child flags refer to the sibling before it, not to nothing.
                 parent.last_child = next(reversed(parent.children.values()), None) if task.killed else None
 
-    def _restore_last_of(self, killed: Task, sender: str) -> None:
+    def _detach_top(self, task: Task, sender: str) -> None:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
-        if self.last_of_module.get(sender) is killed:
-            others = reversed((self.root.children or {}).values())
-            before = next((t for t in others if t is not killed and t.sender and t.sender.module.name == sender), None)
-            if before is not None:
-                self.last_of_module[sender] = before
+        others = self.top_of_module[sender]
+        del others[task.id]
+        if task.killed and others and self.last_of_module.get(sender) is task:
+            self.last_of_module[sender] = next(reversed(others.values()))
+        if not others:
+            del self.top_of_module[sender]
 
     def forget_module(self, sender: str) -> None:
         """A module is gone; its next namesake starts a sequence of its own."""
@@ -125,3 +129,7 @@ class TaskTree:
             yield node
             if node.children:
                 stack.extend(reversed(node.children.values()))
+
+
+def _sender(task: Task) -> str:
+    return task.sender.module.name if task.sender else ""

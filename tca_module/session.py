@@ -41,6 +41,9 @@ REPEAT = 1.0
 # Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
 _ARE_YOU_THERE = Register(0, [], [])
 
+_REPLIES_KEPT = 8
+"""Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
+
 Item = tuple[ToCentral, bytes]
 
 
@@ -121,6 +124,7 @@ class Session:
         if self._attended.pop(header.delivery, None) is None:
             return
         self._replies.append((header, body))
+        del self._replies[:-_REPLIES_KEPT]
         if self.is_welcome:
             self.outgoing.append((header, body))
 
@@ -249,7 +253,7 @@ class Session:
             self._attended[header.delivery] = True
 
     def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
-        self._replies.clear()  # the connection was whole after they left
+        """It says nothing of replies: it may have been sent before central got them."""
 
     def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
         if self.is_welcome:

@@ -135,9 +135,9 @@ def first_difference(one: str, other: str) -> str | None:
         return None
     try:
         left, right = json.loads(one or "{}"), json.loads(other or "{}")
-    except (ValueError, RecursionError):
+        return _Comparison(left, right).difference(left, right, "$")
+    except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
         return "$: one of the two is no JSON Schema"
-    return _Comparison(left, right).difference(left, right, "$")
 
 
 class _Comparison:

@@ -201,3 +201,20 @@ def test_messages_name_themselves_in_their_errors() -> None:
 def test_messages_need_a_sensible_name(name: Any) -> None:
     with pytest.raises(BadFormat, match="is no message name"):
         Goal(name)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ('{"anyOf":5}', '{"anyOf":[3]}'),
+        ('{"properties":5}', '{"properties":[1]}'),
+        ('{"$ref":5}', '{"$ref":"#/$defs/A"}'),
+        ('{"enum":5}', '{"enum":[1]}'),
+        ('{"items":' * 2000 + "1" + "}" * 2000, '{"items":' * 2000 + "2" + "}" * 2000),
+        ("nonsense", "{}"),
+        ("[]", "5"),
+        ("", "{}x"),
+    ],
+)
+def test_no_text_at_all_breaks_the_comparison(one: str, other: str) -> None:
+    assert first_difference(one, other)

@@ -1,0 +1,90 @@
+"""Bounds that keep one module from stopping the others."""
+
+import pytest
+from central.player import Player, before, point
+
+from tca_central import dispatcher, registry
+from tca_wire import headers
+from tca_wire.points import Moment
+
+
+def test_a_request_holds_so_many_constraints_and_no_more() -> None:
+    player = Player()
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "command move")
+    task, other = player.task("user", "move"), player.task("user", "move")
+    constraint = before(point(task, Moment.END_ACHIEVING), point(other, Moment.END_ACHIEVING))
+    (answer,) = player.receive("user", headers.Constrain(player.number("user"), [constraint] * 1001))
+    assert answer.text == "1001 constraints in one request: 1000 are allowed, send several requests"
+    (answer,) = player.receive("user", headers.Constrain(player.number("user"), [constraint] * 1000))
+    assert isinstance(answer, headers.Accepted)
+
+
+def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 3)
+    player = Player()
+    player.module("slow", "broadcast pose", "multi-query all")
+    player.module("user")
+    player.declare("user", "broadcast pose", "multi-query all")
+    for _ in range(3):
+        player.send("user", "pose")
+    player.module("quick", "broadcast pose")
+    for _ in range(4):
+        player.send("user", "pose")
+        player.reply("quick/1")
+    assert len(player.facts_of("dropped")) == 3
+    answers = player.send("user", "all")
+    assert [type(answer) for answer in answers] == [headers.Answer]  # nobody could be asked
+
+
+def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
+    player = Player()
+    player.module("user")
+    player.declare("user", "query where", "inform note")
+    answers = [player.send("user", "where") for _ in range(3)]
+    assert answers[2][0].refusal is headers.Refusal.OVERLOAD
+    for _ in range(3):
+        player.send("user", "note")
+    assert len(player.facts_of("dropped")) == 1
+
+
+def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "MESSAGES", 2)
+    player = Player()
+    player.module("user")
+    player.declare("user", "query a", "query b")
+    (answer,) = player.declare("user", "query c")
+    assert answer.text == "2 messages have been declared: 'c' is too many"
+
+
+def test_void_entries_of_a_queue_do_not_pile_up() -> None:
+    player = Player(check=False)
+    player.module("map", "query where")
+    player.module("user")
+    player.declare("user", "query where")
+    player.send("user", "where")
+    player.send("user", "where")
+    for _ in range(500):
+        player.send("user", "where")
+        player.receive("user", headers.GiveUp(player.numbers["user"]))
+    resource = player.central.registry.modules["run of map"].resources["map"]
+    assert resource.waiting == 1
+    assert len(resource._queue) < 100
+
+
+def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    player = Player()
+    monkeypatch.setattr("tca_central.core.REMEMBERED_OUTCOMES", 3)
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "command move")
+    failed = player.task("user", "move")
+    player.fail("legs/1", "slipped")
+    for _ in range(4):
+        player.task("user", "move")
+        player.reply("legs/1", value=5)
+    wait = headers.WaitFor(player.number("user"), point(failed, Moment.END_ACHIEVING))
+    (answer,) = player.receive("user", wait)
+    assert answer.text == f"task {failed} ended too long ago to know how: see the journal"
