@@ -21,8 +21,8 @@ def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[t
 
 
 @pytest.mark.soak
-@given(st.lists(operation, max_size=300))
-@settings(max_examples=10_000, deadline=None)
+@given(st.lists(operation, max_size=200))
+@settings(max_examples=4_000, deadline=None)
 def test_long_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
     live(operations)
 
