@@ -18,6 +18,9 @@ from tca_wire.constraints import Constraint
 from tca_wire.headers import Accepted, Answer, Cancelled, Limit, MessageClass, Outcome, Refusal
 from tca_wire.points import ROOT, TaskId
 
+LONGEST_TEXT = 16_384
+"""Characters of a failure's text that are kept: the last, where a traceback says what happened."""
+
 MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""
 
@@ -198,7 +201,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     delivery = _attended(central, connection, header.delivery)
     central.facts.append(facts.Returned(delivery.id, Outcome.FAILED, body))
     central.dispatcher.complete(delivery)
-    fail_delivery(central, delivery, header.failure, header.text, body)
+    fail_delivery(central, delivery, header.failure[: Limit.NAME], header.text[-LONGEST_TEXT:], body)
 
 
 def fail_delivery(central: State, delivery: Delivery, failure: str, text: str, body: bytes) -> None:

@@ -88,3 +88,16 @@ def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: 
     wait = headers.WaitFor(player.number("user"), point(failed, Moment.END_ACHIEVING))
     (answer,) = player.receive("user", wait)
     assert answer.text == f"task {failed} ended too long ago to know how: see the journal"
+
+
+def test_the_words_of_a_failure_are_bounded() -> None:
+    player = Player()
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "command move")
+    task = player.task("user", "move")
+    player.receive("legs/1", headers.Fail(task, "x" * 1_000_000, "y" * 1_000_000 + "the reason"))
+    (failed,) = player.facts_of("failed")
+    assert len(failed.failure) == headers.Limit.NAME
+    assert len(failed.text) < 20_000
+    assert failed.text.endswith("the reason")
