@@ -96,6 +96,15 @@ def rate(seconds: float, do: Callable[[], int]) -> float:
     return done / passed
 
 
+def timed(exchange: Callable[[int], int], seconds: float) -> dict[str, float]:
+    """Exchanges one at a time, and many at once."""
+    exchange(OUTSTANDING)
+    return {
+        "round trip": 1e6 / rate(seconds, lambda: exchange(1)),
+        "queries": rate(seconds, lambda: exchange(OUTSTANDING)),
+    }
+
+
 def measure_proxy(seconds: float) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         front, back = f"ipc://{folder}/front", f"ipc://{folder}/back"
@@ -109,11 +118,7 @@ def measure_proxy(seconds: float) -> dict[str, float]:
                     socket.recv()
                 return count
 
-            exchange(OUTSTANDING)
-            result = {
-                "round trip": 1e6 / rate(seconds, lambda: exchange(1)),
-                "queries": rate(seconds, lambda: exchange(OUTSTANDING)),
-            }
+            result = timed(exchange, seconds)
             socket.close(linger=0)
     return result
 
@@ -184,11 +189,7 @@ def measure_bare(seconds: float) -> dict[str, float]:
                     answered += sum(isinstance(header, headers.Answer) for header, _ in items)
                 return count
 
-            exchange(OUTSTANDING)
-            result = {
-                "round trip": 1e6 / rate(seconds, lambda: exchange(1)),
-                "queries": rate(seconds, lambda: exchange(OUTSTANDING)),
-            }
+            result = timed(exchange, seconds)
             socket.close(linger=0)
     return result
 

@@ -14,18 +14,12 @@ from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.journal_writer import JournalWriter, Sync
 from tca_central.server import Server
-from tca_wire.endpoint import VARIABLE, default_endpoint
+from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals
 
 LONGEST_PATH = 100
 """Bytes in the path of a Unix socket; systems differ between 103 and 107."""
 
 LOOPBACK = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:")
-
-
-def default_journals() -> Path:
-    """The folder that holds a journal per run, where nobody names another: ``$XDG_STATE_HOME/tca/journals``."""
-    state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state else Path.home() / ".local" / "state") / "tca" / "journals"
 
 
 def _new_journal_folder() -> Path:

@@ -1,12 +1,12 @@
 """Finds, opens and reads the journals of runs. Knows files and segments; knows nothing of what the facts mean."""
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tca_tools.errors import DamagedLog, UnusableLog
+from tca_wire.endpoint import default_journals
 from tca_wire.errors import JournalDamaged
 from tca_wire.facts import Entry
 from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
@@ -14,15 +14,9 @@ from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
 _POLL_SECONDS = 0.2
 
 
-def journals_folder() -> Path:
-    """Where central keeps its journals unless told otherwise: one folder a run."""
-    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(state) / "tca" / "journals"
-
-
 def newest_journal() -> Path:
     """The journal of the last run. Raises UnusableLog if there is none."""
-    folder = journals_folder()
+    folder = default_journals()
     runs = _listed(folder) if folder.is_dir() else []
     for run in reversed(runs):
         if run.is_dir() and _segments_in(run):

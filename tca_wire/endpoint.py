@@ -1,4 +1,4 @@
-"""Where central is found when nobody says so: a Unix socket in a folder that only its owner can enter."""
+"""Where central listens and keeps its journals when nobody says so: a socket and folders of its user's own."""
 
 import os
 from pathlib import Path
@@ -15,3 +15,9 @@ def default_folder() -> Path:
 def default_endpoint() -> str:
     """The ZeroMQ address of central: ``$TCA_CENTRAL`` or the default socket."""
     return os.environ.get(VARIABLE) or f"ipc://{default_folder() / 'central.sock'}"
+
+
+def default_journals() -> Path:
+    """The folder that holds a journal per run: ``$XDG_STATE_HOME/tca/journals``, or below ``~/.local/state``."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "tca" / "journals"

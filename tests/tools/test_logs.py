@@ -5,8 +5,9 @@ import pytest
 from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
-from tca_tools.logs import Log, journals_folder, open_log
+from tca_tools.logs import Log, open_log
 from tca_wire import facts
+from tca_wire.endpoint import default_journals
 from tca_wire.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal import record
 
@@ -41,7 +42,7 @@ def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(UnusableLog, match="no journal below"):
         open_log(None)
     monkeypatch.delenv("XDG_STATE_HOME")
-    assert journals_folder().parts[-4:] == (".local", "state", "tca", "journals")
+    assert default_journals().parts[-4:] == (".local", "state", "tca", "journals")
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
