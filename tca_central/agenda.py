@@ -1,17 +1,18 @@
 """Which moment of which task may be reached when. Knows points and constraints; nothing of modules or sockets.
 
-Theory of operation. Every point counts the constraints that still hold it (``Task.held``, six counters packed into
-one integer); every task lists the points that wait for its own (``Task.followers``). Reaching a moment lowers the
-counters of its followers, and whoever's counter falls to zero is looked at again; parents and children are looked at
-by the parent/child rules: a child starts planning (achieving) only after its parent has, a parent ends planning
-(achieving) only after all its children have. ``settle`` repeats that until nothing moves. Each point is reached once
-and each constraint released once, so an event costs what it changes, whatever the size of the tree; nothing recurses.
+Theory of operation. Whoever's constraints are met (holds.py counts them) is looked at again; parents and children are
+looked at by the parent/child rules: a child starts planning (achieving) only after its parent has, a parent ends
+planning (achieving) only after all its children have. ``settle`` repeats that until nothing moves. Each point is
+reached once and each constraint released once, so an event costs what it changes, whatever the size of the tree;
+nothing recurses.
 """
 
 from collections import deque
+from typing import Any
 
-from tca_central.cycles import Place, find_path
+from tca_central.clock import Clock
 from tca_central.errors import RequestError
+from tca_central.holds import Holds, Release, from_flags, is_held, resolve
 from tca_central.intervals import (
     END_ACHIEVING,
     END_HANDLING,
@@ -19,49 +20,32 @@ from tca_central.intervals import (
     MUST_FOLLOW_IN_COMMAND,
     MUST_FOLLOW_IN_GOAL,
     REACHED_AT_BIRTH_BY_COMMAND,
-    SINGLE_MOMENTS,
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
     STARTS,
     STARTS_OF_COMMAND,
     STARTS_OF_GOAL,
-    comes_after,
     delivered_at,
-    unified,
 )
 from tca_central.task_tree import Task, TaskTree
-from tca_wire.constraints import (
-    Constraint,
-    Flags,
-    delay_planning,
-    plan_first,
-    sequential_achievement,
-    sequential_planning,
-)
-from tca_wire.facts import Constrained, Killed, Reached
-from tca_wire.headers import Refusal
-from tca_wire.points import ALL_MOMENTS, ROOT, THIS, Moment, Point, TaskId
-
-_SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
-_PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
-
-_BITS = 24  # per counter of ``held``: 16 million constraints on one point
-_COUNTER = (1 << _BITS) - 1
-_SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.facts import Killed, Reached, TimedOut
+from tca_wire.points import ALL_MOMENTS, TaskId
 
 
 class Agenda:
     """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``met``."""
 
-    def __init__(self, tree: TaskTree, facts: list[object]) -> None:
+    def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
         self.tree = tree
+        self.holds = Holds(tree, facts, clock)
         self._facts = facts
         self._look_at: deque[Task] = deque()
         self.startable: deque[Task] = deque()  #: all conditions of their delivery to a handler are met
         self.withdrawn: deque[Task] = deque()  #: were startable, and are held again
         self.ended: deque[Task] = deque()  #: reached their last moment
-        self.met: deque[tuple[Task, object]] = deque()  #: waits whose moment has been reached
+        self.met: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
 
     # --- what the core tells ---------------------------------------------------------------------------------------
 
@@ -79,12 +63,12 @@ class Agenda:
             parent.unplanned += 1
         added: list[Constraint] = []
         try:
-            for constraint in _from_flags(flags, task, last):
-                added += self._constrain(constraint, check=constraint.before.task == task.id)
+            for constraint in from_flags(flags, task, last):
+                added += self.holds.add(constraint, check=constraint.before.task == task.id)
             for constraint in wanted:
-                added += self._constrain(_resolve(constraint, TaskId(task.id)), check=True)
+                added += self.holds.add(resolve(constraint, TaskId(task.id)), check=True)
         except RequestError:
-            self._undo(added)
+            self.holds.undo(added)
             self.tree.detach(task)
             parent.unplanned -= task.is_goal
             raise
@@ -92,8 +76,9 @@ class Agenda:
             if constraint.after.task != task.id:
                 self._hold_again(self.tree.tasks[constraint.after.task])
         self.tree.become_last(task, sender)
-        if parent.killed:
-            self.kill(task, parent.killed)
+        task.suspended = parent.suspended and not task.survives
+        if (parent.killed or parent.again) and not task.survives:
+            self.kill(task, parent.killed or f"{parent} is retried")
         self._look_at.append(task)
         return added
 
@@ -102,9 +87,9 @@ class Agenda:
         added: list[Constraint] = []
         try:
             for constraint in wanted:
-                added += self._constrain(constraint, check=True)
+                added += self.holds.add(constraint, check=True)
         except RequestError:
-            self._undo(added)
+            self.holds.undo(added)
             raise
         for constraint in added:
             self._hold_again(self.tree.tasks[constraint.after.task])
@@ -118,59 +103,70 @@ class Agenda:
             self._look_at.append(task)
 
     def returned(self, task: Task) -> None:
-        """The task's handler has returned."""
+        """The task's handler has returned, for good."""
         task.returned = True
         self._look_at.append(task)
 
-    def kill(self, task: Task, why: str) -> list[Task]:
-        """End a task and all below it; those whose handlers run and must be told. What waits for them is released:
-        at once, or when the running handlers below have returned.
+    def retry(self, task: Task) -> None:
+        """Let a task that has been started be handled once more, as soon as no handler has it and all under it has
+        ended. The moments that it has reached stay reached.
         """
-        running = []
-        for doomed in self.tree.subtree(task):
+        task.again, task.returned = True, False
+        self.hand_back(task)
+
+    def hand_back(self, task: Task) -> None:
+        """No handler has a task that has been started: let it be handled as soon as that may be."""
+        if task.queues is not None:
+            self.withdrawn.append(task)
+        task.requested = False
+        self._look_at.append(task)
+
+    def released(self, release: Release) -> None:
+        """A delay is over."""
+        self.holds.release(release)
+        if not release.task.killed:
+            self._facts.append(TimedOut(release.constraint))
+        self._look_at.append(release.task)
+
+    def kill(self, task: Task, why: str) -> list[Task]:
+        """End a task and all below it but what survives; those that were not killed before, parents first. What waits
+        for them is released: at once, or when the running handlers below have returned.
+        """
+        killed = []
+        for doomed in self.tree.doomed(task):
             if doomed.killed:
                 continue
             doomed.killed = why
+            killed.append(doomed)
             self._facts.append(Killed(TaskId(doomed.id), why))
-            self._bequeath(doomed)
-            if doomed.is_running:
-                running.append(doomed)
-            else:
+            self.holds.bequeath(doomed)
+            if not doomed.is_running:
                 doomed.returned = True
                 self.withdrawn.append(doomed)
             self._look_at.append(doomed)
-        return running
+        return killed
 
-    def _bequeath(self, task: Task) -> None:
-        """What waits for a killed task goes on waiting for what that one waited for: the end of a sequence does not
-        overtake its beginning because its middle was killed.
-        """
-        if task.leaders:
-            for at, follower, held in list(task.followers or ()):
-                if inherited := self._inherit(task, at, follower, held):
-                    self._facts.append(Constrained(inherited))
-
-    def _inherit(self, killed: Task, at: int, follower: Task, held: int) -> list[Constraint]:
-        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
-        inherited = []
-        for moment, leader_id, its_moment in list(killed.leaders or ()):
-            leader = self.tree.tasks.get(leader_id)
-            first = START_PLANNING if killed.delayed and moment == START_ACHIEVING else moment
-            if leader is None or leader is follower or leader.reached & its_moment or follower.reached & held:
+    def suspend(self, task: Task, *, resume: bool) -> list[Task]:
+        """Start nothing of a subtree, or let it be started again; the tasks for which that is new."""
+        changed = []
+        for one in self.tree.subtree(task):
+            if one.suspended is not resume:
                 continue
-            if at in comes_after(killed.is_goal, first):
-                self._hold(leader, its_moment, follower, held)
-                points = Point(TaskId(leader_id), Moment(its_moment)), Point(TaskId(follower.id), Moment(held))
-                inherited.append(Constraint(*points))
-        return inherited
+            one.suspended = not resume
+            changed.append(one)
+            if resume:
+                self._look_at.append(one)
+            elif one.requested and one.queues is not None:
+                self._take_back(one)
+        return changed
 
-    def wait(self, task: Task, moment: int, waiter: object) -> None:
+    def wait(self, task: Task, moment: int, waiter: Any) -> None:
         """Put *waiter* into ``met`` when the task reaches that moment."""
         if task.waiters is None:
             task.waiters = []
         task.waiters.append((moment, waiter))
 
-    def stop_waiting(self, task: Task, waiter: object) -> None:
+    def stop_waiting(self, task: Task, waiter: Any) -> None:
         """Forget a wait that nobody needs any more."""
         task.waiters = [entry for entry in task.waiters or () if entry[1] is not waiter] or None
 
@@ -197,23 +193,25 @@ class Agenda:
             self._reach(task, now)
 
     def _may_start(self, task: Task) -> bool:
+        if task.suspended or (task.again and (task.children or task.is_running)):
+            return False
         if task.delayed and not self._may_reach(task, START_ACHIEVING):
             return False
         return self._may_reach(task, delivered_at(task.is_goal))
 
     def _may_reach(self, task: Task, moment: int) -> bool:
         """Whether nothing but the order within the task holds that moment back."""
-        if task.held and not task.killed and task.held >> _SHIFT[moment] & _COUNTER:
+        if task.held and not task.killed and is_held(task, moment):
             return False
         if moment == END_ACHIEVING:
-            return not task.children
+            return task.returned and not task.children
         if moment == END_PLANNING:
-            return not task.unplanned
+            return task.returned and not task.unplanned
         if moment == END_HANDLING:
             return task.returned
         if task.killed:
             return not task.is_running
-        return bool(task.parent and task.parent.reached & moment)
+        return task.is_free or bool(task.parent and task.parent.reached & moment)
 
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
@@ -222,23 +220,13 @@ class Agenda:
             self.met.extend((task, waiter) for moment, waiter in task.waiters if moment & moments)
             task.waiters = [(moment, waiter) for moment, waiter in task.waiters if not moment & moments]
         if task.followers:
-            self._release_followers(task, moments)
+            self._look_at.extend(self.holds.let_go(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
             self._look_at.extend(task.children.values())
         if moments & END_PLANNING and task.is_goal:
             self._child_planned(task)
         if task.reached == ALL_MOMENTS:
             self._end(task)
-
-    def _release_followers(self, task: Task, moments: int) -> None:
-        assert task.followers is not None
-        for moment, follower, its_moment in task.followers:
-            if moment & moments:
-                follower.held -= 1 << _SHIFT[its_moment]
-                if not follower.held:
-                    follower.leaders = None
-                self._look_at.append(follower)
-        task.followers = [follower for follower in task.followers if not follower[0] & moments] or None
 
     def _child_planned(self, child: Task) -> None:
         parent = child.parent
@@ -253,121 +241,11 @@ class Agenda:
         if task.parent is not None and not task.parent.children:
             self._look_at.append(task.parent)
 
-    # --- constraints -----------------------------------------------------------------------------------------------
-
-    def _constrain(self, constraint: Constraint, *, check: bool) -> list[Constraint]:
-        """Put one constraint in force; [] if it is met already."""
-        before, after = self._place(constraint.before), self._place(constraint.after)
-        if before is None or before.task.reached & before.moment:
-            return []
-        if after is None or after.task.reached & after.moment:
-            raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
-        task, moment = after
-        if before == (task, START_ACHIEVING) and moment == START_PLANNING:
-            return [constraint] if self._delay_planning(task, constraint) else []
-        if check:
-            self._refuse_cycle(constraint, after, before)
-        if task.held >> _SHIFT[moment] & _COUNTER == _COUNTER:
-            raise RequestError(Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already")
-        self._hold(before.task, before.moment, task, moment)
-        inherited = self._inherit(before.task, before.moment, task, moment) if before.task.killed else []
-        return [constraint, *inherited]
-
-    @staticmethod
-    def _hold(leader: Task, its_moment: int, task: Task, moment: int) -> None:
-        """From now on *moment* of *task* waits for *its_moment* of *leader*."""
-        if leader.followers is None:
-            leader.followers = []
-        leader.followers.append((its_moment, task, moment))
-        if task.leaders is None:
-            task.leaders = []
-        task.leaders.append((moment, leader.id, its_moment))
-        task.held += 1 << _SHIFT[moment]
-
-    def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
-        """Planning starts no earlier than achieving, which starts no earlier than planning: they start together. So
-        this is no count on a point; whatever holds back either holds back both. Whether it is so only from now on.
-        """
-        if task.delayed:
-            return False
-        if task.children or task.followers:
-            text = f"{constraint}: planning can only be delayed when the goal is sent"
-            raise RequestError(Refusal.TOO_LATE, text)
-        self._refuse_cycle(constraint, Place(task, END_HANDLING), Place(task, START_ACHIEVING))
-        task.delayed = True
-        return True
-
-    def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
-        """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
-        if (path := find_path(self.tree, start, goal)) is not None:
-            raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: {_describe_cycle(path)}")
-
-    def _place(self, point: Point) -> Place | None:
-        """The live task and moment of a point; None if the task has ended."""
-        if int(point.moment) not in SINGLE_MOMENTS:
-            raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
-        task = self.task(point.task)
-        return None if task is None else Place(task, unified(task.is_goal, int(point.moment)))
-
-    def task(self, task_id: TaskId) -> Task | None:
-        """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
-        task = self.tree.tasks.get(task_id)
-        if task is None and not ROOT < task_id <= self.tree.newest:
-            raise RequestError(Refusal.UNKNOWN, f"there is no task {task_id}")
-        return task
-
-    def _undo(self, added: list[Constraint]) -> None:
-        for constraint in reversed(added):
-            before, after = self._place(constraint.before), self._place(constraint.after)
-            assert before is not None
-            assert after is not None
-            if before == (after.task, START_ACHIEVING) and after.moment == START_PLANNING:
-                after.task.delayed = False
-                continue
-            assert before.task.followers is not None
-            assert after.task.leaders is not None
-            before.task.followers.pop()
-            after.task.leaders.pop()
-            after.task.held -= 1 << _SHIFT[after.moment]
-
     def _hold_again(self, task: Task) -> None:
         """A new constraint holds a task that was startable but has not been delivered: take it out of the queues."""
         if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
-            task.requested = False
-            self.withdrawn.append(task)
+            self._take_back(task)
 
-
-def held_counts(task: Task) -> dict[int, int]:
-    """The number of unmet constraints per moment of a task; for checks and questions."""
-    return {moment: count for moment, shift in _SHIFT.items() if (count := task.held >> shift & _COUNTER)}
-
-
-def _from_flags(flags: Flags, task: Task, last: Task | None) -> list[Constraint]:
-    """The constraints that flags stand for. On a command's planning, which is over at birth, they hold nothing."""
-    this, value = TaskId(task.id), int(flags)
-    constraints = []
-    if last is not None:
-        if value & _SEQ_ACH:
-            constraints.append(sequential_achievement(TaskId(last.id), this))
-        if value & _SEQ_PLANNING and task.is_goal:
-            constraints.append(sequential_planning(TaskId(last.id), this))
-    if value & _DELAY_PLANNING and task.is_goal:
-        constraints.append(delay_planning(this))
-    if value & _PLAN_FIRST:
-        constraints.append(plan_first(this))
-    return constraints
-
-
-def _resolve(constraint: Constraint, this: TaskId) -> Constraint:
-    """The constraint with THIS replaced by the new task's id."""
-    before, after = constraint.before, constraint.after
-    return Constraint(
-        Point(this, before.moment) if before.task == THIS else before,
-        Point(this, after.moment) if after.task == THIS else after,
-    )
-
-
-def _describe_cycle(path: list[Place]) -> str:
-    points = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in path]
-    shown = points if len(points) <= 8 else [*points[:4], f"... {len(points) - 8} more ...", *points[-4:]]
-    return f"{' <= '.join([*shown, points[0]])} would be a circle"
+    def _take_back(self, task: Task) -> None:
+        task.requested = False
+        self.withdrawn.append(task)

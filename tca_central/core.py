@@ -11,14 +11,15 @@ and joining.py say what each message means to them, and this file decides when.
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import joining, requests
+from tca_central import control, failures, joining, requests
+from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
 from tca_central.registry import Connection
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import Accepted, Outcome, Refusal, Refused
+from tca_wire.headers import Accepted, Outcome, Refusal, Refused, Role
 
 REMEMBERED_OUTCOMES = 10_000
 REMEMBERED_BYTES = 64 << 20
@@ -31,6 +32,10 @@ class Central(State):
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
         self.events += 1
+        self.clock.now = max(self.clock.now, event.time)
+        while (timer := self.clock.take()) is not None:
+            TIMERS[timer.due](self, timer.subject)
+            self._settle()
         if isinstance(event, Received):
             self._on_message(event)
         elif isinstance(event, ConnectionLost):
@@ -101,21 +106,36 @@ class Central(State):
         dispatcher = self.dispatcher
         while agenda.startable or agenda.ended or agenda.met or agenda.withdrawn or dispatcher.freed:
             while agenda.withdrawn:
-                self.dispatcher.withdraw(agenda.withdrawn.popleft())
+                task = agenda.withdrawn.popleft()
+                self.dispatcher.withdraw(task, keep_place=task.suspended or task.again)
+            while agenda.ended:
+                self._ended(agenda.ended.popleft())
             while agenda.startable:
                 task = agenda.startable.popleft()
                 if task.requested and not task.killed:
-                    self.dispatcher.route(task)
-            while agenda.ended:
-                self._ended(agenda.ended.popleft())
+                    self._start(task)
             while agenda.met:
-                task, wait = agenda.met.popleft()
-                requests.answer_wait(self, wait, self.outcome(task))
+                task, waiter = agenda.met.popleft()
+                waiter.met(self, task)
             if dispatcher.freed and not (agenda.startable or agenda.withdrawn):
                 dispatcher.give_freed_slot()
             agenda.settle()
 
+    def _start(self, task: Task) -> None:
+        """All conditions of a task's start are met."""
+        if task.again:
+            task.again = False
+            task.given_as = self.new_id()
+            task.more.attempts += 1
+            task.more.recovering = None
+        self.dispatcher.route(task)
+
     def _ended(self, task: Task) -> None:
+        if task.rare is not None:
+            control.forget_timers(self, task)
+            failures.forget_task(self, task)
+            if task.role is Role.EXCEPTION:
+                failures.handler_ended(self, task)
         outcome = self.outcome(task)
         if outcome[0] is not Outcome.DONE or outcome[3]:
             self.outcomes[task.id] = outcome
@@ -140,8 +160,23 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Constrain: requests.on_constrain,
     headers.WaitFor: requests.on_wait_for,
     headers.GiveUp: requests.on_give_up,
-    headers.Kill: requests.on_kill,
+    headers.Kill: control.on_kill,
     headers.Ask: requests.on_ask,
+    headers.Attach: failures.on_attach,
+    headers.Remove: failures.on_remove,
+    headers.Raise: failures.on_raise,
+    headers.Retry: failures.on_retry,
+    headers.Suspend: control.on_suspend,
+    headers.Deadline: control.on_deadline,
+    headers.Inspect: requests.on_inspect,
     headers.Bye: joining.on_bye,
 }
 """One row per message: what happens when it arrives."""
+
+
+TIMERS: dict[Due, Callable[[Central, Any], None]] = {
+    Due.RELEASE: lambda central, release: central.agenda.released(release),
+    Due.DEADLINE: control.on_time_out,
+    Due.KILL: lambda central, ending: ending.now(central),
+}
+"""One row per kind of timer: what happens when it is due."""

@@ -75,12 +75,13 @@ def _successors(place: Place) -> Iterator[Place]:
         yield Place(task, following)
     if task.delayed and moment == START_ACHIEVING:
         yield Place(task, START_PLANNING)
-    for at, follower, its_moment in task.followers or ():
+    for at, follower, its_moment, _ in task.followers or ():
         if at == moment:
             yield Place(follower, its_moment)
     if moment in (START_PLANNING, START_ACHIEVING):
         for child in (task.children or {}).values():
-            yield Place(child, moment)
+            if not child.is_free:
+                yield Place(child, moment)
     elif moment in (END_PLANNING, END_ACHIEVING) and task.parent is not None:
         yield Place(task.parent, moment)
 
@@ -95,7 +96,8 @@ def _predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
         if at == moment and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)
     if moment in (START_PLANNING, START_ACHIEVING) and task.parent is not None:
-        yield Place(task.parent, moment)
+        if not task.is_free:
+            yield Place(task.parent, moment)
     elif moment in (END_PLANNING, END_ACHIEVING):
         for child in (task.children or {}).values():
             yield Place(child, moment)

@@ -46,23 +46,23 @@ class Dispatcher:
         delivery.queues = resources
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
-            self._facts.append(Queued(delivery.id, delivery.message_id, "", ""))
+            self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
             return
         for resource in resources:
             resource.queue(delivery)
         first = resources[0]
-        self._facts.append(Queued(delivery.id, delivery.message_id, first.module, first.name))
+        self._facts.append(Queued(delivery.given_as, delivery.message_id, first.module, first.name))
 
     def _attend(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
-        self.attended[delivery.id] = delivery
+        self.attended[delivery.given_as] = delivery
         self._deliver(delivery, slot)
 
     def complete(self, delivery: Delivery) -> None:
         """The handler returned. Its slot is given on when all that follows from that has happened: what is killed or
         held again because of it must not be delivered first.
         """
-        del self.attended[delivery.id]
+        del self.attended[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
         if delivery.nested:
             delivery.nested = False
@@ -82,14 +82,15 @@ class Dispatcher:
             following.withdraw()
             self._attend(following, slot)
 
-    def withdraw(self, delivery: Delivery) -> None:
-        """Take a delivery out of wherever it waits, if it does."""
+    def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
+        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later."""
         if delivery.queues is None:
             return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
-        delivery.arrival = 0
-        self._facts.append(Unqueued(delivery.id))
+        if not keep_place:
+            delivery.arrival = 0
+        self._facts.append(Unqueued(delivery.given_as))
         delivery.withdraw()
 
     @staticmethod
@@ -113,7 +114,7 @@ class Dispatcher:
             slot.resource.remove_slot(slot)
         orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
         for delivery in orphans:
-            del self.attended[delivery.id]
+            del self.attended[delivery.given_as]
             delivery.slot, delivery.nested = None, False
         return orphans
 

@@ -35,7 +35,13 @@ class ConnectionLost(msgspec.Struct, frozen=True):
     why: str = "its connection closed"
 
 
-Event = Received | BadBytes | ConnectionLost
+class Tick(msgspec.Struct, frozen=True):
+    """Time has passed: what is due by now happens, as it does before any other event."""
+
+    time: float
+
+
+Event = Received | BadBytes | ConnectionLost | Tick
 
 
 class Transmit(msgspec.Struct, frozen=True):

@@ -6,7 +6,8 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 
 from collections import Counter
 
-from tca_central.agenda import held_counts
+from tca_central.clock import Due
+from tca_central.holds import Release, held_counts
 from tca_central.intervals import (
     END_ACHIEVING,
     END_PLANNING,
@@ -45,10 +46,13 @@ def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict
     held: dict[int, Counter[int]] = {}
     leaders: dict[int, set[tuple[int, int, int]]] = {}
     for task in central.tree.tasks.values():
-        for moment, follower, its_moment in task.followers or ():
+        for moment, follower, its_moment, _ in task.followers or ():
             assert not task.reached & moment, f"{task}: {follower} still waits for a moment that is past"
             held.setdefault(follower.id, Counter())[its_moment] += 1
             leaders.setdefault(follower.id, set()).add((its_moment, task.id, moment))
+    for timer in central.clock.pending():
+        if timer.due is Due.RELEASE and isinstance(timer.subject, Release):
+            held.setdefault(timer.subject.task.id, Counter())[timer.subject.moment] += 1
     return held, leaders
 
 
@@ -74,8 +78,9 @@ def _check_family(task: Task) -> None:
     assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"
     if not task.killed:
         for moment in (START_PLANNING, START_ACHIEVING) if task.is_goal else (START_ACHIEVING,):
-            assert parent.reached & moment or not task.reached & moment, f"{task}: started before its parent"
-        assert not parent.killed, f"{task}: outlives its killed parent"
+            early = task.reached & moment and not parent.reached & moment
+            assert task.is_free or not early, f"{task}: started before its parent"
+        assert not parent.killed or task.survives, f"{task}: outlives its killed parent"
     assert not parent.reached & END_ACHIEVING, f"{task}: not ended, but its parent has"
 
 
@@ -96,15 +101,21 @@ def _check_delivery(central: State, task: Task) -> None:
     """A task is in one place: held by constraints, in a queue, with a handler, or returned."""
     parent = task.parent
     assert parent is not None
-    is_attended = task.id in central.dispatcher.attended
+    is_attended = task.given_as in central.dispatcher.attended
     assert is_attended == task.is_running, f"{task}: attended or not?"
     assert not (is_attended and task.queues is not None), f"{task}: with a handler and in a queue"
     assert not (is_attended and task.returned), f"{task}: returned and with a handler"
-    if task.killed or task.reached & START_HANDLING:
+    if task.killed:
+        return
+    if task.reached & START_HANDLING:
+        is_decided = task.returned or task.is_running or task.again or task.suspended or task.queues is not None
+        recovering = task.rare.recovering if task.rare else None
+        assert is_decided or (recovering and recovering.id in central.tree.tasks), f"{task}: nobody handles it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
-    may_start = all(moment not in held_counts(task) and parent.reached & moment for moment in starts)
+    is_held = any(moment in held_counts(task) for moment in starts) or task.suspended
+    may_start = not is_held and all(task.is_free or bool(parent.reached & moment) for moment in starts)
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
 
 

@@ -4,10 +4,10 @@ from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.registry import Connection, Handler, Module
 from tca_central.requests import fail_delivery, give_up
-from tca_central.state import State, deliver
+from tca_central.state import Failure, State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Refusal
+from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Outcome, Refusal
 
 MODULE_LOST = "module lost"
 
@@ -82,7 +82,11 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         central.facts.append(facts.ModuleLeft(module.name, why))
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
-            fail_delivery(central, delivery, MODULE_LOST, f"module '{module.name}' was lost: {why}", b"")
+            if isinstance(delivery, Task) and delivery.given_as != delivery.id:
+                central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
+            fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+        elif isinstance(delivery, Task):
+            central.agenda.hand_back(delivery)
         else:
             central.dispatcher.route(delivery)
 
@@ -131,4 +135,5 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails."""
     for handler in handlers:
         for delivery in central.dispatcher.handler_gone(handler):
-            fail_delivery(central, delivery, MODULE_LOST, f"module '{handler.module.name}' no longer handles it", b"")
+            text = f"module '{handler.module.name}' no longer handles it"
+            fail_delivery(central, delivery, Failure(MODULE_LOST, text))

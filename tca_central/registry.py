@@ -81,13 +81,14 @@ class MessageType:
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
         self.handlers: list[Handler] = []  #: newest last
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
+        self.attached: list[Attached] = []  #: exception handlers of each of its tasks, newest last
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
         """Take a format; those who declared another are gone."""
         self.format = declared
         self.name = declared.name
         self.message_class = declared.message_class
-        self.is_goal = declared.message_class is MessageClass.GOAL
+        self.is_goal = declared.message_class.is_goal
         self.fans_out = declared.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
         self.first_declared_by = by
 
@@ -103,14 +104,28 @@ class MessageType:
                     yield handler.resource
 
 
+class Attached:
+    """An exception handler, attached to a task or to all tasks of a message."""
+
+    __slots__ = ("failure", "handler", "id", "maximum", "place")
+
+    def __init__(self, attachment_id: int, failure: str, handler: MessageType, maximum: int, place: Any) -> None:
+        self.id = attachment_id  #: newer ones have higher ids
+        self.failure = failure  #: "" for any
+        self.handler = handler
+        self.maximum = maximum  #: of its calls for one task; 0: any number
+        self.place = place  #: the task or message type that it is attached to
+
+
 class Delivery:
     """One message on its way to one handler."""
 
-    __slots__ = ("arrival", "body", "id", "message", "message_id", "nested", "number", "priority", "queues", "sender",
-                 "slot", "ticket")  # fmt: skip
+    __slots__ = ("arrival", "body", "given_as", "id", "message", "message_id", "nested", "number", "priority", "queues",
+                 "sender", "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
+        self.given_as = delivery_id  #: the number under which a handler has it; another one each time
         self.message_id = delivery_id
         self.message = message
         self.body = body

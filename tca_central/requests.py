@@ -8,18 +8,19 @@ from typing import Any
 import msgspec
 
 from tca_central import status
+from tca_central.clock import checked_seconds
+from tca_central.control import keep_for_termination, set_deadline
 from tca_central.errors import RequestError
-from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND, SINGLE_MOMENTS
+from tca_central.failures import attach, check_attachments, fail_task, failure_of, reissue
+from tca_central.intervals import END_ACHIEVING, SINGLE_MOMENTS
+from tca_central.making import at_birth
 from tca_central.registry import Connection, Delivery, MessageType, ModuleResource
-from tca_central.state import Collector, State
+from tca_central.state import Collector, Failure, State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
-from tca_wire.headers import Accepted, Answer, Cancelled, Limit, MessageClass, Outcome, Refusal
+from tca_wire.headers import Accepted, Answer, Limit, MessageClass, Outcome, Refusal, Role
 from tca_wire.points import ROOT, TaskId
-
-LONGEST_TEXT = 16_384
-"""Characters of a failure's text that are kept: the last, where a traceback says what happened."""
 
 MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""
@@ -35,6 +36,10 @@ class Wait:
     def __init__(self, connection: Connection, header: headers.WaitFor) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
         self.task_id = header.point.task
+
+    def met(self, central: State, task: Task) -> None:
+        """The moment is reached."""
+        answer_wait(central, self, central.outcome(task))
 
 
 # --- sending ---------------------------------------------------------------------------------------------------------
@@ -134,7 +139,7 @@ def _route_multi_query(
         central.collectors[copy.id] = collector
     for copy, resource in copies:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, "overload", "too many messages wait for its handler", b"")
+            fail_delivery(central, copy, Failure("overload", "too many messages wait for its handler"))
         else:
             central.dispatcher.route(copy, resource)
     _end_if_complete(central, collector)
@@ -144,20 +149,34 @@ def _route_task(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     _check_number(header.constraints)
-    parent = central.tree.root if header.parent == ROOT else central.agenda.task(header.parent)
+    check_attachments(central, header.attachments)
+    checked_seconds(header.deadline, f"a deadline of '{message.name}'")
+    parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
     if parent is None:
         text = f"task {header.parent} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
+    if header.when_killed:
+        keep_for_termination(parent, message, body)
+        central.send(connection, header.number, Accepted(header.number))
+        return
     task = Task(TaskId(central.new_id()), message, body, connection)
     task.priority = header.priority
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
-    birth: list[Any] = [_received(connection, header, task, constraints)]
-    if not task.is_goal:
-        birth.append(facts.Reached(TaskId(task.id), REACHED_AT_BIRTH_BY_COMMAND))
-    central.facts[mark:mark] = birth
+    central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
+    for attachment in header.attachments:
+        attach(central, attachment, task)
+    if header.deadline:
+        set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:
         central.send(connection, header.number, Accepted(header.number, task.id))
+
+
+def _route_exception(
+    _: State, _connection: Connection, _header: headers.Send, message: MessageType, _body: bytes
+) -> None:
+    text = f"exception handler '{message.name}' is not sent: attach it to a task, and raise the failure there"
+    raise RequestError(Refusal.PROTOCOL, text)
 
 
 ROUTES = {
@@ -167,6 +186,7 @@ ROUTES = {
     MessageClass.MULTI_QUERY: _route_multi_query,
     MessageClass.GOAL: _route_task,
     MessageClass.COMMAND: _route_task,
+    MessageClass.EXCEPTION: _route_exception,
 }
 """One row per message class: how it is routed."""
 
@@ -187,53 +207,40 @@ def _attended(central: State, connection: Connection, delivery_id: int) -> Deliv
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """A handler returned."""
     delivery = _attended(central, connection, header.delivery)
-    central.facts.append(facts.Returned(delivery.id, Outcome.DONE, body))
+    central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
     central.dispatcher.complete(delivery)
-    if isinstance(delivery, Task):
-        delivery.result = b"" if body == NIL else body
-        _returned(central, delivery)
-    else:
+    if not isinstance(delivery, Task):
         _answer_query(central, delivery, Answer(delivery.number), body)
+    elif delivery.again and not delivery.killed:
+        central.agenda.retry(delivery)
+    else:
+        delivery.result = b"" if body == NIL else body
+        central.agenda.returned(delivery)
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
     """A handler failed."""
     delivery = _attended(central, connection, header.delivery)
-    central.facts.append(facts.Returned(delivery.id, Outcome.FAILED, body))
+    is_exception = isinstance(delivery, Task) and delivery.role is Role.EXCEPTION
+    if header.reissue and not is_exception:
+        raise RequestError(Refusal.PROTOCOL, f"{delivery} handles no failure, so there is none to be reissued")
+    outcome = Outcome.DONE if header.reissue else Outcome.FAILED
+    central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery)
-    fail_delivery(central, delivery, header.failure[: Limit.NAME], header.text[-LONGEST_TEXT:], body)
-
-
-def fail_delivery(central: State, delivery: Delivery, failure: str, text: str, body: bytes) -> None:
-    """Raise a failure on a delivery that no handler has any more."""
-    central.facts.append(facts.Failed(delivery.id, failure, text))
-    if isinstance(delivery, Task):
-        if not delivery.killed:
-            _raise(central, delivery, failure, text, body)
-        _returned(central, delivery)
+    if header.reissue and isinstance(delivery, Task) and not delivery.killed:
+        reissue(central, delivery)
     else:
-        _answer_query(central, delivery, Answer(delivery.number, Outcome.FAILED, failure, text), body)
+        fail_delivery(central, delivery, failure_of(header, body))
 
 
-def _returned(central: State, task: Task) -> None:
-    task.body = b""
-    central.agenda.returned(task)
-
-
-def _raise(central: State, task: Task, failure: str, text: str, body: bytes) -> None:
-    """Nobody handles the failure: the top-level task is killed, and whoever waits for it is told."""
-    task.failure = (failure, text, body)
-    top = task.top_level()
-    if top is not task and top.failure is None:
-        top.failure = (failure, f"in {task}: {text}", body)
-    kill(central, top, f"failure '{failure}' of {task} was not handled")
-
-
-def kill(central: State, task: Task, why: str) -> None:
-    """End a task and all under it; handlers that run are told, and not interrupted."""
-    for running in central.agenda.kill(task, why):
-        if running.slot is not None:
-            central.tell(running.slot, Cancelled(running.id))
+def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
+    """Raise a failure on a delivery that no handler has any more."""
+    if isinstance(delivery, Task):
+        fail_task(central, delivery, failure)
+    else:
+        central.facts.append(facts.Failed(delivery.id, failure.name, failure.text))
+        answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
+        _answer_query(central, delivery, answer, failure.body)
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes) -> None:
@@ -284,7 +291,7 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
     moment = int(header.point.moment)
     if moment not in SINGLE_MOMENTS:
         raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
-    task = central.agenda.task(header.point.task)
+    task = central.tree.task(header.point.task)
     if task is None and header.point.task <= central.forgotten and header.point.task not in central.outcomes:
         text = f"task {header.point.task} ended too long ago to know how: see the journal"
         raise RequestError(Refusal.TOO_LATE, text)
@@ -335,17 +342,20 @@ def _abandon(central: State, delivery: Delivery) -> None:
         central.collectors.pop(delivery.id, None)
 
 
-def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
-    """A module ends a task."""
-    task = central.agenda.task(header.task)
-    if task is not None:
-        kill(central, task, header.why or f"by module '{connection.module.name}'")
-    central.send(connection, header.number, Accepted(header.number, header.task))
+def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
+    """A module asks about a task and its relatives."""
+    task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
+    found = [] if task is None else status.relatives(central, task, header.relation, header.message)
+    _answer(central, connection, header.number, found, f"the {header.relation} of task {header.task}")
 
 
 def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
     """A module asks what central knows."""
-    body = msgspec.msgpack.encode(status.TOPICS[header.topic](central))
+    _answer(central, connection, header.number, status.TOPICS[header.topic](central), f"the answer to '{header.topic}'")
+
+
+def _answer(central: State, connection: Connection, number: int, value: Any, what: str) -> None:
+    body = msgspec.msgpack.encode(value)
     if len(body) > Limit.BODY:
-        raise RequestError(Refusal.OVERLOAD, f"the answer to '{header.topic}' has {len(body)} bytes: read the journal")
-    central.send(connection, header.number, Answer(header.number), body)
+        raise RequestError(Refusal.OVERLOAD, f"{what} has {len(body)} bytes: read the journal")
+    central.send(connection, number, Answer(number), body)

@@ -20,7 +20,7 @@ import zmq.utils.monitor
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Event, Received, Record, Transmit
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Event, Received, Record, Tick, Transmit
 from tca_central.journal_writer import JournalWriter
 from tca_wire import codec, facts
 from tca_wire.endpoint import default_folder
@@ -96,6 +96,9 @@ class Server:
             yield from self._received()
         if self._monitor in ready or self.now() >= self._next_beat:
             yield from self._lost()
+        due = self.central.clock.next
+        if due is not None and due <= self.now():
+            yield Tick(self.now())
 
     def _perform(self, effect: Record | Transmit) -> None:
         if isinstance(effect, Record):
@@ -122,8 +125,12 @@ class Server:
         return time.monotonic() - self._began
 
     def _patience(self) -> int:
-        """Milliseconds until something is due: the next beat, or another try with a slow connection."""
-        return 10 if self._dirty else max(0, int((self._next_beat - self.now()) * 1000) + 1)
+        """Milliseconds until something is due: the next beat, or a timer, or another try with a slow connection."""
+        if self._dirty:
+            return 10
+        due = self.central.clock.next
+        until = self._next_beat if due is None else min(due, self._next_beat)
+        return max(0, int((until - self.now()) * 1000) + 1)
 
     # --- receiving -------------------------------------------------------------------------------------------------
 

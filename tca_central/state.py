@@ -1,11 +1,12 @@
 """All that central knows, and how anything leaves it. Holds no rule: those are in the parts and in requests.py."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from tca_central.agenda import Agenda
+from tca_central.clock import Clock
 from tca_central.dispatcher import Dispatcher
 from tca_central.events import Effect, Transmit
-from tca_central.registry import Connection, Delivery, MessageType, Registry
+from tca_central.registry import Attached, Connection, Delivery, MessageType, Registry
 from tca_central.task_tree import Task, TaskTree
 from tca_wire import facts, headers
 from tca_wire.headers import MessageClass, MessageFormat, Outcome, ToModule
@@ -22,10 +23,44 @@ class Collector:
         self.pending: dict[int, Delivery] = {}
 
 
+class Trouble:
+    """What an exception handler's task handles: the failure of a task, found at that task or above."""
+
+    __slots__ = ("at", "attached", "failing", "failure")
+
+    def __init__(self, failing: Task, failure: "Failure", at: Task, attached: Attached) -> None:
+        self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
+
+
+class Failure(NamedTuple):
+    """What was raised on a task."""
+
+    name: str
+    text: str = ""
+    body: bytes = b""
+    kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
+
+
 def deliver(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
-    task_id = TaskId(delivery.id if isinstance(delivery, Task) else 0)
-    return headers.Deliver(delivery.id, delivery.message.name, task_id)
+    if not isinstance(delivery, Task):
+        return headers.Deliver(delivery.given_as, delivery.message.name)
+    trouble = delivery.rare.trouble if delivery.rare else None
+    context = _context(trouble) if trouble else None
+    task_id = TaskId(delivery.id)
+    return headers.Deliver(delivery.given_as, delivery.message.name, task_id, context, delivery.suspended)
+
+
+def _context(trouble: Trouble) -> headers.Trouble:
+    failing, at = trouble.failing, trouble.at
+    attempts = failing.rare.attempts if failing.rare else 1
+    invocations = at.more.invocations.get(trouble.attached.id, 0)
+    failure = trouble.failure
+    return headers.Trouble(failure.name, failure.text, _involved(failing), _involved(at), attempts, invocations)
+
+
+def _involved(task: Task) -> headers.Involved:
+    return headers.Involved(TaskId(task.id), task.message.name if task.id else "")
 
 
 class State:
@@ -36,7 +71,9 @@ class State:
         self.registry = Registry()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
         self.facts: list[Any] = []  #: of the event being handled
-        self.agenda = Agenda(self.tree, self.facts)
+        self.clock = Clock()
+        self.agenda = Agenda(self.tree, self.facts, self.clock)
+        self.attached: dict[int, Attached] = {}  #: all exception handlers, by id
         self.dispatcher = Dispatcher(self.facts, self.deliver)
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
@@ -49,15 +86,20 @@ class State:
         """A handler gets a message: the one place where messages leave for modules."""
         resource = slot.resource
         assert resource is not None
-        self.facts.append(facts.Delivered(delivery.id, delivery.message_id, resource.module, resource.name))
+        self.facts.append(facts.Delivered(delivery.given_as, delivery.message_id, resource.module, resource.name))
         if isinstance(delivery, Task):
             self.agenda.started(delivery)
         self.messages.append(Transmit(slot.id, deliver(delivery), delivery.body))
 
     def outcome(self, task: Task) -> tuple[Outcome, str, str, bytes]:
-        """How a task ended, or stands: outcome, failure's name, text, and result or failure data."""
+        """How a task ended, or stands: outcome, failure's name, text, and result or failure data. A failure that was
+        dealt with is none; but its name is told, for there is no result.
+        """
         if task.failure is not None:
-            return Outcome.FAILED, *task.failure
+            failure, text, body = task.failure
+            if task.is_dealt_with and not task.killed:
+                return Outcome.DONE, failure, text, task.result
+            return Outcome.FAILED, failure, text, body
         if task.killed:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result

@@ -1,9 +1,12 @@
 """What central tells people about itself: one function a topic, plain values out. Changes nothing."""
 
+import itertools
+from collections.abc import Iterable
 from typing import Any
 
-from tca_central.agenda import held_counts
+from tca_central.holds import held_counts
 from tca_central.state import State
+from tca_central.task_tree import Task
 from tca_wire.points import Moment, describe_moments
 
 SHOWN_TASKS = 10_000
@@ -68,25 +71,38 @@ def messages(central: State) -> list[dict[str, Any]]:
 
 def tree(central: State) -> list[dict[str, Any]]:
     """The live tasks, parents first, at most SHOWN_TASKS."""
-    tasks = []
-    for task in central.tree.subtree(central.tree.root):
-        if task is central.tree.root:
-            continue
-        tasks.append(
-            {
-                "task": task.id,
-                "parent": task.parent.id if task.parent else 0,
-                "message": task.message.name,
-                "class": str(task.message.message_class),
-                "reached": describe_moments(task.reached),
-                "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
-                "module": task.slot.module.name if task.slot else "",
-                "killed": task.killed,
-            }
-        )
-        if len(tasks) == SHOWN_TASKS:
-            break
-    return tasks
+    everything = itertools.islice(central.tree.subtree(central.tree.root), 1, 1 + SHOWN_TASKS)
+    return [describe(task) for task in everything]
+
+
+def describe(task: Task) -> dict[str, Any]:
+    """A live task in plain values."""
+    return {
+        "task": task.id,
+        "parent": task.parent.id if task.parent else 0,
+        "message": task.message.name,
+        "class": str(task.message.message_class),
+        "role": str(task.role),
+        "reached": describe_moments(task.reached),
+        "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
+        "module": task.slot.module.name if task.slot else "",
+        "suspended": task.suspended,
+        "killed": task.killed,
+        "failure": task.failure[0] if task.failure else "",
+    }
+
+
+def relatives(central: State, task: Task, relation: str, message: str) -> list[dict[str, Any]]:
+    """Tasks around *task* (of one message, where named), with their data; nearest or oldest first."""
+    related: dict[str, Iterable[Task | None]] = {
+        "self": (task,),
+        "parent": (task.parent,),
+        "children": (task.children or {}).values(),
+        "ancestors": itertools.islice(task.lineage(), 1, None),
+        "descendants": itertools.islice(central.tree.subtree(task), 1, None),
+    }
+    wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
+    return [{**describe(one), "data": one.body} for one in itertools.islice(wanted, SHOWN_TASKS)]
 
 
 TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree}

@@ -4,43 +4,77 @@ Only tasks that have not ended are here; what has ended lives on in the journal.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
-from tca_central.registry import Connection, Delivery, MessageType
+from tca_central.errors import RequestError
+from tca_central.registry import Attached, Connection, Delivery, MessageType
+from tca_wire.headers import Refusal, Role
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
 
 _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIEVING)
 
 
+class Rare:
+    """What only few tasks have: most tasks do without this object."""
+
+    __slots__ = ("attached", "attempts", "invocations", "is_void", "parting", "recovering", "timers", "trouble")
+
+    def __init__(self) -> None:
+        self.attached: list[Attached] = []  #: its exception handlers, newest last
+        self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
+        self.attempts = 1  #: how often it is being or has been handled
+        self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
+        self.trouble: Any = None  #: of an exception handler's task: what it handles
+        self.is_void = False  #: of an exception handler's task: it has reissued its failure
+        self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
+        self.timers: list[Any] = []  #: what is due for it
+
+
 class Task(Delivery):
-    """One node of the task tree: a goal or command, from its arrival until it is achieved or killed.
+    """One node of the task tree, from its arrival until it is achieved or killed.
 
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = ("children", "delayed", "failure", "followers", "held", "is_goal", "killed", "last_child", "leaders",
-                 "parent", "reached", "requested", "result", "returned", "unplanned", "waiters")  # fmt: skip
+    __slots__ = ("again", "children", "delayed", "failure", "followers", "held", "is_dealt_with", "is_free", "is_goal",
+                 "killed", "last_child", "leaders", "parent", "rare", "reached", "requested", "result", "returned",
+                 "role", "survives", "suspended", "unplanned", "waiters")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
+        self.role = Role.NONE  #: why central made it
+        self.is_free = False  #: may start before its parent does
+        self.survives = False  #: is not killed when something above it is
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
         self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
         self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to
         self.unplanned = 0  #: number of children that are not planned yet
         self.reached = 0  #: moments reached, as bits
-        self.held = 0  #: unmet constraints per moment, packed (agenda.py)
-        self.followers: list[tuple[int, Task, int]] | None = None  #: (moment, task, its moment) that wait for this one
+        self.held = 0  #: unmet constraints per moment, packed (holds.py)
+        self.followers: list[tuple[int, Task, int, float]] | None = None  #: (moment, task, its moment, delay) that wait
         self.leaders: list[tuple[int, int, int]] | None = None  #: (moment, task id, its moment) that this one waits for
         self.requested = False  #: all conditions of its start are met: it was given to the resources
+        self.suspended = False
+        self.again = False  #: is to be handled once more, when all under it has ended
         self.returned = False  #: its handler has returned, or will never be called
         self.killed = ""  #: why it was killed
         self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
+        self.is_dealt_with = False  #: an exception handler took care of that failure
         self.result = b""  #: what its handler returned
-        self.waiters: list[tuple[int, object]] | None = None  #: (moment, wait) to be told
+        self.waiters: list[tuple[int, Any]] | None = None  #: (moment, wait) to be told
+        self.rare: Rare | None = None
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message.name}'"
+
+    @property
+    def more(self) -> Rare:
+        """What only few tasks have; made when first asked for."""
+        if self.rare is None:
+            self.rare = Rare()
+        return self.rare
 
     @property
     def is_running(self) -> bool:
@@ -71,6 +105,13 @@ class TaskTree:
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
         self.top_of_module: dict[str, dict[int, Task]] = {}  #: living top-level tasks per sending module, oldest first
 
+    def task(self, task_id: TaskId) -> Task | None:
+        """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
+        task = self.tasks.get(task_id)
+        if task is None and not ROOT < task_id <= self.newest:
+            raise RequestError(Refusal.UNKNOWN, f"there is no task {task_id}")
+        return task
+
     def last_sibling(self, parent: Task, sender: str) -> Task | None:
         """The task that flags of a new child refer to. Under the root each module has its own, so that top-level
         tasks of different modules are not put in sequence.
@@ -85,12 +126,14 @@ class TaskTree:
             parent.children = {}
         parent.children[task.id] = task
         self.tasks[task.id] = task
-        if parent is self.root:
+        if parent is self.root and not task.role:
             self.top_of_module.setdefault(_sender(task), {})[task.id] = task
 
     def become_last(self, task: Task, sender: str) -> None:
-        """From now on flags refer to this task."""
+        """From now on flags refer to this task, if a module sent it."""
         parent = task.parent
+        if task.role:
+            return
         if parent is self.root:
             self.last_of_module[sender] = task
         elif parent is not None:
@@ -100,13 +143,14 @@ class TaskTree:
         """Take an ended task out."""
         del self.tasks[task.id]
         parent = task.parent
-        if parent is self.root:
+        if parent is self.root and not task.role:
             self._detach_top(task, _sender(task))
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             if parent.last_child is task:
                 # After a killed last child flags refer to the sibling before it, not to nothing.
-                parent.last_child = next(reversed(parent.children.values()), None) if task.killed else None
+                before = (child for child in reversed(parent.children.values()) if not child.role)
+                parent.last_child = next(before, None) if task.killed else None
 
     def _detach_top(self, task: Task, sender: str) -> None:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
@@ -129,6 +173,15 @@ class TaskTree:
             yield node
             if node.children:
                 stack.extend(reversed(node.children.values()))
+
+    def doomed(self, task: Task) -> Iterator[Task]:
+        """*task* and all below it that dies with it. The tree must not change meanwhile."""
+        stack = [task]
+        while stack:
+            node = stack.pop()
+            yield node
+            if node.children:
+                stack.extend(child for child in reversed(node.children.values()) if not child.survives)
 
 
 def _sender(task: Task) -> str:

@@ -4,7 +4,7 @@ from enum import IntFlag
 
 import msgspec
 
-from tca_wire.points import Moment, Point, TaskId
+from tca_wire.points import ROOT, Moment, Point, TaskId
 
 
 class Flags(IntFlag):
@@ -18,13 +18,19 @@ class Flags(IntFlag):
 
 
 class Constraint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Point *before* is reached no later than point *after*."""
+    """Point *after* is reached no earlier than *delay* seconds after point *before*.
+
+    Points of the root stand for the time at which central takes the constraint; in the journal, for its clock's 0.
+    """
 
     before: Point
     after: Point
+    delay: float = 0
 
     def __str__(self) -> str:
-        return f"{self.before} <= {self.after}"
+        if self.before.task == ROOT:
+            return f"{self.delay:g} s <= {self.after}"
+        return f"{self.before}{f' + {self.delay:g} s' if self.delay else ''} <= {self.after}"
 
 
 def sequential_achievement(first: TaskId, second: TaskId) -> Constraint:
@@ -45,6 +51,11 @@ def plan_first(task: TaskId) -> Constraint:
 def delay_planning(task: TaskId) -> Constraint:
     """*task* is not planned before it may be achieved."""
     return Constraint(Point(task, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))
+
+
+def not_before(task: TaskId, seconds: float) -> Constraint:
+    """*task* is not started, planning included, within *seconds* from now."""
+    return Constraint(Point(ROOT, Moment.START_ACHIEVING), Point(task, Moment.START_HANDLING), seconds)
 
 
 def plan_ahead(behind: TaskId, task: TaskId) -> Constraint:

@@ -8,7 +8,7 @@ one handler; its id is the message's own, except that each receiver of a broadca
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.headers import MessageClass, Outcome, Refusal
+from tca_wire.headers import MessageClass, Outcome, Refusal, Role
 from tca_wire.points import TaskId, describe_moments
 
 JOURNAL_VERSION = 1
@@ -97,6 +97,9 @@ class Received(_Fact, frozen=True, tag="received"):
     blocking: bool
     body: bytes
     constraints: list[Constraint]
+    role: Role = Role.NONE
+    cause: int = 0
+    """Where central made it: the failing, tapped, killed or monitoring task."""
 
 
 class Constrained(_Fact, frozen=True, tag="constrained"):
@@ -159,6 +162,70 @@ class Killed(_Fact, frozen=True, tag="killed"):
     why: str
 
 
+class Attached(_Fact, frozen=True, tag="attached"):
+    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
+
+    id: int
+    failure: str
+    handler: str
+    task: TaskId
+    message: str
+    maximum: int
+
+
+class Removed(_Fact, frozen=True, tag="removed"):
+    """An exception handler or wiretap was taken away."""
+
+    id: int
+
+
+class Caught(_Fact, frozen=True, tag="caught"):
+    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
+
+    task: TaskId
+    handler: TaskId
+    at: TaskId
+    attachment: int
+
+
+class Reissued(_Fact, frozen=True, tag="reissued"):
+    """An exception handler could not deal with its failure; the search goes on."""
+
+    handler: TaskId
+
+
+class Unhandled(_Fact, frozen=True, tag="unhandled"):
+    """No exception handler was found for the failure of a task."""
+
+    task: TaskId
+
+
+class Recovered(_Fact, frozen=True, tag="recovered"):
+    """The failure of a task has been dealt with; the task counts as handled."""
+
+    task: TaskId
+
+
+class Retried(_Fact, frozen=True, tag="retried"):
+    """A task will be handled again when all under it has ended, with the body as its data if there is one."""
+
+    task: TaskId
+    body: bytes
+
+
+class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
+    """A task was suspended or resumed, with all that is under it."""
+
+    task: TaskId
+    is_suspended: bool
+
+
+class TimedOut(_Fact, frozen=True, tag="timed out"):
+    """A delay is over: what this constraint held back is held by it no longer."""
+
+    constraint: Constraint
+
+
 class Dropped(_Fact, frozen=True, tag="dropped"):
     """A message or delivery came to nothing."""
 
@@ -201,6 +268,7 @@ Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
     | WaitBegan | WaitEnded | RequestRefused
+    | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
 )  # fmt: skip
 
 

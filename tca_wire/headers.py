@@ -25,11 +25,51 @@ class MessageClass(StrEnum):
     MULTI_QUERY = "multi-query"
     GOAL = "goal"
     COMMAND = "command"
+    EXCEPTION = "exception handler"
+    POINT_MONITOR = "point monitor"
+    POLLING_MONITOR = "polling monitor"
+    DEMON_MONITOR = "demon monitor"
 
     @property
     def is_task(self) -> bool:
         """Whether such a message becomes a node of the task tree."""
-        return self in (MessageClass.GOAL, MessageClass.COMMAND)
+        return self in _TASKS
+
+    @property
+    def is_goal(self) -> bool:
+        """Whether such a task expands into others and is planned; other tasks only act."""
+        return self in _GOALS
+
+    @property
+    def is_monitor(self) -> bool:
+        """Whether central itself carries such a task out."""
+        return self in _MONITORS
+
+
+_GOALS = frozenset((MessageClass.GOAL, MessageClass.EXCEPTION))
+_MONITORS = frozenset((MessageClass.POINT_MONITOR, MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR))
+_TASKS = _GOALS | _MONITORS | {MessageClass.COMMAND}
+
+
+class Role(StrEnum):
+    """Why central made a message itself; "" for what a module sent."""
+
+    NONE = ""
+    EXCEPTION = "exception handler"  # handles the failure of another task
+    LISTENER = "listener"  # of a wiretap
+    TERMINATION = "termination"  # leaves things safe after a kill
+    CONDITION = "condition"  # of a monitor
+    ACTION = "action"
+    SET_UP = "set up"
+    CANCEL = "cancel"
+
+
+class Scope(StrEnum):
+    """What a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
+
+    TASK = "task"  # with everything under it
+    DESCENDANTS = "descendants"  # everything under it, not the task itself
+    SIBLINGS = "siblings"  # all other children of its parent, with everything under them
 
 
 class Outcome(StrEnum):
@@ -62,6 +102,8 @@ class MessageFormat(_Header, frozen=True):
     message_class: MessageClass
     data: str
     reply: str = ""
+    parts: list[str] = []
+    """Of a monitor, the messages that it sends: condition and action, or set-up, action and cancel ("" for none)."""
 
 
 class HandlerFormat(_Header, frozen=True):
@@ -70,6 +112,14 @@ class HandlerFormat(_Header, frozen=True):
     message: str
     resource: str
     pool: str = ""
+
+
+class Attachment(_Header, frozen=True):
+    """That an exception handler takes care of a failure, at most *maximum* times (0: any number of times)."""
+
+    failure: str
+    handler: str
+    maximum: int = 0
 
 
 # --- from a module to central -------------------------------------------------------------------------------------
@@ -122,6 +172,12 @@ class Send(_Header, frozen=True, tag=4):
     """The sender's connection does nothing else until the answer is there."""
     maximum: int = 0
     """Of a multi-query: how many replies are wanted (0: from every handler)."""
+    attachments: list[Attachment] = []
+    """Exception handlers of the new task, each newer than the one before it."""
+    deadline: float = 0
+    """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0: no such bound)."""
+    when_killed: bool = False
+    """Not now, but when *parent* is killed after it has been started and before it is achieved."""
 
 
 class Reply(_Header, frozen=True, tag=5):
@@ -136,6 +192,10 @@ class Fail(_Header, frozen=True, tag=6):
     delivery: int
     failure: str
     text: str = ""
+    kinds: list[str] = []
+    """The more general failures that this one is a kind of, nearest first."""
+    reissue: bool = False
+    """The handler of a failure cannot deal with it: search on, above it."""
 
 
 class Constrain(_Header, frozen=True, tag=7):
@@ -160,11 +220,14 @@ class GiveUp(_Header, frozen=True, tag=9):
 
 
 class Kill(_Header, frozen=True, tag=10):
-    """End a task and everything under it."""
+    """End a task and everything under it: now, *delay* seconds from now, or *delay* seconds after a point."""
 
     number: int
     task: TaskId
     why: str = ""
+    scope: Scope = Scope.TASK
+    after: Point | None = None
+    delay: float = 0
 
 
 class Ask(_Header, frozen=True, tag=11):
@@ -176,6 +239,70 @@ class Ask(_Header, frozen=True, tag=11):
 
 class Bye(_Header, frozen=True, tag=12):
     """This connection closes: of its own will, nothing failed."""
+
+
+class Attach(_Header, frozen=True, tag=13):
+    """Let an exception handler take care of a failure of one task, or of every task of a message; "" is any failure.
+
+    Answered by Accepted with the id by which it can be removed.
+    """
+
+    number: int
+    attachment: Attachment
+    task: TaskId = TaskId(0)
+    """The task that it is attached to, where *message* is "" (0: the root, above all tasks)."""
+    message: str = ""
+
+
+class Remove(_Header, frozen=True, tag=14):
+    """Take away an exception handler or wiretap."""
+
+    number: int
+    id: int
+
+
+class Raise(_Header, frozen=True, tag=15):
+    """Raise a failure on a task; the body is the failure's data."""
+
+    number: int
+    task: TaskId
+    failure: str
+    text: str = ""
+    kinds: list[str] = []
+
+
+class Retry(_Header, frozen=True, tag=16):
+    """Kill what is under a task and let it be handled again, with the body as its data where *new_data*."""
+
+    number: int
+    task: TaskId
+    new_data: bool = False
+
+
+class Suspend(_Header, frozen=True, tag=17):
+    """From now on nothing under a task, and not the task itself, is started; or, with *resume*, may be again."""
+
+    number: int
+    task: TaskId
+    resume: bool = False
+
+
+class Deadline(_Header, frozen=True, tag=18):
+    """Raise the failure "timeout" on a task if its point is not reached within *seconds* from now."""
+
+    number: int
+    point: Point
+    seconds: float
+
+
+class Inspect(_Header, frozen=True, tag=19):
+    """What central knows of a task and its relatives; answered with a MessagePack list of maps."""
+
+    number: int
+    task: TaskId
+    relation: Literal["self", "parent", "children", "ancestors", "descendants"]
+    message: str = ""
+    """Only tasks of this message ("": of any)."""
 
 
 # --- from central to a module -------------------------------------------------------------------------------------
@@ -216,6 +343,27 @@ class Answer(_Header, frozen=True, tag=36):
     """Of a multi-query: further answers follow; the one without *more* is the end and has no body."""
 
 
+class Involved(_Header, frozen=True):
+    """A task that another one is about."""
+
+    task: TaskId
+    message: str
+
+
+class Trouble(_Header, frozen=True, tag="trouble"):
+    """What an exception handler is called for; the body of the delivery is the failure's data."""
+
+    failure: str
+    text: str
+    failing: Involved
+    attached: Involved
+    """The task that the exception handler is attached to (task 0: the root)."""
+    attempts: int
+    """How often the failing task has been handled."""
+    invocations: int
+    """How often this exception handler has been called for the task that it is attached to, this time included."""
+
+
 class Deliver(_Header, frozen=True, tag=37):
     """Handle this message and answer with Reply or Fail; the body is its data."""
 
@@ -223,6 +371,9 @@ class Deliver(_Header, frozen=True, tag=37):
     message: str
     task: TaskId = TaskId(0)
     """The task that it is (0: it belongs to no tree)."""
+    context: Trouble | None = None
+    """What it is about, where central made it."""
+    suspended: bool = False
 
 
 class Cancelled(_Header, frozen=True, tag=38):
@@ -245,10 +396,18 @@ class Closing(_Header, frozen=True, tag=41):
     text: str = ""
 
 
+class Suspended(_Header, frozen=True, tag=42):
+    """The task of this delivery has been suspended, or resumed: its handler may hold, or go on to its end."""
+
+    delivery: int
+    is_suspended: bool
+
+
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
+    | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect
 )  # fmt: skip
-ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing
+ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
 
 
 class Limit(IntEnum):

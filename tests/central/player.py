@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from tca_central.core import Central
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Received, Record, Transmit
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Received, Record, Tick, Transmit
 from tca_central.invariants import check_invariants
 from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
@@ -69,9 +69,10 @@ class Player:
 
     @staticmethod
     def format(words: str) -> MessageFormat:
-        message_class, name = words.split(" ", 1)
+        message_class = max((one for one in MessageClass if words.startswith(f"{one} ")), key=len)
+        name = words.removeprefix(f"{message_class} ")
         reply = ANY if message_class in ("query", "multi-query", "command") else ""
-        return MessageFormat(name, MessageClass(message_class), ANY, reply)
+        return MessageFormat(name, message_class, ANY, reply)
 
     def declare(self, connection: str, *messages: str) -> list[Any]:
         return self.receive(connection, headers.Register(self.number(connection), [self.format(m) for m in messages]))
@@ -101,15 +102,20 @@ class Player:
 
     def delivered(self, connection: str) -> list[int]:
         """The deliveries that a connection was given and has not answered."""
-        return [d.id for d in self.central.dispatcher.attended.values() if d.slot and d.slot.id == connection.encode()]
+        return [d.given_as for d in self.central.dispatcher.attended.values() if d.slot and d.slot.id == connection.encode()]
 
     def reply(self, connection: str, delivery: int = 0, value: Any = None) -> list[Any]:
         delivery = delivery or self.delivered(connection)[-1]
         return self.receive(connection, headers.Reply(delivery), msgspec.msgpack.encode(value))
 
-    def fail(self, connection: str, failure: str, delivery: int = 0) -> list[Any]:
+    def fail(self, connection: str, failure: str, delivery: int = 0, **options: Any) -> list[Any]:
         delivery = delivery or self.delivered(connection)[-1]
-        return self.receive(connection, headers.Fail(delivery, failure, "why"))
+        return self.receive(connection, headers.Fail(delivery, failure, "why", **options))
+
+    def tick(self, seconds: float) -> list[Effect]:
+        """Let time pass."""
+        self.time += seconds
+        return self.event(Tick(self.time))
 
     def lose(self, connection: str) -> list[Effect]:
         self.time += 1.0
@@ -129,5 +135,5 @@ def point(task: int, moment: Moment) -> Point:
     return Point(TaskId(task), moment)
 
 
-def before(one: Point, other: Point) -> Constraint:
-    return Constraint(one, other)
+def before(one: Point, other: Point, delay: float = 0) -> Constraint:
+    return Constraint(one, other, delay)

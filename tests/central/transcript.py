@@ -1,11 +1,16 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [again] [where POINT <= POINT, ...]
-    NAME: reply [ID] | fail FAILURE [ID] | wait POINT | give up | kill TASK | constrain POINT <= POINT, ... | bye
-    lose NAME | garbage NAME | tree
+    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again]
+                        [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
+    NAME: reply [ID] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT | give up | bye
+    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
+    NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
+    NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
+    lose NAME | garbage NAME | pass SECONDS | tree
 
-A point is ``end achieving 3`` or ``start planning this``. A module's slots are NAME/1, NAME/2, ...
+A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
+later. Failures of no name ("any") are written ``any``. A module's slots are NAME/1, NAME/2, ...
 """
 
 import re
@@ -13,12 +18,12 @@ from typing import Any
 
 from central.player import Player
 
-from tca_central.agenda import held_counts
+from tca_central.holds import held_counts
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import fields_of, kind_of
 from tca_wire.headers import MessageClass
-from tca_wire.points import THIS, Moment, Point, TaskId, describe_moments
+from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
@@ -47,13 +52,17 @@ class Transcript:
         self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "")
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
-        message = what.split(" ", 1)[1]
+        message = what.rsplit(" ", 1)[1]
         if (name, what) not in self.declared:
             self.declared.add((name, what))
             self.player.declare(name, what)
-        where = re.search(r"where (.*)", options)
-        found = dict(re.findall(r"\b(under|flags|priority|maximum) (\S+)", options))
-        keywords: dict[str, Any] = {key: int(found[key]) for key in ("under", "priority", "maximum") if key in found}
+        where = re.search(r"where ((?:(?! handlers ).)*)", options)
+        found = dict(re.findall(r"\b(under|flags|priority|maximum|deadline) (\S+)", options))
+        numbers = ("under", "priority", "maximum", "deadline")
+        keywords: dict[str, Any] = {key: int(found[key]) for key in numbers if key in found}
+        if handlers := re.search(r"handlers (.*)", options):
+            keywords["attachments"] = [read_attachment(part) for part in handlers[1].split(",")]
+        keywords["when_killed"] = "when killed" in options
         if "flags" in found:
             keywords["flags"] = Flags(sum(Flags[flag] for flag in found["flags"].split("|")))
         if " again" in options:
@@ -65,7 +74,38 @@ class Transcript:
         return self.player.reply(name, int(delivery or 0))
 
     def fail(self, name: str, failure: str, delivery: str) -> list[Any]:
-        return self.player.fail(name, failure, int(delivery or 0))
+        failure, *kinds = failure.split("<")
+        return self.player.fail(name, failure, int(delivery or 0), kinds=kinds)
+
+    def reissue(self, name: str, delivery: str) -> list[Any]:
+        return self.player.fail(name, "", int(delivery or 0), reissue=True)
+
+    def attach(self, name: str, what: str, where: str) -> list[Any]:
+        place = {"task": TaskId(int(where))} if where.isdigit() else {"message": where}
+        header = headers.Attach(self.player.number(name), read_attachment(what), **place)  # type: ignore[arg-type]
+        return self.player.receive(name, header)
+
+    def remove(self, name: str, which: str) -> list[Any]:
+        return self.player.receive(name, headers.Remove(self.player.number(name), int(which)))
+
+    def raise_(self, name: str, failure: str, task: str) -> list[Any]:
+        failure, *kinds = failure.split("<")
+        header = headers.Raise(self.player.number(name), TaskId(int(task)), failure, "why", kinds)
+        return self.player.receive(name, header, b"\x07")
+
+    def retry(self, name: str, task: str, data: str) -> list[Any]:
+        return self.player.receive(name, headers.Retry(self.player.number(name), TaskId(int(task)), bool(data)), b"\x08")
+
+    def suspend(self, name: str, what: str, task: str) -> list[Any]:
+        header = headers.Suspend(self.player.number(name), TaskId(int(task)), what == "resume")
+        return self.player.receive(name, header)
+
+    def deadline(self, name: str, seconds: str, point: str) -> list[Any]:
+        header = headers.Deadline(self.player.number(name), read_point(point), float(seconds))
+        return self.player.receive(name, header)
+
+    def pass_(self, seconds: str) -> list[Any]:
+        return [effect.header for effect in self.player.tick(float(seconds)) if hasattr(effect, "header")]
 
     def wait(self, name: str, point: str) -> list[Any]:
         return self.player.receive(name, headers.WaitFor(self.player.number(name), read_point(point)))
@@ -73,8 +113,11 @@ class Transcript:
     def give_up(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.GiveUp(self.player.numbers[name]))
 
-    def kill(self, name: str, task: str) -> list[Any]:
-        return self.player.receive(name, headers.Kill(self.player.number(name), TaskId(int(task))))
+    def kill(self, name: str, scope: str, task: str, delay: str, after: str) -> list[Any]:
+        point = read_point(after) if after else None
+        which = headers.Scope(scope or "task")
+        header = headers.Kill(self.player.number(name), TaskId(int(task)), "", which, point, float(delay or 0))
+        return self.player.receive(name, header)
 
     def constrain(self, name: str, what: str) -> list[Any]:
         return self.player.receive(name, headers.Constrain(self.player.number(name), list(constraints(what))))
@@ -104,9 +147,18 @@ COMMANDS: list[tuple[str, Any]] = [
      Transcript.module),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?", Transcript.reply),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
+    (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),
+    (rf"{NAME}: attach (?P<what>.+) to (?P<where>\w+)", Transcript.attach),
+    (rf"{NAME}: remove (?P<which>\d+)", Transcript.remove),
+    (rf"{NAME}: raise (?P<failure>.+) on (?P<task>\d+)", Transcript.raise_),
+    (rf"{NAME}: retry (?P<task>\d+)(?P<data> with data)?", Transcript.retry),
+    (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
+    (rf"{NAME}: deadline (?P<seconds>[\d.]+) for (?P<point>.*)", Transcript.deadline),
+    (r"pass (?P<seconds>[\d.]+)", Transcript.pass_),
     (rf"{NAME}: wait (?P<point>.*)", Transcript.wait),
     (rf"{NAME}: give up", Transcript.give_up),
-    (rf"{NAME}: kill (?P<task>\d+)", Transcript.kill),
+    (rf"{NAME}: kill (?:(?P<scope>descendants|siblings) of )?(?P<task>\d+)(?: in (?P<delay>[\d.]+))?(?: after (?P<after>.*))?",
+     Transcript.kill),
     (rf"{NAME}: constrain (?P<what>.*)", Transcript.constrain),
     (rf"{NAME}: bye", Transcript.bye),
     (rf"lose {NAME}", Transcript.lose),
@@ -121,9 +173,21 @@ def read_point(text: str) -> Point:
     return Point(THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()])
 
 
+def read_attachment(text: str) -> headers.Attachment:
+    failure, handler, maximum = re.fullmatch(r"\s*(.+)->(\w+)(?:\*(\d+))?\s*", text).groups()  # type: ignore[union-attr]
+    return headers.Attachment("" if failure == "any" else failure, handler, int(maximum or 0))
+
+
 def constraints(text: str) -> tuple[Constraint, ...]:
-    pairs = [part.split("<=") for part in text.split(",")]
-    return tuple(Constraint(read_point(before.strip()), read_point(after.strip())) for before, after in pairs)
+    return tuple(constraint(part) for part in text.split(","))
+
+
+def constraint(text: str) -> Constraint:
+    before, after = (side.strip() for side in text.split("<="))
+    before, _, delay = before.partition(" + ")
+    if re.fullmatch(r"[\d.]+", before):
+        return Constraint(Point(ROOT, Moment.START_ACHIEVING), read_point(after), float(before))
+    return Constraint(read_point(before), read_point(after), float(delay or 0))
 
 
 def describe(fact: facts.Fact) -> str:
@@ -132,7 +196,8 @@ def describe(fact: facts.Fact) -> str:
         case facts.Received():
             under = f" under {fact.parent}" if fact.parent else ""
             held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
-            return f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{held}"
+            role = f" ({fact.role})" if fact.role else ""
+            return f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{role}{held}"
         case facts.Constrained():
             return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
         case facts.Reached():
@@ -142,6 +207,17 @@ def describe(fact: facts.Fact) -> str:
             return f"{fact.id}{what} delivered to {fact.module}"
         case facts.Queued():
             return f"{fact.id} waits for {fact.module or 'a handler'}"
+        case facts.Caught():
+            return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
+        case facts.SuspendedOrResumed():
+            return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'}"
+        case facts.TimedOut():
+            return f"time is up for {fact.constraint}"
+        case facts.Unhandled() | facts.Recovered() | facts.Retried():
+            return f"{fact.task} {kind_of(fact)}"
+        case facts.Attached():
+            place = fact.message or f"task {fact.task}"
+            return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
         case facts.FormatDefined() | facts.ResourceChanged() | facts.RequestRefused():
             return ""
         case facts.ModuleJoined():

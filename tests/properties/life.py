@@ -1,5 +1,7 @@
 """Random lives: numbers become things that a module could do now."""
 
+from typing import Any
+
 from central.player import Player, before, point
 from hypothesis import strategies as st
 
@@ -12,11 +14,14 @@ MODULES = {
     "planner": ("goal walk", "goal step", "query where"),
     "legs": ("command move", "command lift", "inform note"),
     "map": ("query where", "multi-query all", "broadcast pose"),
+    "expert": ("exception handler recover", "exception handler report"),
 }
 MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
+FAILURES = ("slipped", "stumbled", "module lost", "timeout", "")
 small = st.integers(0, 1000)
-operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail", "kill", "constrain", "wait", "lose",
-                                       "join", "bye", "give up"]), small, small, small, small)  # fmt: skip
+operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
+                                       "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
+                                       "suspend", "deadline", "pass"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -52,30 +57,78 @@ class Life:
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
             pair = [point(one, moment), point(-1, list(Moment)[a % 6])]
-            constraints.append(before(*pair) if b % 2 else before(*reversed(pair)))
+            delay = c % 5 if a % 4 == 0 else 0
+            constraints.append(before(*(pair if b % 2 else reversed(pair)), delay))
+            if b % 5 == 0:
+                constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), d % 5))
         self.player.send(
-            senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].split(" ", 1)[1], under=tasks[c % len(tasks)],
+            senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].rsplit(" ", 1)[1], under=tasks[c % len(tasks)],
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
+            deadline=d % 7 if a % 5 == 0 else 0, when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
         )  # fmt: skip
+
+    @staticmethod
+    def attachment(a: int, b: int) -> headers.Attachment:
+        handler = "report" if a % 2 else "recover"
+        return headers.Attachment(FAILURES[b % len(FAILURES)], handler, b % 3)
 
     def reply_(self, a: int, *_: int) -> None:
         attended = list(self.central.dispatcher.attended.values())
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
-            self.player.reply(delivery.slot.id.decode(), delivery.id, value=a)
+            self.player.reply(delivery.slot.id.decode(), delivery.given_as, value=a)
 
-    def fail_(self, a: int, *_: int) -> None:
+    def fail_(self, a: int, b: int, *_: int) -> None:
         attended = list(self.central.dispatcher.attended.values())
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
-            self.player.fail(delivery.slot.id.decode(), "slipped", delivery.id)
+            failure, kinds = FAILURES[b % 2], [FAILURES[1]] * (b % 3 == 0)
+            name = delivery.slot.id.decode()
+            self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=b % 4 == 3)
 
-    def kill_(self, a: int, *_: int) -> None:
+    def request(self, header: type, *fields: Any) -> None:
+        """Something that only the user asks for."""
+        self.player.receive("user", header(self.player.number("user"), *fields), b"\x08")
+
+    def task(self, a: int) -> TaskId | None:
         tasks = list(self.central.tree.tasks)
-        if tasks:
-            self.player.receive("user", headers.Kill(self.player.number("user"), TaskId(tasks[a % len(tasks)])))
+        return TaskId(tasks[a % len(tasks)]) if tasks else None
+
+    def kill_(self, a: int, b: int, c: int, d: int) -> None:
+        if task := self.task(a):
+            after = self.task(c) if d % 3 == 0 else None
+            place = point(after, list(Moment)[d % 6]) if after else None
+            self.request(headers.Kill, task, "", list(headers.Scope)[b % 7 if b % 7 < 3 else 0], place, d % 4)
+
+    def attach_(self, a: int, b: int, c: int, d: int) -> None:
+        task = self.task(a) or TaskId(0)
+        message = ("", "move", "walk")[c % 3]
+        self.request(headers.Attach, self.attachment(b, d), TaskId(0) if message else task, message)
+
+    def remove_(self, a: int, *_: int) -> None:
+        if attached := list(self.central.attached):
+            self.request(headers.Remove, attached[a % len(attached)])
+
+    def raise_(self, a: int, b: int, *_: int) -> None:
+        if task := self.task(a):
+            self.request(headers.Raise, task, FAILURES[b % 2])
+
+    def retry_(self, a: int, b: int, *_: int) -> None:
+        if task := self.task(a):
+            self.request(headers.Retry, task, b % 2 == 0)
+
+    def suspend_(self, a: int, b: int, *_: int) -> None:
+        if task := self.task(a):
+            self.request(headers.Suspend, task, b % 3 == 0)
+
+    def deadline_(self, a: int, b: int, c: int, *_: int) -> None:
+        if task := self.task(a):
+            self.request(headers.Deadline, point(task, list(Moment)[b % 6]), c % 10)
+
+    def pass_(self, a: int, *_: int) -> None:
+        self.player.tick(a % 10)
 
     def constrain_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = list(self.central.tree.tasks)
@@ -104,4 +157,4 @@ class Life:
             self.player.receive(others[a % len(others)], headers.Bye())
 
     def join_(self, a: int, *_: int) -> None:
-        self.join(list(MODULES)[a % 3])
+        self.join(list(MODULES)[a % len(MODULES)])

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
 
 from tca_central.task_tree import Task
-from tca_wire.constraints import Flags
+from tca_wire import headers
+from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Delivered, Reached, Received
-from tca_wire.points import Moment
+from tca_wire.points import ROOT, Moment, TaskId
 
 lives = st.lists(operation, max_size=60)
 
@@ -48,9 +49,14 @@ def _end_everything(life: Life) -> None:
     for module in MODULES:
         life.join(module)
     life.player.module("latecomer", "command later")
+    for attached in list(life.central.attached):
+        life.request(headers.Remove, attached)
     rounds = 0
-    while life.central.dispatcher.attended:
+    for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
+        life.request(headers.Suspend, TaskId(task.id), True)
+    while life.central.dispatcher.attended or life.central.clock.next is not None:
         life.reply_(0)
+        life.pass_(9)
         rounds += 1
         assert rounds < 5000
     assert not life.central.tree.tasks, [stuck(task) for task in life.central.tree.tasks.values()]
@@ -64,8 +70,9 @@ def _check_ledger(life: Life) -> None:
     """Every task reaches each moment once, and none before the constraints that it was given."""
     reached: dict[tuple[int, int], int] = {}
     killed = {fact.task for fact in life.player.facts_of("killed")}
-    constraints = []
+    constraints: list[Constraint] = []
     order = 0
+    times: dict[tuple[int, int], float] = {}
     for entry in life.player.entries:
         for fact in entry.facts:
             if isinstance(fact, Received):
@@ -78,10 +85,13 @@ def _check_ledger(life: Life) -> None:
                     if fact.moments & moment:
                         assert (fact.task, moment) not in reached
                         reached[fact.task, moment] = order
+                        times[fact.task, moment] = entry.time
     for constraint in constraints:
         if constraint.after.task not in killed:
             one, other = constraint.before, constraint.after
-            assert reached[one.task, one.moment] <= reached[other.task, other.moment], constraint
+            if one.task != ROOT:
+                assert reached[one.task, one.moment] <= reached[other.task, other.moment], constraint
+            assert times.get((one.task, one.moment), 0.0) + constraint.delay <= times[other.task, other.moment]
 
 
 @given(st.lists(st.integers(-3, 3), max_size=30), st.integers(1, 3))

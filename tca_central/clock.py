@@ -1,0 +1,87 @@
+"""Time as the core knows it: what the events said last, and what is due later. Deterministic: ties keep their order."""
+
+import heapq
+import math
+from enum import StrEnum
+
+from tca_central.errors import RequestError
+from tca_wire.headers import Refusal
+
+LONGEST = 3.2e8
+"""Seconds, ten years: nothing can be asked for later than this."""
+
+VOID_TIMERS = 64
+"""Cancelled timers that may be kept beyond as many as there are others."""
+
+
+class Due(StrEnum):
+    """What a timer is for; TIMERS in core.py says what is done."""
+
+    RELEASE = "release"  # a constraint's delay is over
+    DEADLINE = "deadline"  # a task's point should have been reached
+    KILL = "kill"  # a task shall end
+
+
+class Timer:
+    """Something due at a time."""
+
+    __slots__ = ("due", "is_cancelled", "subject", "time")
+
+    def __init__(self, time: float, due: Due, subject: object) -> None:
+        self.time, self.due, self.subject = time, due, subject
+        self.is_cancelled = False
+
+
+class Clock:
+    """What is due, earliest first; what is due at the same time, in the order in which it was asked for."""
+
+    def __init__(self) -> None:
+        self.now = 0.0  #: seconds since the epoch began, as the newest event said
+        self._queue: list[tuple[float, int, Timer]] = []
+        self._asked = 0
+        self._cancelled = 0
+
+    def after(self, seconds: float, due: Due, subject: object) -> Timer:
+        """Let something be due in so many seconds."""
+        self._asked += 1
+        timer = Timer(self.now + seconds, due, subject)
+        heapq.heappush(self._queue, (timer.time, self._asked, timer))
+        return timer
+
+    def cancel(self, timer: Timer | None) -> None:
+        """That is not due any more."""
+        if timer is None or timer.is_cancelled:
+            return
+        timer.is_cancelled = True
+        self._cancelled += 1
+        if self._cancelled > len(self._queue) // 2 + VOID_TIMERS:
+            self._queue = [entry for entry in self._queue if not entry[2].is_cancelled]
+            heapq.heapify(self._queue)
+            self._cancelled = 0
+
+    @property
+    def next(self) -> float | None:
+        """When something is due next."""
+        while self._queue and self._queue[0][2].is_cancelled:
+            heapq.heappop(self._queue)
+            self._cancelled -= 1
+        return self._queue[0][0] if self._queue else None
+
+    def take(self) -> Timer | None:
+        """The next timer that is due by now."""
+        if self.next is None or self._queue[0][0] > self.now:
+            return None
+        timer = heapq.heappop(self._queue)[2]
+        timer.is_cancelled = True  # so that nobody counts it as cancelled later
+        return timer
+
+    def pending(self) -> list[Timer]:
+        """All that is due later, in no particular order; for checks."""
+        return [timer for _, _, timer in self._queue if not timer.is_cancelled]
+
+
+def checked_seconds(seconds: float, what: str) -> float:
+    """*seconds* as they are. Raises RequestError if they are none that can be waited."""
+    if not (math.isfinite(seconds) and 0 <= seconds <= LONGEST):
+        raise RequestError(Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST:g} s are possible")
+    return seconds

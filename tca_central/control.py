@@ -1,0 +1,141 @@
+"""The hand on the running tree: kills now or later, suspension, deadlines, and what is to be done on termination."""
+
+from tca_central.clock import Due, checked_seconds
+from tca_central.errors import RequestError
+from tca_central.failures import kill, raise_failure
+from tca_central.intervals import SINGLE_MOMENTS
+from tca_central.making import suspend
+from tca_central.registry import Connection, MessageType
+from tca_central.state import Failure, State
+from tca_central.task_tree import Task
+from tca_wire import headers
+from tca_wire.headers import Accepted, Refusal, Scope
+from tca_wire.points import ROOT, Point, describe_moments
+
+MOST_PARTING = 100
+"""Messages that may be kept for the termination of one task."""
+
+
+# --- kill ------------------------------------------------------------------------------------------------------------
+
+
+class Ending:
+    """That a task shall end when a point is reached, or some time after."""
+
+    __slots__ = ("delay", "scope", "task", "why")
+
+    def __init__(self, task: Task, scope: Scope, delay: float, why: str) -> None:
+        self.task, self.scope, self.delay, self.why = task, scope, delay, why
+
+    def met(self, central: State, _: Task) -> None:
+        """The point is reached."""
+        if self.delay:
+            self.task.more.timers.append(central.clock.after(self.delay, Due.KILL, self))
+        else:
+            self.now(central)
+
+    def now(self, central: State) -> None:
+        """It is time."""
+        if self.task.id == ROOT or self.task.id in central.tree.tasks:
+            _kill_scope(central, self.task, self.scope, self.why)
+
+
+def _kill_scope(central: State, task: Task, scope: Scope, why: str) -> None:
+    if scope is Scope.TASK:
+        kill(central, task, why)
+        return
+    parent = task if scope is Scope.DESCENDANTS else task.parent
+    assert parent is not None
+    for child in list((parent.children or {}).values()):
+        if child is not task and not child.survives:
+            kill(central, child, why)
+
+
+def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
+    """A module ends a task, its descendants or its siblings; now, some time from now, or after a point."""
+    checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
+    is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
+    task = central.tree.root if is_all else central.tree.task(header.task)
+    if task is not None:
+        why = header.why or f"by module '{connection.module.name}'"
+        ending = Ending(task, header.scope, header.delay, why)
+        at = central.tree.task(header.after.task) if header.after is not None else None
+        if header.after is not None and at is not None and not at.reached & _moment(header.after):
+            central.agenda.wait(at, _moment(header.after), ending)
+        else:
+            ending.met(central, task)
+    central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def _moment(point: Point) -> int:
+    if int(point.moment) not in SINGLE_MOMENTS:
+        raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
+    return int(point.moment)
+
+
+def keep_for_termination(task: Task, message: MessageType, body: bytes) -> None:
+    """Keep a message that is to be sent when the task is killed after it was started (TDL: ON TERMINATE)."""
+    if not message.message_class.is_task or message.message_class.is_monitor:
+        text = f"{message.message_class} '{message.name}' can't be sent on termination: goals and commands can"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if len(task.more.parting) >= MOST_PARTING:
+        raise RequestError(Refusal.OVERLOAD, f"{MOST_PARTING} messages wait for the termination of {task} already")
+    task.more.parting.append((message, body))
+
+
+# --- suspend ---------------------------------------------------------------------------------------------------------
+
+
+def on_suspend(central: State, connection: Connection, header: headers.Suspend, _: bytes) -> None:
+    """A module suspends or resumes a task with all under it (TCM: Suspend, Unsuspend)."""
+    task = central.tree.task(header.task)
+    if task is None:
+        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: it can't be suspended or resumed")
+    suspend(central, task, resume=header.resume)
+    central.send(connection, header.number, Accepted(header.number, task.id))
+
+
+# --- deadlines -------------------------------------------------------------------------------------------------------
+
+
+class Bound:
+    """That a task's point must be reached in time."""
+
+    __slots__ = ("moment", "seconds", "task")
+
+    def __init__(self, task: Task, moment: int, seconds: float) -> None:
+        self.task, self.moment, self.seconds = task, moment, seconds
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether the point has not been reached, and may still be."""
+        return not self.task.killed and not self.task.reached & self.moment
+
+
+def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
+    """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
+    timer = central.clock.after(seconds, Due.DEADLINE, Bound(task, moment, seconds))
+    task.more.timers.append(timer)
+
+
+def on_time_out(central: State, bound: Bound) -> None:
+    """A deadline is over."""
+    task = bound.task
+    if bound.is_missed:
+        what = describe_moments(bound.moment)[0]
+        raise_failure(central, task, Failure("timeout", f"{what} not reached within {bound.seconds:g} s"))
+
+
+def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
+    """A module bounds the time until a point of a task."""
+    checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
+    task, moment = central.tree.task(header.point.task), _moment(header.point)
+    if task is not None and not task.reached & moment:
+        set_deadline(central, task, moment, header.seconds)
+    central.send(connection, header.number, Accepted(header.number, header.point.task))
+
+
+def forget_timers(central: State, task: Task) -> None:
+    """A task has ended: nothing is due for it any more."""
+    for timer in task.rare.timers if task.rare else ():
+        central.clock.cancel(timer)

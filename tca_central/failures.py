@@ -1,0 +1,307 @@
+"""Failures: raised on a task, handled by the nearest exception handler above, or the end of the top-level task.
+
+Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). The search starts at the failing task
+and goes up to the root; on each task its own exception handlers come first, newest first, then those of its message.
+The one that is found runs as a goal under the failing task. While it decides, the failing task does not count as
+handled: if the handler returns the failure has been dealt with and what comes after goes on, or it retries the
+failing task or one above, kills, adds, or reissues the failure, which lets the search go on above it.
+"""
+
+from collections.abc import Iterator
+
+from tca_central.errors import RequestError
+from tca_central.intervals import START_HANDLING
+from tca_central.making import make_task, suspend
+from tca_central.registry import Attached, Connection, MessageType
+from tca_central.state import Failure, State, Trouble
+from tca_central.task_tree import Task
+from tca_wire import facts, headers
+from tca_wire.headers import Accepted, Cancelled, Limit, MessageClass, Refusal, Role
+from tca_wire.points import ROOT, TaskId
+
+LONGEST_TEXT = 16_384
+"""Characters of a failure's text that are kept: the last, where a traceback says what happened."""
+
+MOST_KINDS = 32
+MOST_ATTACHED = 1000
+"""Exception handlers of one task, or of one message."""
+
+MOST_NESTED = 8
+"""How deep in handlers that one attachment called it may be called once more: a handler that fails with the failure
+that it handles would go on for ever."""
+
+
+def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> Failure:
+    """The failure that a header tells of, within bounds."""
+    kinds = tuple(kind[: Limit.NAME] for kind in header.kinds[:MOST_KINDS])
+    return Failure(header.failure[: Limit.NAME], header.text[-LONGEST_TEXT:], body, kinds)
+
+
+# --- attaching -------------------------------------------------------------------------------------------------------
+
+
+def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
+    """A module attaches an exception handler to a task, to all tasks of a message, or to the root."""
+    message = None
+    if header.message:
+        message = _task_message(central, header.message)
+    task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
+    if task is None:
+        text = f"task {header.task} has ended: no exception handler can be attached to it"
+        raise RequestError(Refusal.TOO_LATE, text)
+    attached = attach(central, header.attachment, message or task)
+    central.send(connection, header.number, Accepted(header.number, attached.id))
+
+
+def _task_message(central: State, name: str) -> MessageType:
+    message = central.registry.messages.get(name)
+    if message is None or not message.message_class.is_task:
+        what = f"a {message.message_class}" if message else "not declared"
+        text = f"'{name}' is {what}: exception handlers are attached to tasks, or to the messages that become tasks"
+        raise RequestError(Refusal.UNKNOWN, text)
+    return message
+
+
+def check_attachments(central: State, wanted: list[headers.Attachment]) -> None:
+    """Raises RequestError if one of them can't be attached."""
+    if len(wanted) > MOST_ATTACHED:
+        raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
+    for attachment in wanted:
+        handler = central.registry.messages.get(attachment.handler)
+        if handler is None or handler.message_class is not MessageClass.EXCEPTION:
+            what = f"a {handler.message_class}" if handler else "not declared"
+            raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
+
+
+def attach(central: State, wanted: headers.Attachment, place: Task | MessageType) -> Attached:
+    """Attach an exception handler as the newest; the same one attached before makes room for it."""
+    check_attachments(central, [wanted])
+    others = place.more.attached if isinstance(place, Task) else place.attached
+    for other in others:
+        if (other.failure, other.handler.name) == (wanted.failure, wanted.handler):
+            _remove(central, other)
+            break
+    if len(others) >= MOST_ATTACHED:
+        raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
+    handler = central.registry.messages[wanted.handler]
+    attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place)
+    others.append(attached)
+    central.attached[attached.id] = attached
+    task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
+    central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))
+    return attached
+
+
+def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
+    """A module takes an exception handler away; one that is gone already is no error."""
+    if (attached := central.attached.get(header.id)) is not None:
+        _remove(central, attached)
+    elif not 0 < header.id <= central.tree.newest:
+        raise RequestError(Refusal.UNKNOWN, f"there is no exception handler {header.id}")
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def _remove(central: State, attached: Attached) -> None:
+    place = attached.place
+    (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
+    del central.attached[attached.id]
+    central.facts.append(facts.Removed(attached.id))
+
+
+def forget_task(central: State, task: Task) -> None:
+    """A task has ended, and what is attached to it is gone."""
+    for attached in task.rare.attached if task.rare else ():
+        del central.attached[attached.id]
+
+
+# --- raising ---------------------------------------------------------------------------------------------------------
+
+
+def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
+    """A module raises a failure on a task that another one handles."""
+    task = central.tree.task(header.task)
+    if task is None or task.killed:
+        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: no failure can be raised on it")
+    raise_failure(central, task, failure_of(header, body))
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def fail_task(central: State, task: Task, failure: Failure) -> None:
+    """The handler of a task, which no handler has any more, ended with a failure."""
+    if task.killed or task.again:
+        central.facts.append(facts.Failed(task.id, failure.name, failure.text))
+    if task.killed:
+        central.agenda.returned(task)
+    elif task.again:
+        central.agenda.retry(task)
+    else:
+        handler = raise_failure(central, task, failure)
+        if handler is None:
+            central.agenda.returned(task)
+        else:
+            task.more.recovering = handler
+
+
+def raise_failure(central: State, task: Task, failure: Failure, below: Trouble | None = None) -> Task | None:
+    """Let the nearest exception handler take care of a failure, the nearest after *below* where one could not; its
+    task. None if there is none: then the top-level task is killed, and whoever waits for it is told.
+    """
+    if below is None:
+        central.facts.append(facts.Failed(task.id, failure.name, failure.text))
+    task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
+    found = _find(central, task, failure, below)
+    if found is None:
+        _unhandled(central, task, failure)
+        return None
+    at, attached = found
+    invocations = at.more.invocations
+    invocations[attached.id] = invocations.get(attached.id, 0) + 1
+    trouble = Trouble(task, failure, at, attached)
+    handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, trouble=trouble)
+    central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
+    return handler
+
+
+def _find(central: State, task: Task, failure: Failure, below: Trouble | None) -> tuple[Task, Attached] | None:
+    """The nearest exception handler that may be called, and the task that it holds for. One that nobody handles is
+    passed over.
+    """
+    names = ("", failure.name, *failure.kinds)
+    nested = _nested(task)
+    for at, attached in _candidates(central, task, below):
+        if attached.failure not in names or not attached.handler.handlers:
+            continue
+        calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
+        is_exhausted = attached.maximum and calls >= attached.maximum
+        if not is_exhausted and nested.get(attached.id, 0) < MOST_NESTED:
+            return at, attached
+    return None
+
+
+def _candidates(central: State, task: Task, below: Trouble | None) -> Iterator[tuple[Task, Attached]]:
+    """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
+    for at in (*task.lineage(), central.tree.root):
+        own = at.rare.attached if at.rare else []
+        if below is None:
+            yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
+        elif at is below.at:
+            yield from _rest(at, own, below.attached)
+            below = None
+
+
+def _rest(at: Task, own: list[Attached], after: Attached) -> Iterator[tuple[Task, Attached]]:
+    """The exception handlers of one task that come after *after*, which may have been removed meanwhile."""
+    is_own = isinstance(after.place, Task)
+    for attached in reversed(own) if is_own else ():
+        if attached.id < after.id:
+            yield at, attached
+    for attached in reversed(at.message.attached):
+        if is_own or attached.id < after.id:
+            yield at, attached
+
+
+def _nested(task: Task) -> dict[int, int]:
+    """For each attachment, how many of the tasks above are calls of it."""
+    found: dict[int, int] = {}
+    for above in task.lineage():
+        if above.rare is not None and above.rare.trouble is not None:
+            attachment = above.rare.trouble.attached.id
+            found[attachment] = found.get(attachment, 0) + 1
+    return found
+
+
+def _unhandled(central: State, task: Task, failure: Failure) -> None:
+    central.facts.append(facts.Unhandled(TaskId(task.id)))
+    top = task.top_level()
+    if top is not task and (top.failure is None or top.is_dealt_with):
+        top.failure, top.is_dealt_with = (failure.name, f"in {task}: {failure.text}", failure.body), False
+    why = f"failure '{failure.name}' of {task} was not handled"
+    exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
+    kill(central, top, why)
+    for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
+        kill(central, exception, why)
+
+
+def kill(central: State, task: Task, why: str) -> None:
+    """End a task and all under it. A handler that runs is never interrupted: it is told, and its task ends when it has
+    returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
+    """
+    for one in central.agenda.kill(task, why):
+        if one.slot is not None:
+            central.tell(one.slot, Cancelled(one.given_as))
+        if one.suspended:
+            one.suspended = False
+            for child in list((one.children or {}).values()):
+                if child.survives and child.suspended:
+                    suspend(central, child, resume=True)
+        if one.rare is not None and one.reached & START_HANDLING:
+            for message, body in one.rare.parting:
+                make_task(central, message, body, one, Role.TERMINATION)
+        if one.role is Role.EXCEPTION and not one.more.is_void:
+            one.more.is_void = True
+            _search_on(central, one)
+
+
+# --- what an exception handler decides -------------------------------------------------------------------------------
+
+
+def reissue(central: State, handler: Task) -> None:
+    """The handler cannot deal with the failure: the search goes on after it."""
+    central.facts.append(facts.Reissued(TaskId(handler.id)))
+    handler.more.is_void = True
+    _search_on(central, handler)
+    central.agenda.returned(handler)
+
+
+def _search_on(central: State, handler: Task) -> None:
+    trouble: Trouble = handler.more.trouble
+    failing = trouble.failing
+    if failing.killed or failing.again:
+        return
+    is_deciding = failing.more.recovering is handler
+    following = raise_failure(central, failing, trouble.failure, trouble)
+    if is_deciding:
+        failing.more.recovering = following
+        if following is None:
+            central.agenda.returned(failing)
+
+
+def handler_ended(central: State, handler: Task) -> None:
+    """An exception handler, with all that it made, has ended: if it decided nothing else the failure has been dealt
+    with.
+    """
+    failing: Task = handler.more.trouble.failing
+    if handler.more.is_void:
+        return
+    is_deciding = failing.more.recovering is handler
+    if is_deciding:
+        failing.more.recovering = None
+    if failing.killed or failing.again:
+        return
+    failing.is_dealt_with = True
+    central.facts.append(facts.Recovered(TaskId(failing.id)))
+    if is_deciding:
+        central.agenda.returned(failing)
+
+
+def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
+    """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended."""
+    task = central.tree.task(header.task)
+    if task is None or task.killed:
+        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: it can't be retried")
+    if task.message.message_class.is_monitor:
+        text = f"{task} is a {task.message.message_class}: only what modules handle can be retried"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if header.new_data:
+        task.body = body
+    task.failure = None
+    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b""))
+    if task.reached & START_HANDLING:
+        why = f"{task} is retried"
+        for child in list((task.children or {}).values()):
+            if not child.survives:
+                kill(central, child, why)
+        if task.slot is not None:
+            central.tell(task.slot, Cancelled(task.given_as))
+        central.agenda.retry(task)
+    central.send(connection, header.number, Accepted(header.number, task.id))

@@ -1,0 +1,50 @@
+"""Tasks that central makes itself, and the telling of those who handle a task that it is suspended."""
+
+from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND
+from tca_central.registry import MessageType
+from tca_central.state import State, Trouble
+from tca_central.task_tree import Task
+from tca_wire import facts
+from tca_wire.constraints import Flags
+from tca_wire.headers import Role, Suspended
+from tca_wire.points import TaskId
+
+CENTRAL = "central"
+"""The sender of what central makes itself."""
+
+
+def make_task(
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, cause: int = 0,
+    trouble: Trouble | None = None,
+) -> Task:  # fmt: skip
+    """A new task under *parent* which waits for nothing above it, and which outlives the kill of *parent* where it
+    handles a failure or leaves things safe.
+    """
+    task = Task(TaskId(central.new_id()), message, body, None)
+    task.role, task.is_free = role, True
+    task.survives = role in (Role.EXCEPTION, Role.TERMINATION)
+    if trouble is not None:
+        task.more.trouble = trouble
+    mark = len(central.facts)
+    constraints = central.agenda.add(task, parent, Flags.NONE, [])
+    birth = facts.Received(
+        task.id, message.name, message.message_class, CENTRAL, TaskId(parent.id), 0, False, body, constraints, role,
+        cause or parent.id,
+    )  # fmt: skip
+    central.facts[mark:mark] = [birth, *at_birth(task)]
+    return task
+
+
+def at_birth(task: Task) -> list[facts.Fact]:
+    """What is reached as soon as there is such a task."""
+    return [] if task.is_goal else [facts.Reached(TaskId(task.id), REACHED_AT_BIRTH_BY_COMMAND)]
+
+
+def suspend(central: State, task: Task, *, resume: bool) -> None:
+    """Suspend or resume a task with all under it; handlers that run are told."""
+    changed = central.agenda.suspend(task, resume=resume)
+    if changed:
+        central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume))
+    for one in changed:
+        if one.slot is not None:
+            central.tell(one.slot, Suspended(one.given_as, not resume))
