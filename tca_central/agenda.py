@@ -28,7 +28,8 @@ from tca_central.intervals import (
     STARTS_OF_GOAL,
     delivered_at,
 )
-from tca_central.task_tree import Task, TaskTree
+from tca_central.registry import Delivery, Tap
+from tca_central.task_tree import Task, TaskTree, taps_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Killed, Reached, TimedOut
 from tca_wire.points import ALL_MOMENTS, TaskId
@@ -46,6 +47,9 @@ class Agenda:
         self.withdrawn: deque[Task] = deque()  #: were startable, and are held again
         self.ended: deque[Task] = deque()  #: reached their last moment
         self.met: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
+        self.tapped: deque[tuple[Task, list[Tap]]] = deque()  #: wiretaps to be fired before a task goes on
+        self.happened: deque[tuple[Delivery, int]] = deque()  #: what others may have tapped
+        self.alone: deque[Task] = deque()  #: nothing is left under them but monitors that watch over it
 
     # --- what the core tells ---------------------------------------------------------------------------------------
 
@@ -77,7 +81,7 @@ class Agenda:
                 self._hold_again(self.tree.tasks[constraint.after.task])
         self.tree.become_last(task, sender)
         task.suspended = parent.suspended and not task.survives
-        if (parent.killed or parent.again) and not task.survives:
+        if (parent.killed or (parent.again and not task.role)) and not task.survives:
             self.kill(task, parent.killed or f"{parent} is retried")
         self._look_at.append(task)
         return added
@@ -112,6 +116,8 @@ class Agenda:
         ended. The moments that it has reached stay reached.
         """
         task.again, task.returned = True, False
+        if task.rare:
+            task.rare.fired -= {tap.id for tap in taps_of(task) if tap.before & START_HANDLING}
         self.hand_back(task)
 
     def hand_back(self, task: Task) -> None:
@@ -170,6 +176,13 @@ class Agenda:
         """Forget a wait that nobody needs any more."""
         task.waiters = [entry for entry in task.waiters or () if entry[1] is not waiter] or None
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether something has come out that the core must take."""
+        return bool(
+            self.startable or self.ended or self.met or self.withdrawn or self.tapped or self.happened or self.alone
+        )
+
     def settle(self) -> None:
         """Reach all that can be reached."""
         while self._look_at:
@@ -182,15 +195,43 @@ class Agenda:
         if task.reached == ALL_MOMENTS:
             return
         now = STARTS & ~task.reached if task.killed and not task.is_running else 0
-        if not task.killed and not task.requested and self._may_start(task):
+        if not task.killed and not task.requested and self._may_start(task) and self._may_pass(task, self._first(task)):
             task.requested = True
             self.startable.append(task)
         for moment, needed in MUST_FOLLOW_IN_GOAL if task.is_goal else MUST_FOLLOW_IN_COMMAND:
             reached = task.reached | now
             if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
+                if not self._may_pass(task, moment):
+                    break
                 now |= moment
         if now:
             self._reach(task, now)
+        if task.watchers and task.had_others and task.returned and len(task.children or ()) == task.watchers:
+            self.alone.append(task)
+
+    @staticmethod
+    def _first(task: Task) -> int:
+        """The moments reached by the start of a task."""
+        if task.again:
+            return START_HANDLING
+        return STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
+
+    def _may_pass(self, task: Task, moments: int) -> bool:
+        """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
+        if task.killed or not (task.message.taps or (task.rare and task.rare.taps)):
+            return True
+        rare = task.more
+        new = [tap for tap in taps_of(task) if tap.before & moments and tap.id not in rare.fired]
+        if new:
+            rare.fired.update(tap.id for tap in new)
+            rare.is_tapped = True
+            self.tapped.append((task, new))
+        return not rare.is_tapped
+
+    def fired(self, task: Task) -> None:
+        """The wiretaps before a task went on have been fired; what was made of them may hold it."""
+        task.more.is_tapped = False
+        self._look_at.append(task)
 
     def _may_start(self, task: Task) -> bool:
         if task.suspended or (task.again and (task.children or task.is_running)):
@@ -216,6 +257,8 @@ class Agenda:
     def _reach(self, task: Task, moments: int) -> None:
         task.reached |= moments
         self._facts.append(Reached(TaskId(task.id), moments))
+        if not task.killed and (task.message.taps or (task.rare and task.rare.taps)):
+            self.happened.append((task, moments))
         if task.waiters:
             self.met.extend((task, waiter) for moment, waiter in task.waiters if moment & moments)
             task.waiters = [(moment, waiter) for moment, waiter in task.waiters if not moment & moments]
@@ -238,7 +281,7 @@ class Agenda:
     def _end(self, task: Task) -> None:
         self.tree.detach(task)
         self.ended.append(task)
-        if task.parent is not None and not task.parent.children:
+        if task.parent is not None and len(task.parent.children or ()) == task.parent.watchers:
             self._look_at.append(task.parent)
 
     def _hold_again(self, task: Task) -> None:

@@ -20,6 +20,8 @@ class Due(StrEnum):
     RELEASE = "release"  # a constraint's delay is over
     DEADLINE = "deadline"  # a task's point should have been reached
     KILL = "kill"  # a task shall end
+    TEST = "test"  # a polling monitor asks its condition
+    WATCHED = "watched"  # a monitor has watched long enough
 
 
 class Timer:

@@ -8,10 +8,11 @@ agenda (points and constraints), resources and dispatcher (capacity and order); 
 and joining.py say what each message means to them, and this file decides when.
 """
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import control, failures, joining, requests
+from tca_central import control, failures, joining, monitors, requests, taps
 from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
@@ -28,6 +29,20 @@ REMEMBERED_BYTES = 64 << 20
 
 class Central(State):
     """The state of everything. ``handle`` is the only way it changes; all else that is public are questions."""
+
+    def __init__(self, epoch: str = "test") -> None:
+        super().__init__(epoch)
+        agenda = self.agenda
+        # What comes out of the agenda, and who takes it; in this order, and all of one kind before the next.
+        self._takers: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
+            (agenda.tapped, lambda tapped: taps.fire_before(self, *tapped)),
+            (agenda.happened, lambda happened: taps.happened(self, *happened)),
+            (agenda.alone, lambda task: monitors.end_watchers(self, task)),
+            (agenda.withdrawn, self._withdraw),
+            (agenda.ended, self._ended),
+            (agenda.startable, self._start),
+            (agenda.met, self._met),
+        )
 
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
@@ -101,41 +116,44 @@ class Central(State):
 
     def _settle(self) -> None:
         """Let everything happen that may, until nothing moves."""
-        agenda = self.agenda
+        agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
-        dispatcher = self.dispatcher
-        while agenda.startable or agenda.ended or agenda.met or agenda.withdrawn or dispatcher.freed:
-            while agenda.withdrawn:
-                task = agenda.withdrawn.popleft()
-                self.dispatcher.withdraw(task, keep_place=task.suspended or task.again)
-            while agenda.ended:
-                self._ended(agenda.ended.popleft())
-            while agenda.startable:
-                task = agenda.startable.popleft()
-                if task.requested and not task.killed:
-                    self._start(task)
-            while agenda.met:
-                task, waiter = agenda.met.popleft()
-                waiter.met(self, task)
-            if dispatcher.freed and not (agenda.startable or agenda.withdrawn):
+        while agenda.is_busy or dispatcher.freed:
+            for waiting, take in self._takers:
+                while waiting:
+                    take(waiting.popleft())
+            if dispatcher.freed and not agenda.is_busy:
                 dispatcher.give_freed_slot()
             agenda.settle()
 
+    def _withdraw(self, task: Task) -> None:
+        self.dispatcher.withdraw(task, keep_place=task.suspended or task.again)
+
+    def _met(self, met: tuple[Task, Any]) -> None:
+        task, waiter = met
+        waiter.met(self, task)
+
     def _start(self, task: Task) -> None:
         """All conditions of a task's start are met."""
+        if not task.requested or task.killed:
+            return
         if task.again:
             task.again = False
             task.given_as = self.new_id()
             task.more.attempts += 1
             task.more.recovering = None
-        self.dispatcher.route(task)
+        if task.message.message_class.is_monitor:
+            monitors.start(self, task)
+        else:
+            self.dispatcher.route(task)
 
     def _ended(self, task: Task) -> None:
         if task.rare is not None:
             control.forget_timers(self, task)
             failures.forget_task(self, task)
-            if task.role is Role.EXCEPTION:
-                failures.handler_ended(self, task)
+            taps.forget_task(self, task)
+        if task.role is Role.EXCEPTION:
+            failures.handler_ended(self, task)
         outcome = self.outcome(task)
         if outcome[0] is not Outcome.DONE or outcome[3]:
             self.outcomes[task.id] = outcome
@@ -169,6 +187,9 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Suspend: control.on_suspend,
     headers.Deadline: control.on_deadline,
     headers.Inspect: requests.on_inspect,
+    headers.Tap: taps.on_tap,
+    headers.Fire: monitors.on_fire,
+    headers.EndMonitor: monitors.on_end_monitor,
     headers.Bye: joining.on_bye,
 }
 """One row per message: what happens when it arrives."""
@@ -178,5 +199,7 @@ TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.RELEASE: lambda central, release: central.agenda.released(release),
     Due.DEADLINE: control.on_time_out,
     Due.KILL: lambda central, ending: ending.now(central),
+    Due.TEST: monitors.on_test,
+    Due.WATCHED: monitors.on_watched,
 }
 """One row per kind of timer: what happens when it is due."""

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 from tca_central.intervals import (
     END_ACHIEVING,
+    END_HANDLING,
     END_PLANNING,
     START_ACHIEVING,
+    START_HANDLING,
     START_PLANNING,
     predecessors_within,
     successors_within,
@@ -79,11 +81,11 @@ def _successors(place: Place) -> Iterator[Place]:
         if at == moment:
             yield Place(follower, its_moment)
     if moment in (START_PLANNING, START_ACHIEVING):
-        for child in (task.children or {}).values():
-            if not child.is_free:
-                yield Place(child, moment)
-    elif moment in (END_PLANNING, END_ACHIEVING) and task.parent is not None:
-        yield Place(task.parent, moment)
+        yield from (Place(child, moment) for child in (task.children or {}).values() if not child.is_free)
+    elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
+        yield Place(parent, moment)
+        if moment == END_ACHIEVING and _decides(task, parent):
+            yield Place(parent, END_HANDLING)
 
 
 def _predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -95,9 +97,21 @@ def _predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
     for at, leader_id, its_moment in task.leaders or ():
         if at == moment and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)
-    if moment in (START_PLANNING, START_ACHIEVING) and task.parent is not None:
-        if not task.is_free:
+    yield from _relatives_before(task, moment)
+
+
+def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
+    children = (task.children or {}).values()
+    if moment in (START_PLANNING, START_ACHIEVING):
+        if task.parent is not None and not task.is_free:
             yield Place(task.parent, moment)
-    elif moment in (END_PLANNING, END_ACHIEVING):
-        for child in (task.children or {}).values():
-            yield Place(child, moment)
+    elif moment == END_HANDLING:
+        if task.again or task.rare:
+            yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
+    elif moment != START_HANDLING:
+        yield from (Place(child, moment) for child in children)
+
+
+def _decides(child: Task, task: Task) -> bool:
+    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is."""
+    return task.again or (task.rare is not None and task.rare.recovering is child)

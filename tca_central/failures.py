@@ -10,14 +10,17 @@ failing task or one above, kills, adds, or reissues the failure, which lets the 
 from collections.abc import Iterator
 
 from tca_central.errors import RequestError
-from tca_central.intervals import START_HANDLING
+from tca_central.intervals import KILLED, START_HANDLING
 from tca_central.making import make_task, suspend
 from tca_central.registry import Attached, Connection, MessageType
 from tca_central.state import Failure, State, Trouble
+from tca_central.taps import happened
+from tca_central.taps import remove as remove_tap
 from tca_central.task_tree import Task
+from tca_central.watching import stop
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Cancelled, Limit, MessageClass, Refusal, Role
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
 
 LONGEST_TEXT = 16_384
 """Characters of a failure's text that are kept: the last, where a traceback says what happened."""
@@ -93,11 +96,13 @@ def attach(central: State, wanted: headers.Attachment, place: Task | MessageType
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module takes an exception handler away; one that is gone already is no error."""
+    """A module takes an exception handler or a wiretap away; one that is gone already is no error."""
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached)
+    elif (tap := central.taps.get(header.id)) is not None:
+        remove_tap(central, tap)
     elif not 0 < header.id <= central.tree.newest:
-        raise RequestError(Refusal.UNKNOWN, f"there is no exception handler {header.id}")
+        raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
     central.send(connection, header.number, Accepted(header.number))
 
 
@@ -157,7 +162,7 @@ def raise_failure(central: State, task: Task, failure: Failure, below: Trouble |
     invocations = at.more.invocations
     invocations[attached.id] = invocations.get(attached.id, 0) + 1
     trouble = Trouble(task, failure, at, attached)
-    handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, trouble=trouble)
+    handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
     central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
     return handler
 
@@ -204,8 +209,8 @@ def _nested(task: Task) -> dict[int, int]:
     """For each attachment, how many of the tasks above are calls of it."""
     found: dict[int, int] = {}
     for above in task.lineage():
-        if above.rare is not None and above.rare.trouble is not None:
-            attachment = above.rare.trouble.attached.id
+        if isinstance(above.context, Trouble):
+            attachment = above.context.attached.id
             found[attachment] = found.get(attachment, 0) + 1
     return found
 
@@ -227,6 +232,7 @@ def kill(central: State, task: Task, why: str) -> None:
     returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
     """
     for one in central.agenda.kill(task, why):
+        happened(central, one, KILLED)
         if one.slot is not None:
             central.tell(one.slot, Cancelled(one.given_as))
         if one.suspended:
@@ -234,12 +240,24 @@ def kill(central: State, task: Task, why: str) -> None:
             for child in list((one.children or {}).values()):
                 if child.survives and child.suspended:
                     suspend(central, child, resume=True)
-        if one.rare is not None and one.reached & START_HANDLING:
-            for message, body in one.rare.parting:
-                make_task(central, message, body, one, Role.TERMINATION)
+        if one.rare is not None:
+            _leave_behind(central, one, why)
         if one.role is Role.EXCEPTION and not one.more.is_void:
             one.more.is_void = True
             _search_on(central, one)
+
+
+def _leave_behind(central: State, task: Task, why: str) -> None:
+    """What else the kill of a task brings about."""
+    assert task.rare is not None
+    if task.reached & START_HANDLING:
+        for message, body in task.rare.parting:
+            make_task(central, message, body, task, Role.TERMINATION)
+    if task.rare.watch is not None:
+        stop(central, task.rare.watch, "it was killed")
+    for listener in task.rare.listeners:
+        if listener.reached != ALL_MOMENTS:
+            kill(central, listener, why)
 
 
 # --- what an exception handler decides -------------------------------------------------------------------------------
@@ -254,7 +272,7 @@ def reissue(central: State, handler: Task) -> None:
 
 
 def _search_on(central: State, handler: Task) -> None:
-    trouble: Trouble = handler.more.trouble
+    trouble: Trouble = handler.context
     failing = trouble.failing
     if failing.killed or failing.again:
         return
@@ -270,7 +288,7 @@ def handler_ended(central: State, handler: Task) -> None:
     """An exception handler, with all that it made, has ended: if it decided nothing else the failure has been dealt
     with.
     """
-    failing: Task = handler.more.trouble.failing
+    failing: Task = handler.context.failing
     if handler.more.is_void:
         return
     is_deciding = failing.more.recovering is handler
@@ -289,9 +307,8 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     task = central.tree.task(header.task)
     if task is None or task.killed:
         raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: it can't be retried")
-    if task.message.message_class.is_monitor:
-        text = f"{task} is a {task.message.message_class}: only what modules handle can be retried"
-        raise RequestError(Refusal.PROTOCOL, text)
+    if task.rare is not None and task.rare.watch is not None:
+        stop(central, task.rare.watch, "it is retried")
     if header.new_data:
         task.body = body
     task.failure = None

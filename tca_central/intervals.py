@@ -17,6 +17,9 @@ START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLI
 START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
 START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
 
+DELIVERED, RETURNED, SENT, SUCCESS, FAILURE, REPLIED, KILLED = (64 << i for i in range(7))
+"""What happens to a message beside its moments, as further bits: a wiretap may be fired by it."""
+
 STARTS = START_HANDLING | START_PLANNING | START_ACHIEVING
 SINGLE_MOMENTS = frozenset(int(moment) for moment in Moment)
 

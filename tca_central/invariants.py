@@ -108,7 +108,15 @@ def _check_delivery(central: State, task: Task) -> None:
     if task.killed:
         return
     if task.reached & START_HANDLING:
-        is_decided = task.returned or task.is_running or task.again or task.suspended or task.queues is not None
+        watch = task.rare.watch if task.rare else None
+        is_decided = (
+            (watch is not None and watch.is_on)
+            or task.returned
+            or task.is_running
+            or task.again
+            or task.suspended
+            or task.queues is not None
+        )
         recovering = task.rare.recovering if task.rare else None
         assert is_decided or (recovering and recovering.id in central.tree.tasks), f"{task}: nobody handles it"
         return

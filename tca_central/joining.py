@@ -2,6 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
+from tca_central.monitors import check_parts
 from tca_central.registry import Connection, Handler, Module
 from tca_central.requests import fail_delivery, give_up
 from tca_central.state import Failure, State, deliver
@@ -97,8 +98,10 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
     """A module declares messages and handlers: all of them or none."""
     module, registry = connection.module, central.registry
+    new = {declared.name: declared.message_class for declared in header.messages}
     for declared in header.messages:
         registry.check(declared, module)
+        check_parts(central, declared, new)
     declared_now = {declared.name for declared in header.messages}
     for handled in header.handlers:
         if handled.message not in declared_now and handled.message not in registry.messages:

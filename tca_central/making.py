@@ -1,13 +1,16 @@
-"""Tasks that central makes itself, and the telling of those who handle a task that it is suspended."""
+"""Messages that central makes itself, and the telling of those who handle a task that it is suspended."""
+
+from typing import Any
 
 from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND
-from tca_central.registry import MessageType
-from tca_central.state import State, Trouble
+from tca_central.registry import Delivery, MessageType
+from tca_central.routing import route_statement
+from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts
 from tca_wire.constraints import Flags
 from tca_wire.headers import Role, Suspended
-from tca_wire.points import TaskId
+from tca_wire.points import ROOT, TaskId
 
 CENTRAL = "central"
 """The sender of what central makes itself."""
@@ -15,16 +18,15 @@ CENTRAL = "central"
 
 def make_task(
     central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, cause: int = 0,
-    trouble: Trouble | None = None,
+    context: Any = None,
 ) -> Task:  # fmt: skip
     """A new task under *parent* which waits for nothing above it, and which outlives the kill of *parent* where it
     handles a failure or leaves things safe.
     """
     task = Task(TaskId(central.new_id()), message, body, None)
     task.role, task.is_free = role, True
-    task.survives = role in (Role.EXCEPTION, Role.TERMINATION)
-    if trouble is not None:
-        task.more.trouble = trouble
+    task.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+    task.context = context
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
     birth = facts.Received(
@@ -33,6 +35,27 @@ def make_task(
     )  # fmt: skip
     central.facts[mark:mark] = [birth, *at_birth(task)]
     return task
+
+
+def make_statement(
+    central: State, message: MessageType, body: bytes, role: Role, *, cause: int, context: Any = None
+) -> Delivery:
+    """A new inform or broadcast, on its way to whoever handles it."""
+    made = Delivery(central.new_id(), message, body, None)
+    made.context = context
+    birth = facts.Received(made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, cause)
+    central.facts.append(birth)
+    route_statement(central, made)
+    return made
+
+
+def make(
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, cause: int = 0, context: Any = None
+) -> Delivery:
+    """A new task under *parent* or, if the message is none, a new statement."""
+    if message.message_class.is_task:
+        return make_task(central, message, body, parent, role, cause=cause, context=context)
+    return make_statement(central, message, body, role, cause=cause or parent.id, context=context)
 
 
 def at_birth(task: Task) -> list[facts.Fact]:

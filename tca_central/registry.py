@@ -7,7 +7,7 @@ from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.resources import Resource
 from tca_wire.formats import first_difference
-from tca_wire.headers import Limit, MessageClass, MessageFormat, Refusal, ToModule
+from tca_wire.headers import Condition, Limit, MessageClass, MessageFormat, Refusal, ToModule
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
@@ -82,13 +82,16 @@ class MessageType:
         self.handlers: list[Handler] = []  #: newest last
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[Attached] = []  #: exception handlers of each of its tasks, newest last
+        self.taps: list[Tap] = []  #: oldest first
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
         """Take a format; those who declared another are gone."""
         self.format = declared
         self.name = declared.name
+        self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
+        self.is_aside = declared.message_class in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
         self.fans_out = declared.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
         self.first_declared_by = by
 
@@ -117,11 +120,27 @@ class Attached:
         self.place = place  #: the task or message type that it is attached to
 
 
+class Tap:
+    """A wiretap on a message or a task. *before* are the moments that it is fired before and holds; *at* what it is
+    fired after.
+    """
+
+    __slots__ = ("at", "before", "condition", "id", "listener", "place")
+
+    def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Any) -> None:
+        self.id = tap_id
+        self.condition = condition
+        self.listener = listener
+        self.place = place  #: the task or message type that it taps
+        self.before = 0
+        self.at = 0
+
+
 class Delivery:
     """One message on its way to one handler."""
 
-    __slots__ = ("arrival", "body", "given_as", "id", "message", "message_id", "nested", "number", "priority", "queues",
-                 "sender", "slot", "ticket")  # fmt: skip
+    __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
+                 "priority", "queues", "sender", "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
@@ -129,6 +148,7 @@ class Delivery:
         self.message_id = delivery_id
         self.message = message
         self.body = body
+        self.context: Any = None  #: what it is about, where central made it
         self.sender = sender  #: who wants the answer; None when it is gone
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0

@@ -12,10 +12,13 @@ from tca_central.clock import checked_seconds
 from tca_central.control import keep_for_termination, set_deadline
 from tca_central.errors import RequestError
 from tca_central.failures import attach, check_attachments, fail_task, failure_of, reissue
-from tca_central.intervals import END_ACHIEVING, SINGLE_MOMENTS
+from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SENT, SINGLE_MOMENTS, SUCCESS
 from tca_central.making import at_birth
-from tca_central.registry import Connection, Delivery, MessageType, ModuleResource
+from tca_central.monitors import prepare, tested
+from tca_central.registry import Connection, Delivery, MessageType
+from tca_central.routing import copies, route_statement
 from tca_central.state import Collector, Failure, State
+from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
@@ -71,23 +74,17 @@ def _make(central: State, connection: Connection, header: headers.Send, message:
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.priority = header.priority
     central.facts.append(_received(connection, header, delivery, []))
+    happened(central, delivery, SENT)
     return delivery
 
 
-def _route_inform(
+def _route_statement(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     delivery = _make(central, connection, header, message, body)
-    _route_or_drop(central, delivery)
+    route_statement(central, delivery)
     if header.number:
         central.send(connection, header.number, Accepted(header.number, delivery.id))
-
-
-def _route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
-    if central.dispatcher.is_full(delivery.message, *targets):
-        central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
-    else:
-        central.dispatcher.route(delivery, *targets)
 
 
 def _route_query(
@@ -101,43 +98,18 @@ def _route_query(
     central.dispatcher.route(delivery)
 
 
-def _copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
-    """One delivery for each handler of a broadcast or multi-query that has somebody to handle it."""
-    copies = []
-    for handler in original.message.handlers:
-        if not handler.resource.capacity:
-            continue
-        copy = Delivery(central.new_id(), original.message, original.body, original.sender)
-        copy.message_id, copy.priority = original.id, original.priority
-        copies.append((copy, handler.resource))
-    return copies
-
-
-def _route_broadcast(
-    central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
-) -> None:
-    original = _make(central, connection, header, message, body)
-    copies = _copies(central, original)
-    for copy, resource in copies:
-        _route_or_drop(central, copy, resource)
-    if not copies:
-        central.facts.append(facts.Dropped(original.id, "nobody listens"))
-    if header.number:
-        central.send(connection, header.number, Accepted(header.number, original.id))
-
-
 def _route_multi_query(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     original = _make(central, connection, header, message, body)
-    copies = _copies(central, original)
-    wanted = min(header.maximum, len(copies)) if header.maximum > 0 else len(copies)
+    copied = copies(central, original)
+    wanted = min(header.maximum, len(copied)) if header.maximum > 0 else len(copied)
     collector = Collector(connection, header.number, original.id, wanted)
     connection.outstanding[header.number] = collector
-    for copy, _ in copies:
+    for copy, _ in copied:
         collector.pending[copy.id] = copy
         central.collectors[copy.id] = collector
-    for copy, resource in copies:
+    for copy, resource in copied:
         if central.dispatcher.is_full(message, resource):
             fail_delivery(central, copy, Failure("overload", "too many messages wait for its handler"))
         else:
@@ -161,11 +133,14 @@ def _route_task(
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
     task.priority = header.priority
+    if message.message_class.is_monitor:
+        prepare(central, task, header.watch)
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
     for attachment in header.attachments:
         attach(central, attachment, task)
+    happened(central, task, SENT)
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:
@@ -180,13 +155,16 @@ def _route_exception(
 
 
 ROUTES = {
-    MessageClass.INFORM: _route_inform,
+    MessageClass.INFORM: _route_statement,
     MessageClass.QUERY: _route_query,
-    MessageClass.BROADCAST: _route_broadcast,
+    MessageClass.BROADCAST: _route_statement,
     MessageClass.MULTI_QUERY: _route_multi_query,
     MessageClass.GOAL: _route_task,
     MessageClass.COMMAND: _route_task,
     MessageClass.EXCEPTION: _route_exception,
+    MessageClass.POINT_MONITOR: _route_task,
+    MessageClass.POLLING_MONITOR: _route_task,
+    MessageClass.DEMON_MONITOR: _route_task,
 }
 """One row per message class: how it is routed."""
 
@@ -209,7 +187,9 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     delivery = _attended(central, connection, header.delivery)
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
     central.dispatcher.complete(delivery)
+    happened(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
+        happened(central, delivery, REPLIED, body)
         _answer_query(central, delivery, Answer(delivery.number), body)
     elif delivery.again and not delivery.killed:
         central.agenda.retry(delivery)
@@ -227,10 +207,15 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery)
-    if header.reissue and isinstance(delivery, Task) and not delivery.killed:
-        reissue(central, delivery)
-    else:
+    happened(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
+    if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))
+    elif delivery.again and not delivery.killed:
+        central.agenda.retry(delivery)
+    elif delivery.killed:
+        central.agenda.returned(delivery)
+    else:
+        reissue(central, delivery)
 
 
 def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
@@ -244,6 +229,9 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes) -> None:
+    if (watch := central.asked.pop(delivery.id, None)) is not None:
+        tested(central, watch, answer, body)
+        return
     if collector := central.collectors.pop(delivery.id, None):
         _collect(central, collector, delivery, answer, body)
         return

@@ -6,11 +6,12 @@ from tca_central.agenda import Agenda
 from tca_central.clock import Clock
 from tca_central.dispatcher import Dispatcher
 from tca_central.events import Effect, Transmit
-from tca_central.registry import Attached, Connection, Delivery, MessageType, Registry
+from tca_central.intervals import DELIVERED
+from tca_central.registry import Attached, Connection, Delivery, MessageType, Registry, Tap
 from tca_central.task_tree import Task, TaskTree
 from tca_wire import facts, headers
 from tca_wire.headers import MessageClass, MessageFormat, Outcome, ToModule
-from tca_wire.points import TaskId
+from tca_wire.points import ROOT, TaskId
 
 
 class Collector:
@@ -23,15 +24,6 @@ class Collector:
         self.pending: dict[int, Delivery] = {}
 
 
-class Trouble:
-    """What an exception handler's task handles: the failure of a task, found at that task or above."""
-
-    __slots__ = ("at", "attached", "failing", "failure")
-
-    def __init__(self, failing: Task, failure: "Failure", at: Task, attached: Attached) -> None:
-        self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
-
-
 class Failure(NamedTuple):
     """What was raised on a task."""
 
@@ -41,26 +33,36 @@ class Failure(NamedTuple):
     kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
 
 
+class Trouble:
+    """What an exception handler's task handles: the failure of a task, found at that task or above."""
+
+    __slots__ = ("at", "attached", "failing", "failure")
+
+    def __init__(self, failing: Task, failure: Failure, at: Task, attached: Attached) -> None:
+        self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
+
+    @property
+    def header(self) -> headers.Trouble:
+        """What the handler is told."""
+        attempts = self.failing.more.attempts
+        invocations = self.at.more.invocations.get(self.attached.id, 0)
+        name, text, *_ = self.failure
+        return headers.Trouble(name, text, involved(self.failing), involved(self.at), attempts, invocations)
+
+
+def involved(delivery: Delivery) -> headers.Involved:
+    """A message as others are told of it; task 0 if it is none, or the root."""
+    if not isinstance(delivery, Task):
+        return headers.Involved(ROOT, delivery.message.name)
+    return headers.Involved(TaskId(delivery.id), delivery.message.name if delivery.id else "")
+
+
 def deliver(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
+    context = delivery.context.header if delivery.context is not None else None
     if not isinstance(delivery, Task):
-        return headers.Deliver(delivery.given_as, delivery.message.name)
-    trouble = delivery.rare.trouble if delivery.rare else None
-    context = _context(trouble) if trouble else None
-    task_id = TaskId(delivery.id)
-    return headers.Deliver(delivery.given_as, delivery.message.name, task_id, context, delivery.suspended)
-
-
-def _context(trouble: Trouble) -> headers.Trouble:
-    failing, at = trouble.failing, trouble.at
-    attempts = failing.rare.attempts if failing.rare else 1
-    invocations = at.more.invocations.get(trouble.attached.id, 0)
-    failure = trouble.failure
-    return headers.Trouble(failure.name, failure.text, _involved(failing), _involved(at), attempts, invocations)
-
-
-def _involved(task: Task) -> headers.Involved:
-    return headers.Involved(TaskId(task.id), task.message.name if task.id else "")
+        return headers.Deliver(delivery.given_as, delivery.message.name, ROOT, context)
+    return headers.Deliver(delivery.given_as, delivery.message.name, TaskId(delivery.id), context, delivery.suspended)
 
 
 class State:
@@ -74,6 +76,8 @@ class State:
         self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.attached: dict[int, Attached] = {}  #: all exception handlers, by id
+        self.taps: dict[int, Tap] = {}  #: all wiretaps, by id
+        self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
         self.dispatcher = Dispatcher(self.facts, self.deliver)
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
@@ -87,6 +91,8 @@ class State:
         resource = slot.resource
         assert resource is not None
         self.facts.append(facts.Delivered(delivery.given_as, delivery.message_id, resource.module, resource.name))
+        if delivery.message.taps or isinstance(delivery, Task):
+            self.agenda.happened.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.started(delivery)
         self.messages.append(Transmit(slot.id, deliver(delivery), delivery.body))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from tca_central.errors import RequestError
-from tca_central.registry import Attached, Connection, Delivery, MessageType
+from tca_central.registry import Attached, Connection, Delivery, MessageType, Tap
 from tca_wire.headers import Refusal, Role
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
 
@@ -17,14 +17,19 @@ _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIE
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = ("attached", "attempts", "invocations", "is_void", "parting", "recovering", "timers", "trouble")
+    __slots__ = ("attached", "attempts", "fired", "invocations", "is_tapped", "is_void", "listeners", "parting",
+                 "recovering", "taps", "timers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[Attached] = []  #: its exception handlers, newest last
         self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
-        self.trouble: Any = None  #: of an exception handler's task: what it handles
+        self.taps: list[Tap] = []  #: its own wiretaps, oldest first
+        self.fired: set[int] = set()  #: wiretaps that have been fired before a moment of it
+        self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
+        self.listeners: list[Task] = []  #: that are killed with it
+        self.watch: Any = None  #: of a monitor: what it is doing
         self.is_void = False  #: of an exception handler's task: it has reissued its failure
         self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.timers: list[Any] = []  #: what is due for it
@@ -36,15 +41,19 @@ class Task(Delivery):
     What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
     """
 
-    __slots__ = ("again", "children", "delayed", "failure", "followers", "held", "is_dealt_with", "is_free", "is_goal",
-                 "killed", "last_child", "leaders", "parent", "rare", "reached", "requested", "result", "returned",
-                 "role", "survives", "suspended", "unplanned", "waiters")  # fmt: skip
+    __slots__ = ("again", "children", "delayed", "failure", "followers", "had_others", "held", "is_dealt_with",
+                 "is_free", "is_goal", "is_watcher", "killed", "last_child", "leaders", "parent", "rare", "reached",
+                 "requested", "result", "returned", "role", "survives", "suspended", "unplanned", "waiters",
+                 "watchers")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
         self.role = Role.NONE  #: why central made it
         self.is_free = False  #: may start before its parent does
+        self.is_watcher = False  #: a monitor that ends when all else under its parent has
+        self.watchers = 0  #: number of such children
+        self.had_others = False  #: has had other children than those
         self.survives = False  #: is not killed when something above it is
         self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
         self.parent: Task | None = None  #: None: the root
@@ -126,13 +135,15 @@ class TaskTree:
             parent.children = {}
         parent.children[task.id] = task
         self.tasks[task.id] = task
-        if parent is self.root and not task.role:
+        parent.watchers += task.is_watcher
+        parent.had_others |= not (task.is_watcher or task.role)
+        if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), {})[task.id] = task
 
     def become_last(self, task: Task, sender: str) -> None:
         """From now on flags refer to this task, if a module sent it."""
         parent = task.parent
-        if task.role:
+        if is_aside(task):
             return
         if parent is self.root:
             self.last_of_module[sender] = task
@@ -143,13 +154,14 @@ class TaskTree:
         """Take an ended task out."""
         del self.tasks[task.id]
         parent = task.parent
-        if parent is self.root and not task.role:
+        if parent is self.root and not is_aside(task):
             self._detach_top(task, _sender(task))
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
+            parent.watchers -= task.is_watcher
             if parent.last_child is task:
                 # After a killed last child flags refer to the sibling before it, not to nothing.
-                before = (child for child in reversed(parent.children.values()) if not child.role)
+                before = (child for child in reversed(parent.children.values()) if not is_aside(child))
                 parent.last_child = next(before, None) if task.killed else None
 
     def _detach_top(self, task: Task, sender: str) -> None:
@@ -182,6 +194,21 @@ class TaskTree:
             yield node
             if node.children:
                 stack.extend(child for child in reversed(node.children.values()) if not child.survives)
+
+
+def taps_of(delivery: Delivery) -> list[Tap]:
+    """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped."""
+    if isinstance(delivery, Task):
+        if delivery.role is Role.LISTENER:
+            return []
+        if delivery.rare and delivery.rare.taps:
+            return delivery.rare.taps + delivery.message.taps
+    return delivery.message.taps
+
+
+def is_aside(task: Task) -> bool:
+    """Whether it stands beside the sequence of its siblings: constraint flags never refer to it."""
+    return bool(task.role) or task.message.is_aside
 
 
 def _sender(task: Task) -> str:

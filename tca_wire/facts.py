@@ -8,7 +8,7 @@ one handler; its id is the message's own, except that each receiver of a broadca
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.headers import MessageClass, Outcome, Refusal, Role
+from tca_wire.headers import Condition, MessageClass, Outcome, Refusal, Role
 from tca_wire.points import TaskId, describe_moments
 
 JOURNAL_VERSION = 1
@@ -179,6 +179,38 @@ class Removed(_Fact, frozen=True, tag="removed"):
     id: int
 
 
+class TapAdded(_Fact, frozen=True, tag="tap"):
+    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task."""
+
+    id: int
+    condition: Condition
+    listener: str
+    message: str
+    task: TaskId
+
+
+class TapFired(_Fact, frozen=True, tag="tapped"):
+    """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was sent)."""
+
+    tap: int
+    tapped: int
+    listener: int
+
+
+class MonitorTested(_Fact, frozen=True, tag="tested"):
+    """The condition of a monitor was asked; whether it holds."""
+
+    monitor: TaskId
+    holds: bool
+
+
+class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
+    """A monitor watches no longer."""
+
+    monitor: TaskId
+    why: str
+
+
 class Caught(_Fact, frozen=True, tag="caught"):
     """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
 
@@ -268,6 +300,7 @@ Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
     | WaitBegan | WaitEnded | RequestRefused
+    | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
 )  # fmt: skip
 

@@ -64,6 +64,31 @@ class Role(StrEnum):
     CANCEL = "cancel"
 
 
+class Condition(StrEnum):
+    """When a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the tapped task's interval back until the
+    listener's has ended, *when* holds its end; *while* and *after* hold nothing.
+    """
+
+    WHEN_SENT = "when sent"
+    BEFORE_HANDLING = "before handling"
+    WHILE_HANDLING = "while handling"
+    AFTER_HANDLED = "after handled"
+    AFTER_REPLIED = "after replied"
+    AFTER_SUCCESS = "after success"
+    AFTER_FAILURE = "after failure"
+    WHEN_SUCCESS = "when success"
+    WHEN_FAILURE = "when failure"
+    BEFORE_PLANNING = "before planning"
+    WHILE_PLANNING = "while planning"
+    AFTER_PLANNED = "after planned"
+    WHEN_PLANNED = "when planned"
+    BEFORE_ACHIEVING = "before achieving"
+    WHILE_ACHIEVING = "while achieving"
+    AFTER_ACHIEVED = "after achieved"
+    WHEN_ACHIEVED = "when achieved"
+    WHEN_KILLED = "when killed"
+
+
 class Scope(StrEnum):
     """What a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
 
@@ -122,6 +147,25 @@ class Attachment(_Header, frozen=True):
     maximum: int = 0
 
 
+class WatchOptions(_Header, frozen=True):
+    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
+
+    period: float = 0
+    """Of a polling monitor: from one test of the condition to the next."""
+    maximum: int = 0
+    """How many actions end it (0: any number)."""
+    fire_every: int = 1
+    """Every how many times that the condition holds, or that it is fired, an action is sent."""
+    initial_wait: bool = False
+    """Whether a polling monitor tests first after one period, not at once."""
+    duration: float = 0
+    """After how long it ends (0: not because of time)."""
+    until: Point | None = None
+    """The point at which it ends."""
+    for_ever: bool = False
+    """It goes on when all else under its parent has ended."""
+
+
 # --- from a module to central -------------------------------------------------------------------------------------
 
 
@@ -176,6 +220,8 @@ class Send(_Header, frozen=True, tag=4):
     """Exception handlers of the new task, each newer than the one before it."""
     deadline: float = 0
     """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0: no such bound)."""
+    watch: WatchOptions | None = None
+    """How a monitor watches."""
     when_killed: bool = False
     """Not now, but when *parent* is killed after it has been started and before it is achieved."""
 
@@ -305,6 +351,34 @@ class Inspect(_Header, frozen=True, tag=19):
     """Only tasks of this message ("": of any)."""
 
 
+class Tap(_Header, frozen=True, tag=64):
+    """Send *listener* whenever the condition comes true of a message, or of one task; it gets the tapped data.
+
+    Answered by Accepted with the id by which the wiretap can be removed.
+    """
+
+    number: int
+    condition: Condition
+    listener: str
+    message: str = ""
+    task: TaskId = TaskId(0)
+    """The task that is tapped, where *message* is ""."""
+
+
+class Fire(_Header, frozen=True, tag=65):
+    """What a demon monitor watches for has happened; the body is the data of its action."""
+
+    number: int
+    monitor: TaskId
+
+
+class EndMonitor(_Header, frozen=True, tag=66):
+    """A monitor shall watch no longer; what it has sent comes to its own end."""
+
+    number: int
+    monitor: TaskId
+
+
 # --- from central to a module -------------------------------------------------------------------------------------
 
 
@@ -364,6 +438,20 @@ class Trouble(_Header, frozen=True, tag="trouble"):
     """How often this exception handler has been called for the task that it is attached to, this time included."""
 
 
+class Tapped(_Header, frozen=True, tag="tapped"):
+    """What a listener is sent for."""
+
+    condition: Condition
+    tapped: Involved
+    """The tapped task (task 0: the tapped message is none)."""
+
+
+class Watching(_Header, frozen=True, tag="watching"):
+    """The monitor that sent its set-up, condition, action or cancel message."""
+
+    monitor: Involved
+
+
 class Deliver(_Header, frozen=True, tag=37):
     """Handle this message and answer with Reply or Fail; the body is its data."""
 
@@ -371,7 +459,7 @@ class Deliver(_Header, frozen=True, tag=37):
     message: str
     task: TaskId = TaskId(0)
     """The task that it is (0: it belongs to no tree)."""
-    context: Trouble | None = None
+    context: Trouble | Tapped | Watching | None = None
     """What it is about, where central made it."""
     suspended: bool = False
 
@@ -405,7 +493,7 @@ class Suspended(_Header, frozen=True, tag=42):
 
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
-    | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect
+    | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
 

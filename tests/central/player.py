@@ -102,7 +102,9 @@ class Player:
 
     def delivered(self, connection: str) -> list[int]:
         """The deliveries that a connection was given and has not answered."""
-        return [d.given_as for d in self.central.dispatcher.attended.values() if d.slot and d.slot.id == connection.encode()]
+        return [
+            d.given_as for d in self.central.dispatcher.attended.values() if d.slot and d.slot.id == connection.encode()
+        ]
 
     def reply(self, connection: str, delivery: int = 0, value: Any = None) -> list[Any]:
         delivery = delivery or self.delivered(connection)[-1]

@@ -3,10 +3,13 @@
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME]
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
-    NAME: reply [ID] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT | give up | bye
+                        [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
+    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT | give up | bye
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
+    NAME: tap CONDITION of TASK or MESSAGE with LISTENER | fire TASK | end monitor TASK
+    NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     lose NAME | garbage NAME | pass SECONDS | tree
 
 A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
@@ -16,7 +19,7 @@ later. Failures of no name ("any") are written ``any``. A module's slots are NAM
 import re
 from typing import Any
 
-from central.player import Player
+from central.player import ANY, Player
 
 from tca_central.holds import held_counts
 from tca_wire import facts, headers
@@ -53,7 +56,7 @@ class Transcript:
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
         message = what.rsplit(" ", 1)[1]
-        if (name, what) not in self.declared:
+        if (name, what) not in self.declared and "monitor" not in what:
             self.declared.add((name, what))
             self.player.declare(name, what)
         where = re.search(r"where ((?:(?! handlers ).)*)", options)
@@ -63,6 +66,8 @@ class Transcript:
         if handlers := re.search(r"handlers (.*)", options):
             keywords["attachments"] = [read_attachment(part) for part in handlers[1].split(",")]
         keywords["when_killed"] = "when killed" in options
+        if "monitor" in what:
+            keywords["watch"] = read_watch(options)
         if "flags" in found:
             keywords["flags"] = Flags(sum(Flags[flag] for flag in found["flags"].split("|")))
         if " again" in options:
@@ -70,8 +75,25 @@ class Transcript:
         self.shown = len(self.player.entries)
         return self.player.send(name, message, constraints=constraints(where[1]) if where else (), **keywords)
 
-    def reply(self, name: str, delivery: str) -> list[Any]:
-        return self.player.reply(name, int(delivery or 0))
+    def reply(self, name: str, delivery: str, value: str) -> list[Any]:
+        return self.player.reply(name, int(delivery or 0), {"true": True, "false": False}.get(value, value))
+
+    def declare(self, name: str, message_class: str, message: str, parts: str) -> list[Any]:
+        names = ["" if part.strip() == "none" else part.strip() for part in parts.split(",")]
+        reply = ANY if message_class == "query" else ""
+        declared = headers.MessageFormat(message, MessageClass(message_class), ANY, reply, names)
+        return self.player.receive(name, headers.Register(self.player.number(name), [declared]))
+
+    def tap(self, name: str, condition: str, place: str, listener: str) -> list[Any]:
+        where = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
+        header = headers.Tap(self.player.number(name), headers.Condition(condition), listener, **where)  # type: ignore[arg-type]
+        return self.player.receive(name, header)
+
+    def fire(self, name: str, task: str) -> list[Any]:
+        return self.player.receive(name, headers.Fire(self.player.number(name), TaskId(int(task))), b"\x05")
+
+    def end_monitor(self, name: str, task: str) -> list[Any]:
+        return self.player.receive(name, headers.EndMonitor(self.player.number(name), TaskId(int(task))))
 
     def fail(self, name: str, failure: str, delivery: str) -> list[Any]:
         failure, *kinds = failure.split("<")
@@ -94,7 +116,9 @@ class Transcript:
         return self.player.receive(name, header, b"\x07")
 
     def retry(self, name: str, task: str, data: str) -> list[Any]:
-        return self.player.receive(name, headers.Retry(self.player.number(name), TaskId(int(task)), bool(data)), b"\x08")
+        return self.player.receive(
+            name, headers.Retry(self.player.number(name), TaskId(int(task)), bool(data)), b"\x08"
+        )
 
     def suspend(self, name: str, what: str, task: str) -> list[Any]:
         header = headers.Suspend(self.player.number(name), TaskId(int(task)), what == "resume")
@@ -145,7 +169,11 @@ NAME = r"(?P<name>[\w/#]+)"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?",
      Transcript.module),
-    (rf"{NAME}: reply(?: (?P<delivery>\d+))?", Transcript.reply),
+    (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
+    (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),
+    (rf"{NAME}: tap (?P<condition>[\w ]+) of (?P<place>\w+) with (?P<listener>\w+)", Transcript.tap),
+    (rf"{NAME}: fire (?P<task>\d+)", Transcript.fire),
+    (rf"{NAME}: end monitor (?P<task>\d+)", Transcript.end_monitor),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
     (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),
     (rf"{NAME}: attach (?P<what>.+) to (?P<where>\w+)", Transcript.attach),
@@ -171,6 +199,16 @@ COMMANDS: list[tuple[str, Any]] = [
 def read_point(text: str) -> Point:
     edge, interval, task = text.split()
     return Point(THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()])
+
+
+def read_watch(options: str) -> headers.WatchOptions:
+    found = dict(re.findall(r"(?<!fire )\b(every|duration|maximum) ([\d.]+)", options))
+    fire_every = re.search(r"fire every (\d+)", options)
+    until = re.search(r"until (\w+ \w+ \d+)", options)
+    return headers.WatchOptions(
+        float(found.get("every", 0)), int(found.get("maximum", 0)), int(fire_every[1]) if fire_every else 1,
+        "at first" in options, float(found.get("duration", 0)), read_point(until[1]) if until else None, "for ever" in options,
+    )  # fmt: skip
 
 
 def read_attachment(text: str) -> headers.Attachment:
@@ -215,6 +253,14 @@ def describe(fact: facts.Fact) -> str:
             return f"time is up for {fact.constraint}"
         case facts.Unhandled() | facts.Recovered() | facts.Retried():
             return f"{fact.task} {kind_of(fact)}"
+        case facts.TapAdded():
+            return f"{fact.id} taps {fact.message}{f' {fact.task}' if fact.task else ''}, {fact.condition}: {fact.listener}"
+        case facts.TapFired():
+            return f"tap {fact.tap} for {fact.tapped}: {fact.listener or 'nobody listens'}"
+        case facts.MonitorTested():
+            return f"condition of {fact.monitor} {'holds' if fact.holds else 'does not hold'}"
+        case facts.MonitorEnded():
+            return f"{fact.monitor} watches no longer: {fact.why}"
         case facts.Attached():
             place = fact.message or f"task {fact.task}"
             return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"

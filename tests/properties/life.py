@@ -2,12 +2,14 @@
 
 from typing import Any
 
-from central.player import Player, before, point
+from central.player import ANY, Player, before, point
 from hypothesis import strategies as st
 
 from tca_central.core import Central
+from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Flags
+from tca_wire.headers import MessageClass
 from tca_wire.points import Moment, TaskId
 
 MODULES = {
@@ -17,11 +19,17 @@ MODULES = {
     "expert": ("exception handler recover", "exception handler report"),
 }
 MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
+MONITORS = {
+    "look": ("point monitor", ["where", "lift"]),
+    "watch": ("polling monitor", ["where", "note"]),
+    "guard": ("demon monitor", ["lift", "step", "note"]),
+}
 FAILURES = ("slipped", "stumbled", "module lost", "timeout", "")
 small = st.integers(0, 1000)
 operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
                                        "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
-                                       "suspend", "deadline", "pass"]), small, small, small, small)  # fmt: skip
+                                       "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor",
+                                       "monitor", "monitor"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -34,6 +42,9 @@ class Life:
         self.player.declare("user", *MESSAGES)
         for module in MODULES:
             self.join(module)
+        for name, (message_class, parts) in MONITORS.items():
+            declared = headers.MessageFormat(name, MessageClass(message_class), ANY, "", parts)
+            self.request(headers.Register, [declared])
 
     @property
     def central(self) -> Central:
@@ -126,6 +137,31 @@ class Life:
     def deadline_(self, a: int, b: int, c: int, *_: int) -> None:
         if task := self.task(a):
             self.request(headers.Deadline, point(task, list(Moment)[b % 6]), c % 10)
+
+    def tap_(self, a: int, b: int, c: int, d: int) -> None:
+        conditions = list(headers.Condition)
+        message = ("", "move", "walk", "where", "lift", "watch")[c % 6]
+        listener = ("note", "lift", "step", "pose")[b % 4]
+        if message or self.task(d):
+            self.request(headers.Tap, conditions[a % len(conditions)], listener, message, self.task(d) or TaskId(0))
+
+    def monitor_(self, a: int, b: int, c: int, d: int) -> None:
+        tasks = [0, *self.central.tree.tasks]
+        until = point(tasks[-1], list(Moment)[c % 6]) if b % 7 == 0 and len(tasks) > 1 else None
+        options = headers.WatchOptions(1 + c % 5, d % 3, 1 + a % 2, b % 2 == 0, 5 * (a % 3 == 0), until, d % 5 == 0)
+        name = list(MONITORS)[a % 3]
+        self.player.send("user", name, under=tasks[c % len(tasks)], flags=Flags(d % 2), watch=options)
+
+    def watchers(self) -> list[Task]:
+        return [task for task in self.central.tree.tasks.values() if task.message.message_class.is_monitor]
+
+    def fire_(self, a: int, *_: int) -> None:
+        if watchers := self.watchers():
+            self.request(headers.Fire, TaskId(watchers[a % len(watchers)].id))
+
+    def end_monitor_(self, a: int, *_: int) -> None:
+        if watchers := self.watchers():
+            self.request(headers.EndMonitor, TaskId(watchers[a % len(watchers)].id))
 
     def pass_(self, a: int, *_: int) -> None:
         self.player.tick(a % 10)

@@ -49,8 +49,10 @@ def _end_everything(life: Life) -> None:
     for module in MODULES:
         life.join(module)
     life.player.module("latecomer", "command later")
-    for attached in list(life.central.attached):
-        life.request(headers.Remove, attached)
+    for aside in [*life.central.attached, *life.central.taps]:
+        life.request(headers.Remove, aside)
+    for watcher in life.watchers():
+        life.request(headers.Kill, TaskId(watcher.id))
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
         life.request(headers.Suspend, TaskId(task.id), True)

@@ -1,0 +1,230 @@
+"""Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
+
+A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every period. A *demon
+monitor* has something set up, and is fired by a module. A condition that holds, or a fire, sends the action under the
+monitor: with the condition's reply as its data, or the monitor's own where the reply is only true. A polling or demon
+monitor ends after so many actions, so many seconds, at a point, or when all else under its parent has ended.
+"""
+
+from tca_central.clock import Due, checked_seconds
+from tca_central.errors import RequestError
+from tca_central.failures import fail_task, raise_failure
+from tca_central.making import CENTRAL, make
+from tca_central.registry import Connection, Delivery
+from tca_central.state import Failure, State
+from tca_central.task_tree import Task
+from tca_central.watching import Watch, end_watch
+from tca_wire import facts, headers
+from tca_wire.headers import Accepted, Answer, MessageClass, Outcome, Refusal, Role, WatchOptions
+from tca_wire.points import ROOT, Point, TaskId
+
+SHORTEST_PERIOD = 0.001
+"""Seconds between two tests of a condition."""
+
+NIL, FALSE, TRUE = b"\xc0", b"\xc2", b"\xc3"  # None, False and True as MessagePack
+
+_FIRST, _ACTION = 0, 1  # which part of a monitor
+
+_ACTS = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.INFORM, MessageClass.BROADCAST)
+
+
+# --- birth -----------------------------------------------------------------------------------------------------------
+
+
+def check_parts(central: State, declared: headers.MessageFormat, new: dict[str, MessageClass]) -> None:
+    """Raises RequestError if the parts of a monitor are not what it needs; *new* are messages declared with it."""
+    message_class = declared.message_class
+    wanted = 3 if message_class is MessageClass.DEMON_MONITOR else 2 if message_class.is_monitor else 0
+    if len(declared.parts) != wanted:
+        text = f"{message_class} '{declared.name}' has {len(declared.parts)} parts: {wanted} are needed"
+        raise RequestError(Refusal.PROTOCOL, text)
+    for number, part in enumerate(declared.parts):
+        known = central.registry.messages.get(part)
+        part_class = new.get(part) or (known.message_class if known else None)
+        is_condition = number == _FIRST and message_class is not MessageClass.DEMON_MONITOR
+        allowed = (MessageClass.QUERY,) if is_condition else _ACTS
+        is_optional = message_class is MessageClass.DEMON_MONITOR or number == _ACTION
+        if part_class not in allowed and not (part == "" and is_optional):
+            what = f"a {part_class}" if part_class else "not declared"
+            which = "a query" if is_condition else "a goal, command, inform or broadcast"
+            text = f"{message_class} '{declared.name}' needs {which}, and '{part}' is {what}"
+            raise RequestError(Refusal.UNKNOWN, text)
+
+
+def prepare(central: State, task: Task, options: WatchOptions | None) -> None:
+    """Make a new task the monitor that it is. Raises RequestError if its options make no sense."""
+    options = options or WatchOptions()
+    polls = task.message.message_class is MessageClass.POLLING_MONITOR
+    what = f"{task.message.message_class} '{task.message.name}'"
+    checked_seconds(options.duration, f"{what} with a duration")
+    if polls:
+        checked_seconds(options.period, f"{what} with a period")
+    if polls and options.period < SHORTEST_PERIOD:
+        raise RequestError(
+            Refusal.PROTOCOL, f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
+        )
+    if options.fire_every < 1 or options.maximum < 0:
+        text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if options.until is not None:
+        central.agenda.holds.place(options.until)  # raises if there is no such point
+    parts = [central.registry.messages.get(part) for part in task.message.parts]
+    task.more.watch = Watch(task, options, parts)
+    is_point = task.message.message_class is MessageClass.POINT_MONITOR
+    is_bounded = options.maximum or options.duration or options.until is not None or options.for_ever
+    task.is_watcher = not is_point and not is_bounded
+
+
+# --- watching --------------------------------------------------------------------------------------------------------
+
+
+def start(central: State, task: Task) -> None:
+    """The turn of a monitor has come."""
+    watch = _watch(task)
+    if watch.is_over:  # it is retried
+        watch = task.more.watch = Watch(task, watch.options, watch.parts)
+    watch.began = central.clock.now
+    central.agenda.started(task)
+    options, message_class = watch.options, task.message.message_class
+    if options.duration:
+        watch.timers.append(central.clock.after(options.duration, Due.WATCHED, watch))
+    if options.until is not None and not _wait_until(central, watch, options.until):
+        return
+    if message_class is MessageClass.DEMON_MONITOR:
+        if (set_up := watch.parts[_FIRST]) is not None:
+            make(central, set_up, task.body, task, Role.SET_UP, context=watch)
+    elif message_class is MessageClass.POLLING_MONITOR and options.initial_wait:
+        _test_later(central, watch)
+    else:
+        _test(central, watch)
+
+
+def _watch(task: Task) -> Watch:
+    watch = task.more.watch
+    assert isinstance(watch, Watch)
+    return watch
+
+
+def _wait_until(central: State, watch: Watch, until: Point) -> bool:
+    """Whether the point at which the monitor ends is still to come."""
+    at = central.tree.tasks.get(until.task)
+    if at is None or at.reached & int(until.moment):
+        end_watch(central, watch, "its end point is reached")
+        return False
+    central.agenda.wait(at, int(until.moment), watch)
+    return True
+
+
+def _test_later(central: State, watch: Watch) -> None:
+    """Test again at the next multiple of the period: tests that take too long are not made up for."""
+    assert watch.began is not None
+    period, now = watch.options.period, central.clock.now
+    wait = period - (now - watch.began) % period
+    watch.timers = [timer for timer in watch.timers if not timer.is_cancelled]
+    watch.timers.append(central.clock.after(wait, Due.TEST, watch))
+
+
+def on_test(central: State, watch: Watch) -> None:
+    """A polling monitor's period is over. While it is suspended it does not test."""
+    if not watch.is_on:
+        return
+    if watch.condition is None and not watch.task.suspended:
+        _test(central, watch)
+    else:
+        _test_later(central, watch)
+
+
+def _test(central: State, watch: Watch) -> None:
+    """Ask the condition."""
+    query, task = watch.parts[_FIRST], watch.task
+    assert query is not None
+    if task.message.message_class is MessageClass.POLLING_MONITOR:
+        _test_later(central, watch)
+    if central.dispatcher.is_full(query):
+        return
+    asked = Delivery(central.new_id(), query, task.body, None)
+    asked.context = watch
+    watch.condition = asked
+    central.asked[asked.id] = watch
+    role, cause = Role.CONDITION, task.id
+    made = facts.Received(
+        asked.id, query.name, query.message_class, CENTRAL, ROOT, 0, False, task.body, [], role, cause
+    )
+    central.facts.append(made)
+    central.dispatcher.route(asked)
+
+
+def tested(central: State, watch: Watch, answer: Answer, body: bytes) -> None:
+    """The condition was answered: None and False say that it does not hold."""
+    watch.condition = None
+    task = watch.task
+    is_point = task.message.message_class is MessageClass.POINT_MONITOR
+    if answer.outcome is not Outcome.DONE:
+        failure = Failure(answer.failure, f"its condition: {answer.text}", body)
+        if is_point:
+            watch.is_over = True
+            fail_task(central, task, failure)
+        else:
+            raise_failure(central, task, failure)
+        return
+    holds = body not in (NIL, FALSE)
+    central.facts.append(facts.MonitorTested(TaskId(task.id), holds))
+    if holds:
+        _fire(central, watch, task.body if body == TRUE else body)
+    if is_point:
+        end_watch(central, watch, "it has been tested")
+
+
+def _fire(central: State, watch: Watch, body: bytes) -> None:
+    options = watch.options
+    watch.count += 1
+    if watch.count % options.fire_every:
+        return
+    watch.fires += 1
+    action = watch.parts[_ACTION]
+    if action is not None:
+        make(central, action, body, watch.task, Role.ACTION, context=watch)
+    if watch.fires == options.maximum:
+        end_watch(central, watch, f"it has sent {watch.fires} actions")
+
+
+def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
+    """A module fires a demon monitor."""
+    watch = _of_request(central, header.monitor)
+    if watch.task.message.message_class is not MessageClass.DEMON_MONITOR:
+        raise RequestError(Refusal.PROTOCOL, f"{watch.task} is no demon monitor: it is not fired from outside")
+    _fire(central, watch, body)
+    central.send(connection, header.number, Accepted(header.number, header.monitor))
+
+
+def _of_request(central: State, task_id: TaskId) -> Watch:
+    task = central.tree.task(task_id)
+    if task is not None and not task.message.message_class.is_monitor:
+        raise RequestError(Refusal.PROTOCOL, f"{task} is no monitor")
+    watch = _watch(task) if task is not None else None
+    if watch is None or not watch.is_on:
+        text = "has ended" if watch is None or watch.is_over else "does not watch yet"
+        raise RequestError(Refusal.TOO_LATE, f"monitor {task_id} {text}")
+    return watch
+
+
+# --- the end ---------------------------------------------------------------------------------------------------------
+
+
+def on_end_monitor(central: State, connection: Connection, header: headers.EndMonitor, _: bytes) -> None:
+    """A module ends a monitor."""
+    end_watch(central, _of_request(central, header.monitor), f"by module '{connection.module.name}'")
+    central.send(connection, header.number, Accepted(header.number, header.monitor))
+
+
+def on_watched(central: State, watch: Watch) -> None:
+    """A monitor has watched for as long as it should."""
+    end_watch(central, watch, f"it has watched for {watch.options.duration:g} s")
+
+
+def end_watchers(central: State, task: Task) -> None:
+    """Nothing is left under a task but monitors that watched over the rest."""
+    children = list((task.children or {}).values())
+    if len(children) == task.watchers:
+        for child in children:
+            end_watch(central, _watch(child), "all else under its parent has ended")

@@ -1,0 +1,215 @@
+"""Wiretaps: a listener is sent when something happens to messages that others send (TCA 8.5: msgTap.c).
+
+Theory of operation. Every tap says what it is fired *before* (a moment that it holds back until its listener's
+interval of the same kind has ended) or *at* (something that has happened). What holds, or is a check of what the task
+did, is a child of the tapped task: its failure is looked after there, and it dies with it. What holds nothing hangs
+under the root, so that an observer's failure is not the observed one's. What is sent for a tap is itself not tapped.
+"""
+
+from typing import NamedTuple
+
+from tca_central.errors import RequestError
+from tca_central.intervals import (
+    DELIVERED,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    FAILURE,
+    KILLED,
+    REPLIED,
+    RETURNED,
+    SENT,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    SUCCESS,
+    delivered_at,
+)
+from tca_central.making import make_statement, make_task
+from tca_central.registry import Connection, Delivery, MessageType, Tap
+from tca_central.state import State, involved
+from tca_central.task_tree import Task, taps_of
+from tca_wire import facts, headers
+from tca_wire.formats import first_difference
+from tca_wire.headers import Accepted, Condition, MessageClass, Refusal, Role
+from tca_wire.points import ROOT, TaskId
+
+MOST_TAPS = 1000
+"""Wiretaps of one message or task."""
+
+NO_DATA = '{"type":"null"}'
+NIL = b"\xc0"  # None as MessagePack
+
+
+class _Rule(NamedTuple):
+    """When a tap is fired, and of which classes. A child of the tapped task, if *is_child*; *interval* is which of its
+    ends the tapped moment waits for.
+    """
+
+    classes: frozenset[MessageClass]
+    before: int = 0
+    at: int = 0
+    is_child: bool = False
+    interval: int = 0
+
+
+_ANY = frozenset(MessageClass)
+_QUERIES = frozenset((MessageClass.QUERY, MessageClass.MULTI_QUERY))
+_TASKS = frozenset(one for one in MessageClass if one.is_task)
+_HANDLED = frozenset(one for one in _TASKS if not one.is_monitor)
+_GOALS = frozenset(one for one in _TASKS if one.is_goal)
+
+RULES = {
+    Condition.WHEN_SENT: _Rule(_ANY, at=SENT),
+    Condition.BEFORE_HANDLING: _Rule(_ANY, before=START_HANDLING, is_child=True, interval=END_HANDLING),
+    Condition.WHILE_HANDLING: _Rule(_ANY, at=DELIVERED),
+    Condition.AFTER_HANDLED: _Rule(_ANY, at=RETURNED),
+    Condition.AFTER_REPLIED: _Rule(_QUERIES, at=REPLIED),
+    Condition.AFTER_SUCCESS: _Rule(_HANDLED, at=SUCCESS),
+    Condition.AFTER_FAILURE: _Rule(_HANDLED, at=FAILURE),
+    Condition.WHEN_SUCCESS: _Rule(_HANDLED, at=SUCCESS, is_child=True),
+    Condition.WHEN_FAILURE: _Rule(_HANDLED, at=FAILURE, is_child=True),
+    Condition.BEFORE_PLANNING: _Rule(_GOALS, before=START_PLANNING, is_child=True, interval=END_PLANNING),
+    Condition.WHILE_PLANNING: _Rule(_GOALS, at=START_PLANNING),
+    Condition.AFTER_PLANNED: _Rule(_GOALS, at=END_PLANNING),
+    Condition.WHEN_PLANNED: _Rule(_GOALS, before=END_PLANNING, is_child=True),
+    Condition.BEFORE_ACHIEVING: _Rule(_TASKS, before=START_ACHIEVING, is_child=True, interval=END_ACHIEVING),
+    Condition.WHILE_ACHIEVING: _Rule(_TASKS, at=START_ACHIEVING),
+    Condition.AFTER_ACHIEVED: _Rule(_TASKS, at=END_ACHIEVING),
+    Condition.WHEN_ACHIEVED: _Rule(_TASKS, before=END_ACHIEVING, is_child=True),
+    Condition.WHEN_KILLED: _Rule(_TASKS, at=KILLED),
+}
+"""One row per condition. *When* conditions need no constraint: a task does not end before its children have."""
+
+_WHILE = (Condition.WHILE_HANDLING, Condition.WHILE_PLANNING, Condition.WHILE_ACHIEVING)
+
+
+class Listening:
+    """What a listener was sent for."""
+
+    __slots__ = ("condition", "tapped")
+
+    def __init__(self, condition: Condition, tapped: Delivery) -> None:
+        self.condition, self.tapped = condition, involved(tapped)
+
+    @property
+    def header(self) -> headers.Tapped:
+        """What the listener's handler is told."""
+        return headers.Tapped(self.condition, self.tapped)
+
+
+# --- adding and removing ---------------------------------------------------------------------------------------------
+
+
+def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes) -> None:
+    """A module taps a message, or one task."""
+    messages = central.registry.messages
+    place: Task | MessageType | None
+    place = messages.get(header.message) if header.message else central.tree.task(header.task)
+    if place is None:
+        which = f"'{header.message}' is not declared" if header.message else f"task {header.task} has ended"
+        raise RequestError(Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped")
+    listener = messages.get(header.listener)
+    if listener is None:
+        raise RequestError(Refusal.UNKNOWN, f"listener '{header.listener}' is not declared")
+    tapped = place.message if isinstance(place, Task) else place
+    _check(header.condition, tapped, listener)
+    tap = _add(central, header.condition, listener, tapped, place)
+    central.send(connection, header.number, Accepted(header.number, tap.id))
+
+
+def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
+    """Raises RequestError if such a message can't be tapped so, or the listener can't listen to it."""
+    if tapped.message_class not in RULES[condition].classes:
+        text = f"{tapped.message_class} '{tapped.name}' can't be tapped '{condition}'"
+        raise RequestError(Refusal.PROTOCOL, f"{text}: that never happens to messages of this class")
+    if listener.message_class in _QUERIES or listener.message_class is MessageClass.EXCEPTION:
+        text = f"{listener.message_class} '{listener.name}' can't listen: informs, broadcasts and tasks can"
+        raise RequestError(Refusal.PROTOCOL, text)
+    heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
+    difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
+    if difference:
+        text = f"listener '{listener.name}' gets the data of '{tapped.name}' and wants others: {difference}"
+        raise RequestError(Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)")
+
+
+def _add(
+    central: State, condition: Condition, listener: MessageType, tapped: MessageType, place: Task | MessageType
+) -> Tap:
+    """A new tap; the same one added before is that one."""
+    others = place.more.taps if isinstance(place, Task) else place.taps
+    for other in others:
+        if other.condition is condition and other.listener is listener:
+            return other
+    if len(others) >= MOST_TAPS:
+        raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
+    tap = Tap(central.new_id(), condition, listener, place)
+    rule = RULES[condition]
+    tap.before, tap.at = rule.before, rule.at
+    if rule.before and not tapped.message_class.is_task:
+        tap.before, tap.at = 0, DELIVERED  # what is no task can't be held
+    others.append(tap)
+    central.taps[tap.id] = tap
+    task = TaskId(place.id) if isinstance(place, Task) else ROOT
+    central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task))
+    return tap
+
+
+def remove(central: State, tap: Tap) -> None:
+    """Take a tap away; what it has sent stays."""
+    (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
+    del central.taps[tap.id]
+    central.facts.append(facts.Removed(tap.id))
+
+
+def forget_task(central: State, task: Task) -> None:
+    """A task has ended, and its taps are gone."""
+    for tap in task.rare.taps if task.rare else ():
+        del central.taps[tap.id]
+
+
+# --- firing ----------------------------------------------------------------------------------------------------------
+
+
+def happened(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
+    """Something has happened to a message: fire the taps for it, with *body* or the message's own data."""
+    for tap in taps_of(tapped):
+        is_reply = tap.condition is Condition.AFTER_REPLIED
+        if tap.at & what and is_reply == (body is not None):
+            _fire(central, tap, tapped, tapped.body if body is None else body)
+
+
+def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
+    """Fire taps before a task goes on, and hold it until their listeners are done."""
+    if not task.killed:
+        for tap in taps:
+            if tap.id not in central.taps:
+                continue
+            listener = _fire(central, tap, task, task.body)
+            moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
+            if isinstance(listener, Task) and RULES[tap.condition].interval and not task.reached & moment:
+                interval = RULES[tap.condition].interval
+                if not listener.reached & interval:
+                    central.agenda.holds.hold(listener, interval, task, moment)
+    central.agenda.fired(task)
+
+
+def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery | None:
+    """Send the listener of a tap, if anybody handles it."""
+    message = tap.listener
+    if not message.handlers and not message.message_class.is_monitor:
+        central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
+        return None
+    if message.format.data == NO_DATA:
+        body = NIL
+    context = Listening(tap.condition, tapped)
+    if not message.message_class.is_task:
+        made = make_statement(central, message, body, Role.LISTENER, cause=tapped.message_id, context=context)
+    else:
+        is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
+        parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
+        made = make_task(central, message, body, parent, Role.LISTENER, cause=tapped.message_id, context=context)
+        if isinstance(tapped, Task) and tap.condition in _WHILE:
+            tapped.more.listeners.append(made)
+    central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
+    return made
