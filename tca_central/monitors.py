@@ -81,6 +81,9 @@ def prepare(central: State, task: Task, options: WatchOptions | None) -> None:
 def start(central: State, task: Task) -> None:
     """The turn of a monitor has come."""
     watch = _watch(task)
+    if task.returned:  # it was ended before it began
+        central.agenda.started(task)
+        return
     if watch.is_over:  # it is retried
         watch = task.more.watch = Watch(task, watch.options, watch.parts)
     watch.began = central.clock.now
