@@ -1,4 +1,4 @@
-"""Every order in which things can happen: does the arm ever reach for the cup while the base still drives?
+"""In every order in which things can happen: the arm never reaches for the cup while the base still drives.
 
 ``tca explore examples/07_explore.py`` says the same.
 """

@@ -37,7 +37,7 @@ def explore_file(context: click.Context, path: Path, limit: int) -> None:
 def _scenarios(path: Path) -> list[Scenario]:
     try:
         names = runpy.run_path(str(path), run_name=path.stem)
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, the file is what is wrong
         where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         line = f", line {where[-1]}" if where else ""
         raise click.UsageError(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from None

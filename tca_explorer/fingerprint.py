@@ -48,7 +48,7 @@ IGNORED = {
 
 def fingerprint(play: Play, memories: Iterable[bool]) -> bytes:
     """What distinguishes this state from others. *memories* are what properties remember."""
-    walk = _Walk()
+    walk = _Walk(play.rivals)
     central = play.central
     for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
         walk.add(module)
@@ -65,13 +65,14 @@ def fingerprint(play: Play, memories: Iterable[bool]) -> bytes:
 class _Walk:
     """The objects met so far, and what was written down about them."""
 
-    def __init__(self) -> None:
+    def __init__(self, rivals: dict[str, int]) -> None:
+        self._rivals = rivals
         self._out: list[Any] = []
         self._numbers: dict[int, int] = {}  #: of objects, by id()
         self._names: dict[tuple[type, int], int] = {}  #: of marks
         self._unseen: deque[object] = deque()
         self._later: list[Iterable[Any]] = []  #: containers without order
-        self._ranks: list[tuple[int, int]] = []  #: (place in _out, number of which only the order matters)
+        self._ranks: dict[int, list[tuple[int, int]]] = {}  #: by group of rivals: (arrival, place in _out)
 
     def add(self, value: Any) -> None:
         """Write down a value; an object by its number, and what it holds when its turn comes."""
@@ -146,9 +147,11 @@ class _Walk:
     def add_truth(self, _: object, value: object) -> None:
         self._out.append(bool(value))
 
-    def add_rank(self, _: object, value: int) -> None:
-        self._ranks.append((len(self._out), value))
-        self._out.append(0)
+    def add_rank(self, delivery: Any, arrival: int) -> None:
+        """Only the order of arrivals matters, and only among those that may wait in the same queue."""
+        group = self._rivals.get(delivery.message.name, -1)
+        self._ranks.setdefault(group, []).append((arrival, len(self._out)))
+        self._out.append(arrival > 0)
 
     def add_unordered(self, _: object, values: dict[Any, Any]) -> None:
         self._later.append(list(values.values()))
@@ -177,9 +180,9 @@ class _Walk:
         self.add(sorted(resource.queued(), key=lambda delivery: (-delivery.priority, delivery.arrival)))
 
     def digest(self) -> bytes:
-        order = {value: rank for rank, value in enumerate(sorted({value for _, value in self._ranks}))}
-        for place, value in self._ranks:
-            self._out[place] = order[value]
+        for ranks in self._ranks.values():
+            for rank, (arrival, place) in enumerate(sorted(ranks), start=1):
+                self._out[place] = rank if arrival else 0
         return blake2b(msgspec.msgpack.encode(self._out), digest_size=16).digest()
 
 

@@ -72,6 +72,7 @@ class Play:
         self.facts: list[Fact] = []  #: recorded with the last action
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
         self._started = dict.fromkeys(scenario.modules, 0)  #: how often
+        self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
         self._known = scenario.messages()
         self._number = Number(0)
         for module in scenario.modules.values():
@@ -136,7 +137,7 @@ class Play:
         self._declare(line, message)
         is_told = message.message_class in (MessageClass.INFORM, MessageClass.BROADCAST)
         if is_told:
-            actor.get(Got("Say"))
+            actor.get(Got(step.kind))
         else:
             actor.number = self._next_number()
         is_task = message.message_class.is_task
@@ -279,22 +280,25 @@ class Play:
         line.stack.append(Actor(program, body, header.delivery, header.task))
 
     def _get_accepted(self, line: Line, header: headers.Accepted, _: bytes) -> None:
-        if actor := _waiting(line, header.number):
-            if isinstance(actor.step, Say):
+        actor, step = _waiting(line, header.number)
+        if actor and step:
+            if isinstance(step, Say):
                 actor.sent.append(TaskId(header.id))
-            actor.get(Got(type(actor.step).__name__))
+            actor.get(Got(step.kind))
 
     def _get_refused(self, line: Line, header: headers.Refused, _: bytes) -> None:
-        if actor := _waiting(line, header.number):
+        actor, step = _waiting(line, header.number)
+        if actor and step:
             actor.refusal = header.text
-            actor.get(Got(type(actor.step).__name__, header.refusal))
+            actor.get(Got(step.kind, header.refusal))
 
     def _get_answer(self, line: Line, header: headers.Answer, body: bytes) -> None:
-        if actor := _waiting(line, header.number):
-            if header.more or (header.outcome is Outcome.DONE and _is_query(actor.step)):
+        actor, step = _waiting(line, header.number)
+        if actor and step:
+            if header.more or (header.outcome is Outcome.DONE and _is_query(step)):
                 actor.bodies += (body,)
             if not header.more:
-                actor.get(Got(type(actor.step).__name__, header.outcome, header.failure, actor.bodies))
+                actor.get(Got(step.kind, header.outcome, header.failure, actor.bodies))
                 self._end_story(line)
 
     def _get_cancelled(self, line: Line, header: headers.Cancelled, _: bytes) -> None:
@@ -302,16 +306,17 @@ class Play:
             actor.is_told = actor.is_told or actor.delivery == header.delivery
 
 
-def _waiting(line: Line, number: int) -> Actor | None:
-    """The actor that waits for the answer to that request."""
-    return next((actor for actor in line.stack if number and actor.number == number), None)
+def _waiting(line: Line, number: int) -> tuple[Actor | None, Step | None]:
+    """The actor that waits for the answer to that request, and its step."""
+    found = next((actor for actor in line.stack if number and actor.number == number), None)
+    return found, found.step if found else None
 
 
 def _only_returns(actor: Actor) -> bool:
     return [type(branch.step) for branch in actor.branches] == [Return]
 
 
-def _is_query(step: Step | None) -> bool:
+def _is_query(step: Step) -> bool:
     return isinstance(step, Say) and step.message.message_class is MessageClass.QUERY
 
 

@@ -76,7 +76,7 @@ class _Eventually(Property):
 
 class _NeverStuck(Property):
     def ended(self, world: World, memory: bool) -> str:  # noqa: ARG002
-        return f"nothing further need happen{_unfinished(world)}" if world.unfinished else ""
+        return f"nothing further need happen, and this is left:{_unfinished(world)}" if world.unfinished else ""
 
 
 def never(predicate: Predicate) -> Property:

@@ -1,6 +1,7 @@
 """Scenarios as users write them: modules, what their handlers do, what may happen to them, and what must be true."""
 
 from collections.abc import Callable
+from itertools import combinations
 from typing import Any
 
 from tca_explorer.errors import ScenarioError
@@ -97,6 +98,16 @@ class Scenario:
         if not message.message_class.is_task:
             raise ScenarioError(f"may_kill() wants a goal or command, and {message!r} is none")
         self.may_be_killed[message.name] = times
+
+    def rivals(self) -> dict[str, int]:
+        """By message: a number that those share which may wait for the same resource."""
+        groups = {name: number for number, name in enumerate(self.messages())}
+        for module in self.modules.values():
+            for one, other in combinations(module.formats, 2):
+                if one.resource == other.resource:
+                    old, new = groups[one.message], groups[other.message]
+                    groups = {name: new if group == old else group for name, group in groups.items()}
+        return groups
 
     def messages(self) -> dict[str, Message[Any, Any]]:
         """All messages that a module handles, by name. Raises ScenarioError where two differ in class."""

@@ -9,7 +9,7 @@ generators. It must do the same each time: it may know nothing but its arguments
 import inspect
 import traceback
 from collections.abc import Callable, Iterable
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypedDict, TypeVar, Unpack
 
 import msgspec
 
@@ -58,6 +58,23 @@ class _Fork(BaseException):
         self.decisions = tuple(decisions)
 
 
+class TaskOptions(TypedDict, total=False):
+    """How a new task relates to its siblings; as in the module library."""
+
+    sequential: bool
+    """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
+    sequential_planning: bool
+    """It is planned after the sibling before it has been planned (SEQ_PLANNING)."""
+    plan_first: bool
+    """All of it is planned before any of it is done (PLAN_FIRST)."""
+    delay_planning: bool
+    """It is planned only when it may be achieved (DELAY_PLANNING)."""
+    priority: int
+    """Higher goes first where several wait for one resource."""
+    constraints: Iterable[Constraint]
+    """Others: ``tca_wire.points.THIS`` stands for the new task, and ``.id`` for those that exist."""
+
+
 class TaskRef:
     """A goal or command that the script sent; *id* stands for it in constraints."""
 
@@ -88,35 +105,26 @@ class Script:
 
     # --- what the module library has, too ----------------------------------------------------------------------------
 
-    def goal(self, message: Goal[Any], data: Any = None, **options: Any) -> TaskRef:
-        """Make a subtask that expands into subtasks; the options are those of ``send_task``."""
-        return self.send_task(message, data, **options)
+    def goal(self, message: Goal[Any], data: Any = None, **options: Unpack[TaskOptions]) -> TaskRef:
+        """Make a subtask that expands into subtasks."""
+        return self._task(message, data, Goal, options)
 
-    def command(self, message: Command[Any, Any], data: Any = None, **options: Any) -> TaskRef:
-        """Make a subtask that acts; the options are those of ``send_task``."""
-        return self.send_task(message, data, **options)
+    def command(self, message: Command[Any, Any], data: Any = None, **options: Unpack[TaskOptions]) -> TaskRef:
+        """Make a subtask that acts."""
+        return self._task(message, data, Command, options)
 
-    def send_task(
-        self, message: Message[Any, Any], data: Any = None, *, sequential: bool = True,
-        sequential_planning: bool = False, plan_first: bool = False, delay_planning: bool = False,
-        constraints: Iterable[Constraint] = (), priority: int = 0,
-    ) -> TaskRef:  # fmt: skip
-        """Make a goal or command under this script's task.
-
-        It is achieved after the sibling before it unless not *sequential*; the other options as in the module library;
-        in *constraints*, ``tca_wire.points.THIS`` stands for the new task and ``.id`` for those that exist.
-        """
-        flags = Flags.SEQ_ACH * sequential | Flags.SEQ_PLANNING * sequential_planning
-        flags |= Flags.PLAN_FIRST * plan_first | Flags.DELAY_PLANNING * delay_planning
-        got = self._say(message, data, (Goal, Command), flags=Flags(flags), constraints=tuple(constraints),
-                        priority=priority)  # fmt: skip
+    def _task(self, message: Message[Any, Any], data: Any, wanted: type, options: TaskOptions) -> TaskRef:
+        got = self._say(
+            message, data, wanted, flags=_flags(options), constraints=tuple(options.get("constraints", ())),
+            priority=options.get("priority", 0),
+        )  # fmt: skip
         _check(got, f"{message.message_class} '{message.name}'")
         self._sent += 1
         return TaskRef(self, sent(self._sent - 1), message.name)
 
     def query(self, message: Query[Any, Any], data: Any = None, *, priority: int = 0) -> Any:
         """Ask, and wait for the reply. Raises QueryFailed if its handler fails or is lost."""
-        got = self._say(message, data, (Query,), priority=priority)
+        got = self._say(message, data, Query, priority=priority)
         _check(got, f"query '{message.name}'")
         if got.outcome is not Outcome.DONE:
             raise QueryFailed(message.name, got.failure or str(got.outcome))
@@ -124,16 +132,16 @@ class Script:
 
     def multi_query(self, message: MultiQuery[Any, Any], data: Any = None, *, maximum: int = 0) -> list[Any]:
         """Ask every module that handles the message; the replies, in the order they came."""
-        got = self._say(message, data, (MultiQuery,), maximum=maximum)
+        got = self._say(message, data, MultiQuery, maximum=maximum)
         return [msgspec.msgpack.decode(body) for body in got.bodies]
 
     def inform(self, message: Inform[Any], data: Any = None) -> None:
         """Tell the one module that handles the message."""
-        self._say(message, data, (Inform,))
+        self._say(message, data, Inform)
 
     def broadcast(self, message: Broadcast[Any], data: Any = None) -> None:
         """Tell every module that handles the message."""
-        self._say(message, data, (Broadcast,))
+        self._say(message, data, Broadcast)
 
     def constrain(self, *constraints: Constraint) -> None:
         """Add constraints between tasks that exist."""
@@ -158,7 +166,7 @@ class Script:
     def do(self, step: Step) -> Got:
         """Take a step: what it got, or the end of this run."""
         if self._at < len(self._history):
-            return self._past(type(step).__name__)
+            return self._past(step.kind)
         if self._end is None:
             self._end = _Pause(step)
         raise self._end  # again, where code that cleans up goes on
@@ -178,10 +186,9 @@ class Script:
         self._at += 1
         return got
 
-    def _say(self, message: Message[Any, Any], data: Any, wanted: tuple[type, ...], **options: Any) -> Got:
+    def _say(self, message: Message[Any, Any], data: Any, wanted: type, **options: Any) -> Got:
         if not isinstance(message, wanted):
-            names = " or ".join(kind.__name__ for kind in wanted)
-            raise ScenarioError(f"{message!r} is sent as a {names}, which it is not")
+            raise ScenarioError(f"{message!r} is sent as a {wanted.__name__}, which it is not")
         return self.do(Say(message, msgspec.msgpack.encode(data), **options))
 
 
@@ -238,7 +245,7 @@ class Program:
         script = Task(history, self.message.name) if self.message else Script(history)
         try:
             result = self._function(script, *[msgspec.msgpack.decode(body)][: self._arguments - 1])
-            return Return(msgspec.msgpack.encode(result))
+            return Return(msgspec.msgpack.encode(result) if self.message else b"")
         except _Pause as pause:
             return pause.step
         except FailureRaised as failure:
@@ -257,6 +264,13 @@ class Program:
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 
 
+def _flags(options: TaskOptions) -> Flags:
+    flags = Flags.SEQ_ACH if options.get("sequential", True) else Flags.NONE
+    flags |= Flags.SEQ_PLANNING if options.get("sequential_planning") else Flags.NONE
+    flags |= Flags.PLAN_FIRST if options.get("plan_first") else Flags.NONE
+    return flags | (Flags.DELAY_PLANNING if options.get("delay_planning") else Flags.NONE)
+
+
 def _check(got: Got, what: str) -> None:
     if isinstance(got.outcome, Refusal):
         raise Refused(what, got.outcome)
@@ -265,7 +279,8 @@ def _check(got: Got, what: str) -> None:
 def _number_of_arguments(name: str, function: Callable[..., Any], most: int) -> int:
     wanted = "(task, data) or (task)" if most == 2 else "(me)"
     try:
-        number = len(inspect.signature(function).parameters)
+        parameters = inspect.signature(function).parameters.values()
+        number = sum(parameter.default is parameter.empty for parameter in parameters)
     except (TypeError, ValueError):
         raise ScenarioError(f"the script of {name} is {function!r}: write a function of {wanted}") from None
     if not 1 <= number <= most or inspect.isgeneratorfunction(function):

@@ -27,7 +27,14 @@ def place_of(task: TaskId) -> int:
     return -3 - task
 
 
-class Say(msgspec.Struct, frozen=True):
+class _Step(msgspec.Struct, frozen=True):
+    @property
+    def kind(self) -> str:
+        """By which a script is held to doing the same each time."""
+        return type(self).__name__
+
+
+class Say(_Step, frozen=True):
     """Send a message of any class."""
 
     message: Message[Any, Any]
@@ -37,32 +44,37 @@ class Say(msgspec.Struct, frozen=True):
     priority: int = 0
     maximum: int = 0
 
+    @property
+    def kind(self) -> str:
+        """Its class and name."""
+        return f"{self.message.message_class} {self.message.name}"
 
-class WaitUntil(msgspec.Struct, frozen=True):
+
+class WaitUntil(_Step, frozen=True):
     """Wait until a point is reached."""
 
     point: Point
 
 
-class KillTask(msgspec.Struct, frozen=True):
+class KillTask(_Step, frozen=True):
     """End a task and everything under it."""
 
     task: TaskId
 
 
-class AddConstraints(msgspec.Struct, frozen=True):
+class AddConstraints(_Step, frozen=True):
     """Add constraints between tasks that exist."""
 
     constraints: tuple[Constraint, ...]
 
 
-class Return(msgspec.Struct, frozen=True):
+class Return(_Step, frozen=True):
     """The script is over; of a handler, *body* is its reply or result."""
 
     body: bytes
 
 
-class Fail(msgspec.Struct, frozen=True):
+class Fail(_Step, frozen=True):
     """The handler fails."""
 
     failure: str
@@ -70,7 +82,7 @@ class Fail(msgspec.Struct, frozen=True):
     body: bytes
 
 
-class Hang(msgspec.Struct, frozen=True):
+class Hang(_Step, frozen=True):
     """The script never goes on."""
 
 
@@ -78,7 +90,7 @@ Step = Say | WaitUntil | KillTask | AddConstraints | Return | Fail | Hang
 
 
 class Got(msgspec.Struct, frozen=True):
-    """What came back for a step, or how the script itself decided (*kind* "choose" or "cancelled": *choice*)."""
+    """What came back for a step of that kind, or how the script decided (*kind* "choose" or "cancelled": *choice*)."""
 
     kind: str
     outcome: Outcome | Refusal = Outcome.DONE

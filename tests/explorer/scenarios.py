@@ -29,7 +29,7 @@ def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: 
     @feet.handles(STEP)
     def step(task: Task) -> None:
         if slips and task.choose("holds", "slips") == "slips":
-            raise SLIPPED()
+            raise SLIPPED(text="ice")
 
     @user.does
     def story(me: Script) -> None:

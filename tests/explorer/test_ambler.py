@@ -88,7 +88,7 @@ def orders(world: World) -> Orders:
         leaders = [(point, world.seen.get(point.task)) for _, point in task.after]
         if all(leader for _, leader in leaders):
             held = tuple((int(point.moment), int(moment), "parent" if leader is parent else leader.message)
-                         for (moment, _), (point, leader) in zip(task.after, leaders) if leader)  # fmt: skip
+                         for (moment, _), (point, leader) in zip(task.after, leaders, strict=True) if leader)  # fmt: skip
             found.add((parent.message if parent else "", task.message, held))
     return found
 

@@ -21,7 +21,6 @@ from tca_explorer import (
     begun,
     eventually,
     explore,
-    handled,
     handled_by,
     killed,
     never,
@@ -88,6 +87,23 @@ def test_every_flag_holds() -> None:
         ),
         limit=3000,
     )
+    assert result.ok, report(result)
+
+
+def test_what_is_planned_first_is_planned_first() -> None:
+    scenario = Scenario("planned first", before(planned(WALK), begun(STEP)), never_stuck())
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        task.command(STEP)
+        task.command(STEP)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.goal(WALK, plan_first=True).wait()
+
+    result = explore(scenario)
     assert result.ok, report(result)
 
 
@@ -207,7 +223,7 @@ def walk_and_kill() -> Result:
     return explore(scenario)
 
 
-BROKEN = {
+BROKEN: dict[Callable[[pytest.MonkeyPatch], None], Callable[[], Result]] = {
     release_too_early: walk_and_kill,
     release_nobody_who_was_killed: walk_and_kill,
     achieve_before_the_children: walk_and_kill,
