@@ -63,10 +63,9 @@ class Actor:
 class Line:
     """A connection of a module's run to central, and what is being done on it: the last of the stack acts."""
 
-    def __init__(self, name: str, run: "Run", resource: str = "") -> None:
+    def __init__(self, name: str, run: "Run") -> None:
         self.name = name
         self.run = run
-        self.resource = resource
         self.stack: list[Actor] = []
 
 

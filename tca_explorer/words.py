@@ -22,7 +22,7 @@ def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
     tasks = [f"{task} has not ended: {_standing(play, task)}" for task in play.world.tasks if not task.is_over]
     waiting = [(line, actor) for line in play.lines.values() for actor in line.stack if actor.step is not None]
-    return (*tasks, *(f"{_who(line, actor, play)} {_doing(play, actor, actor.step)}" for line, actor in waiting))
+    return (*tasks, *(f"{_who(line, actor, play)} {_waiting(play, actor)}" for line, actor in waiting))
 
 
 # --- actions ---------------------------------------------------------------------------------------------------------
@@ -78,6 +78,12 @@ def _decisions(decisions: History) -> str:
 
 def _doing(play: Play, actor: Actor, step: Step | None) -> str:
     return _DO[type(step)](play, actor, step)
+
+
+def _waiting(play: Play, actor: Actor) -> str:
+    if isinstance(actor.step, Say):
+        return f"waits for the answer to {actor.step.kind}"
+    return _doing(play, actor, actor.step)
 
 
 def _say(_play: Play, _actor: Actor, step: Say) -> str:

@@ -66,7 +66,7 @@ class Seen(msgspec.Struct, frozen=True):
 
     @property
     def is_planned(self) -> bool:
-        """Whether it and everything under it has been expanded."""
+        """Whether it and everything under it has been expanded; of a command always."""
         return self.has(Moment.END_PLANNING)
 
     @property

@@ -54,5 +54,12 @@ def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words
     assert words in result.stderr
 
 
+def test_the_scenario_in_the_documentation_is_good(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
+    code = page.partition("```python\n")[2].partition("```")[0]
+    result = tca_explore(tmp_path, code)
+    assert result.stdout.startswith("fetching: good, "), result.output
+
+
 def test_a_file_that_is_not_there_is_wrong_usage() -> None:
     assert CliRunner().invoke(explore_file, ["nowhere.py"]).exit_code == 2
