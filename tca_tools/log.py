@@ -11,9 +11,9 @@ import click
 from tca_tools.data import data_text, plain_data
 from tca_tools.logs import open_log
 from tca_tools.terminal import cut, line_width, printable
-from tca_tools.wording import Wording
 from tca_wire.facts import Entry, Fact, fields_of, kind_of
 from tca_wire.points import Point, describe_moments
+from tca_wire.wording import Wording
 
 KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
 _KIND_WIDTH = max(map(len, KINDS))

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 from tca_tools.history import History
 from tca_tools.records import State, Task
-from tca_tools.wording import place
 from tca_wire.headers import MessageClass
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.wording import place
 
 _CLAUSES = {
     Moment.START_HANDLING: "is being handled",

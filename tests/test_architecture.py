@@ -6,14 +6,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("tca_wire", "tca_central", "tca_module", "tca_tools", "robots")
-OURS = {"tca_wire", "tca_central", "tca_module", "tca_tools", "robots"}
+PACKAGES = ("tca_wire", "tca_central", "tca_module", "tca_tools", "tca_explorer", "robots")
+OURS = set(PACKAGES)
 
 MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz"},
+    "tca_explorer": {"tca_central", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
 """Beside the package itself and the standard library."""
@@ -81,6 +82,13 @@ def test_the_parts_of_central_do_not_know_each_other() -> None:
     for path in files("tca_central"):
         own = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")}
         assert own <= CENTRAL[path.stem], f"{path.name} imports {own - CENTRAL[path.stem]}"
+
+
+def test_the_explorer_knows_the_pure_core_only() -> None:
+    pure = CENTRAL.keys() - {"journal_writer", "server", "__main__", "__init__"}
+    for path in files("tca_explorer"):
+        of_central = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")}
+        assert of_central <= pure, f"{path.name} imports {of_central - pure}"
 
 
 def test_init_files_hold_only_imports() -> None:

@@ -6,8 +6,8 @@ from itertools import chain
 
 from tca_tools.history import History
 from tca_tools.records import Handling, ModuleRecord, Queueing, Wait
-from tca_tools.wording import place
 from tca_wire.headers import Outcome
+from tca_wire.wording import place
 
 NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""

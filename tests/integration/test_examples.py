@@ -18,6 +18,7 @@ PRINTED = {
     "04_constraints": "boil water\nlay table\npour\n",
     "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
     "06_testing_without_central": "passed\n",
+    "07_explore": "a careful robot: good, ",
 }
 
 
@@ -38,6 +39,8 @@ def test_example(path: Path, tmp_path: Path) -> None:
         assert [line for line in diary if "mow" in line] == [f"mow row {row}" for row in range(4)]
         for row in range(2):
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
+    if path.stem == "07_explore":
+        assert "a hasty robot: NOT drive achieved before grasp begun" in done.stdout
     if path.stem == "05_failure":
         assert "terrain collision" in done.stdout
         assert "leg 1 met a rock" in done.stdout

@@ -15,11 +15,11 @@ from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.waiting import why_waiting
-from tca_tools.wording import Wording
 from tca_wire import facts
 from tca_wire.constraints import plan_first
 from tca_wire.headers import MessageClass, Outcome
 from tca_wire.points import Moment, TaskId
+from tca_wire.wording import Wording
 
 
 def states(history: History) -> dict[str, State]:

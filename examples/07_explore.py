@@ -1,0 +1,40 @@
+"""In every order in which things can happen: the arm never reaches for the cup while the base still drives.
+
+``tca explore examples/07_explore.py`` says the same.
+"""
+
+from tca_explorer import Scenario, Script, Task, achieved, before, begun, explore, never_stuck, report
+from tca_module import Command, Goal
+
+FETCH, DRIVE, GRASP = Goal("fetch"), Command("drive"), Command("grasp")
+
+
+def fetching(title: str, *, in_sequence: bool) -> Scenario:
+    scenario = Scenario(title, before(achieved(DRIVE), begun(GRASP)), never_stuck())
+    planner, user = scenario.module("planner"), scenario.module("user")
+    base = scenario.module("base", may_be_lost=1, comes_back=True)
+    arm = scenario.module("arm", arrives_late=True)
+
+    @planner.handles(FETCH)
+    def fetch(task: Task) -> None:
+        task.command(DRIVE)
+        task.command(GRASP, sequential=in_sequence)
+
+    @base.handles(DRIVE)
+    @arm.handles(GRASP)
+    def act(_: Task) -> None:
+        """What the base and the arm do does not matter, only when they have done it."""
+
+    @user.does
+    def want_a_cup(me: Script) -> None:
+        me.goal(FETCH).wait()
+
+    return scenario
+
+
+CAREFUL = fetching("a careful robot", in_sequence=True)
+HASTY = fetching("a hasty robot", in_sequence=False)
+
+if __name__ == "__main__":
+    for scenario in (CAREFUL, HASTY):
+        print(report(explore(scenario)))

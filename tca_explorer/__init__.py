@@ -1,0 +1,60 @@
+"""Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
+
+from tca_explorer.errors import ExplorerError, QueryFailed, Refused, ScenarioError
+from tca_explorer.exploration import Result, Violation, explore
+from tca_explorer.properties import (
+    Property,
+    achieved,
+    always,
+    at_most,
+    before,
+    begun,
+    being_achieved,
+    eventually,
+    failed,
+    handled,
+    handled_by,
+    killed,
+    never,
+    never_stuck,
+    planned,
+    queued,
+)
+from tca_explorer.scenario import Scenario, ScenarioModule
+from tca_explorer.script import Script, Task, TaskRef
+from tca_explorer.transcript import report
+from tca_explorer.world import Seen, World
+
+__all__ = [
+    "ExplorerError",
+    "Property",
+    "QueryFailed",
+    "Refused",
+    "Result",
+    "Scenario",
+    "ScenarioError",
+    "ScenarioModule",
+    "Script",
+    "Seen",
+    "Task",
+    "TaskRef",
+    "Violation",
+    "World",
+    "achieved",
+    "always",
+    "at_most",
+    "before",
+    "begun",
+    "being_achieved",
+    "eventually",
+    "explore",
+    "failed",
+    "handled",
+    "handled_by",
+    "killed",
+    "never",
+    "never_stuck",
+    "planned",
+    "queued",
+    "report",
+]

@@ -1,0 +1,47 @@
+"""``tca explore``: explores the scenarios of a file."""
+
+import runpy
+import traceback
+from pathlib import Path
+
+import click
+
+from tca_explorer.errors import ScenarioError
+from tca_explorer.exploration import LIMIT, explore
+from tca_explorer.scenario import Scenario
+from tca_explorer.transcript import report
+
+
+@click.command("explore")
+@click.argument("path", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--limit", metavar="N", type=click.IntRange(1), default=LIMIT, show_default=True,
+              help="States after which a scenario is given up.")  # fmt: skip
+@click.pass_context
+def explore_file(context: click.Context, path: Path, limit: int) -> None:
+    """Explore every interleaving of small scenarios.
+
+    FILE is a Python file; each Scenario at its top level is explored with its properties. Exit code 0 says that all of
+    them hold in all runs, 1 that one does not or is not known.
+    """
+    is_good = True
+    for scenario in _scenarios(path):
+        try:
+            result = explore(scenario, limit=limit)
+        except ScenarioError as error:
+            raise click.UsageError(f"{path}: scenario '{scenario.title}': {error}") from None
+        click.echo(report(result))
+        is_good = is_good and result.ok
+    context.exit(not is_good)
+
+
+def _scenarios(path: Path) -> list[Scenario]:
+    try:
+        names = runpy.run_path(str(path), run_name=path.stem)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, the file is what is wrong
+        where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        line = f", line {where[-1]}" if where else ""
+        raise click.UsageError(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from None
+    found = [value for value in names.values() if isinstance(value, Scenario)]
+    if not found:
+        raise click.UsageError(f"{path} has no scenario: make a tca_explorer.Scenario at its top level")
+    return found

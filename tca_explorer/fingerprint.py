@@ -1,0 +1,258 @@
+"""By what a state is recognised when it is reached in another way: everything that can influence what happens next.
+
+Theory of operation. The objects of central and of the scripts are walked from the task tree on, and numbered in the
+order in which they are met; names such as ids (marks.py) are numbered, too. So two states are equal when they differ
+in nothing but ids and such, whatever those were. *Everything* that an object holds is taken in, also what is added
+to central after this file was written; only what is listed in IGNORED is left out, and each line there has its reason.
+To take in too much costs states that could have been one; to leave out too much would leave runs unexplored.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from enum import Enum
+from functools import cache
+from hashlib import blake2b
+from operator import itemgetter
+from typing import Any
+
+import msgspec
+
+from tca_explorer.actors import Actor
+from tca_explorer.marks import Mark
+from tca_explorer.play import Play, connection_of
+from tca_wire.points import ALL_MOMENTS
+
+IGNORED = {
+    "Central": {
+        "epoch",  # the same for all
+        "events",  # numbers the journal's entries
+        "facts", "messages",  # empty between events
+        "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
+    },
+    "TaskTree": {"newest", "tasks"},  # ids are only names; all tasks are met as children
+    "Registry": {
+        "connections",  # met through their modules
+        "lost",  # scripts do not reconnect
+        "_names",
+    },
+    "Connection": {"id", "session", "answers", "last_number"},  # addresses; scripts repeat nothing
+    "MessageType": {"format", "first_declared_by", "declarers"},  # all modules of a scenario declare the same
+    "Module": {"process"},
+    "Delivery": {"ticket"},  # marks void entries of the queue, which are left out
+    "Task": {"parent"},  # met as a child of it
+    "Agenda": {"_facts"},
+    "Dispatcher": {"_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
+}  # fmt: skip
+"""By class: attributes that cannot influence what happens next."""
+
+
+def fingerprint(play: Play, memories: Iterable[bool]) -> bytes:
+    """What distinguishes this state from others. *memories* are what properties remember."""
+    walk = _Walk(play.rivals)
+    central = play.central
+    for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
+        walk.add(module)
+        walk.add(list(central.tree.top_of_module[module].values()))
+    walk.add(central)
+    walk.finish()
+    _add_modules(walk, play)
+    _add_outcomes(walk, play)
+    _add_seen(walk, play)
+    walk.add(list(memories))
+    return walk.digest()
+
+
+class _Walk:
+    """The objects met so far, and what was written down about them."""
+
+    def __init__(self, rivals: dict[str, int]) -> None:
+        self._rivals = rivals
+        self._out: list[Any] = []
+        self._numbers: dict[int, int] = {}  #: of objects, by id()
+        self._names: dict[tuple[type, int], int] = {}  #: of marks
+        self._unseen: deque[object] = deque()
+        self._later: list[Iterable[Any]] = []  #: containers without order
+        self._ranks: dict[int, list[tuple[int, int]]] = {}  #: by group of rivals: (arrival, place in _out)
+
+    def add(self, value: Any) -> None:
+        """Write down a value; an object by its number, and what it holds when its turn comes."""
+        kind = type(value)
+        if kind in _PLAIN:
+            self._out.append(value)
+        elif (write := _WRITE.get(kind)) is not None:
+            write(self, value)
+        elif isinstance(value, Enum):
+            self._out.append(value.value)
+        elif isinstance(value, Mark):
+            self._out += "#", self.number_of_name(value)
+        elif isinstance(value, msgspec.Struct):
+            self._out.append(type(value).__name__)
+            self.add(msgspec.structs.astuple(value))
+        else:
+            self._out += "@", self.number_of(value)
+
+    def number_of_name(self, name: int) -> int:
+        return self._names.setdefault((type(name), int(name)), len(self._names))
+
+    def knows_name(self, name: int) -> bool:
+        return (type(name), int(name)) in self._names
+
+    def number_of(self, thing: object) -> int:
+        """The number of an object; a new one is looked at when its turn comes."""
+        number = self._numbers.get(id(thing))
+        if number is None:
+            self._numbers[id(thing)] = number = len(self._numbers)
+            self._unseen.append(thing)
+        return number
+
+    def finish(self) -> None:
+        """Look at all objects that were met."""
+        while self._unseen or self._later:
+            while self._unseen:
+                self._look_at(self._unseen.popleft())
+            if self._later:
+                things = self._later.pop(0)
+                known = sorted(self._numbers[id(thing)] for thing in things if id(thing) in self._numbers)
+                self._out += "{", *known
+                for thing in things:
+                    self.number_of(thing)
+
+    def _look_at(self, thing: Any) -> None:
+        kind: type = type(thing)
+        self._out.append(kind.__name__)
+        for name, write in _attributes(kind, tuple(getattr(thing, "__dict__", ()))):
+            if write is None:
+                self.add(getattr(thing, name))
+            else:
+                write(self, thing, getattr(thing, name))
+
+    # --- values ------------------------------------------------------------------------------------------------------
+
+    def add_int(self, value: int) -> None:
+        self._out.append(value if -(1 << 63) <= value < 1 << 63 else hex(value))  # MessagePack has no longer ones
+
+    def add_list(self, values: Any) -> None:
+        self._out += "[", len(values)
+        for value in values:
+            self.add(value)
+
+    def add_dict(self, values: dict[Any, Any]) -> None:
+        self._out += "{", len(values)
+        for key, value in values.items():
+            self.add(key)
+            self.add(value)
+
+    # --- attributes that are not what they seem ----------------------------------------------------------------------
+
+    def add_truth(self, _: object, value: object) -> None:
+        self._out.append(bool(value))
+
+    def add_rank(self, delivery: Any, arrival: int) -> None:
+        """Only the order of arrivals matters, and only among those that may wait in the same queue."""
+        group = self._rivals.get(delivery.message.name, -1)
+        self._ranks.setdefault(group, []).append((arrival, len(self._out)))
+        self._out.append(arrival > 0)
+
+    def add_unordered(self, _: object, values: dict[Any, Any]) -> None:
+        self._later.append(list(values.values()))
+
+    def add_unordered_keys(self, _: object, values: dict[Any, Any]) -> None:
+        self._later.append(list(values))
+
+    def add_by_name(self, _: object, values: dict[str, Any]) -> None:
+        for name in sorted(values):
+            self.add(name)
+            self.add(values[name])
+
+    def add_living_by_name(self, _: object, tasks: dict[str, Any]) -> None:
+        self.add_by_name(None, {name: task for name, task in tasks.items() if task.reached != ALL_MOMENTS})
+
+    def add_children(self, task: Any, children: dict[int, Any] | None) -> None:
+        if task.id:
+            self.add(list((children or {}).values()))
+        else:  # nothing looks at all tasks under the root in their order
+            self.add_unordered(task, children or {})
+
+    def add_failure(self, _: object, failure: tuple[str, str, bytes] | None) -> None:
+        self.add(failure and (failure[0], failure[2]))  # the text names ids, and scripts do not see it
+
+    def add_queue(self, resource: Any, _: object) -> None:
+        self.add(sorted(resource.queued(), key=lambda delivery: (-delivery.priority, delivery.arrival)))
+
+    def digest(self) -> bytes:
+        for ranks in self._ranks.values():
+            for rank, (arrival, place) in enumerate(sorted(ranks), start=1):
+                self._out[place] = rank if arrival else 0
+        return blake2b(msgspec.msgpack.encode(self._out), digest_size=16).digest()
+
+
+_PLAIN = frozenset((str, bytes, bool, float, type(None)))
+_WRITE: dict[type, Callable[[_Walk, Any], None]] = {
+    int: _Walk.add_int,
+    **dict.fromkeys((list, tuple, deque), _Walk.add_list),
+    dict: _Walk.add_dict,
+}
+
+Write = Callable[[_Walk, Any, Any], None]
+
+SPECIAL: dict[tuple[str, str], Write] = {
+    ("TaskTree", "last_of_module"): _Walk.add_living_by_name,  # flags do not refer to ended tasks
+    ("TaskTree", "top_of_module"): _Walk.add_by_name,
+    ("Task", "children"): _Walk.add_children,
+    ("Task", "killed"): _Walk.add_truth,
+    ("Task", "failure"): _Walk.add_failure,
+    ("Delivery", "arrival"): _Walk.add_rank,
+    ("Registry", "modules"): _Walk.add_unordered,
+    ("Registry", "messages"): _Walk.add_by_name,
+    ("Module", "connections"): _Walk.add_unordered,
+    ("Resource", "slots"): _Walk.add_unordered_keys,
+    ("Resource", "_queue"): _Walk.add_queue,
+    ("Dispatcher", "attended"): _Walk.add_unordered,  # the order of nested ones is that of the scripts on their line
+}
+"""By class and attribute: of what only a part, or not the order, can influence what happens next."""
+
+
+@cache
+def _attributes(kind: type, names: tuple[str, ...]) -> tuple[tuple[str, Write | None], ...]:
+    """The attributes to look at, in slots and with these *names*, and how each is written down (None: as it is)."""
+    slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
+    kinds = [parent.__name__ for parent in kind.__mro__]
+    wanted = [name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)]
+    special = {name: write for (one, name), write in SPECIAL.items() if one in kinds}
+    return tuple((name, special.get(name)) for name in wanted)
+
+
+# --- the modules' side, and what properties see ----------------------------------------------------------------------
+
+
+def _add_modules(walk: _Walk, play: Play) -> None:
+    for name in sorted(play.runs):
+        run = play.runs[name]
+        walk.add([name, run.steps_joined, run.is_alive, run.is_leaving])
+        connections = play.central.registry.connections
+        lines = [(walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines]
+        for number, line in sorted(lines, key=itemgetter(0)):
+            walk.add(number)
+            for actor in line.stack:
+                _add_actor(walk, actor)
+    walk.add([*play.losses.values(), *play.kills.values()])
+
+
+def _add_actor(walk: _Walk, actor: Actor) -> None:
+    life = actor.program.life(actor.body, actor.history)
+    walk.add([actor.program.name, life, actor.delivery, actor.number, actor.step is None, actor.is_told,
+              actor.was_told, *actor.bodies, *actor.sent])  # fmt: skip
+
+
+def _add_outcomes(walk: _Walk, play: Play) -> None:
+    """How tasks ended that somebody can still ask for."""
+    known = {walk.number_of_name(key): ended for key, ended in play.central.outcomes.items() if walk.knows_name(key)}
+    for number in sorted(known):
+        outcome, failure, _, body = known[number]
+        walk.add([number, outcome, failure, body])
+
+
+def _add_seen(walk: _Walk, play: Play) -> None:
+    known = {walk.number_of_name(seen.id): seen for seen in play.world.seen.values() if not seen.is_over}
+    for number in sorted(known):
+        walk.add(known[number])

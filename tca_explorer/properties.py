@@ -1,0 +1,191 @@
+"""What must be true of a scenario. Properties are made of predicates: plain functions of the World (world.py).
+
+A predicate returns a truth value or the messages that it is true of; ``at_most`` counts these. A property sees the
+world after every action of every run, and remembers one truth value from the run so far.
+"""
+
+from collections.abc import Callable, Sized
+from typing import Any
+
+from msgspec import UNSET
+
+from tca_explorer.world import Seen, World
+from tca_wire.declarations import Message
+
+Predicate = Callable[[World], object]
+
+
+class Property:
+    """Something that must be true of every run."""
+
+    def __init__(self, words: str, *predicates: Predicate) -> None:
+        self.words = words
+        self.predicates = predicates
+
+    def __repr__(self) -> str:
+        return self.words
+
+    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+        """After an action: what to remember, and what is wrong ("": nothing)."""
+        del world
+        return memory, ""
+
+    def ended(self, world: World, memory: bool) -> str:
+        """When nothing further needs to happen: what is wrong."""
+        del world, memory
+        return ""
+
+
+class _Never(Property):
+    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+        found = self.predicates[0](world)
+        return memory, _shown(found) or "here it is" if found else ""
+
+
+class _Always(Property):
+    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+        return memory, "" if self.predicates[0](world) else "here it is not"
+
+
+class _AtMost(Property):
+    def __init__(self, words: str, predicate: Predicate, most: int) -> None:
+        super().__init__(words, predicate)
+        self._most = most
+
+    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+        found = self.predicates[0](world)
+        number = len(found) if isinstance(found, Sized) else int(bool(found))
+        return memory, f"here {number}: {_shown(found)}" if number > self._most else ""
+
+
+class _Before(Property):
+    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+        first, second = self.predicates
+        memory = memory or bool(first(world))
+        found = None if memory else second(world)
+        return memory, f"the second came first{': ' * bool(_shown(found))}{_shown(found)}" if found else ""
+
+
+class _Eventually(Property):
+    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+        return memory or bool(self.predicates[0](world)), ""
+
+    def ended(self, world: World, memory: bool) -> str:
+        return "" if memory else "nothing further need happen, and it never did" + _unfinished(world)
+
+
+class _NeverStuck(Property):
+    def ended(self, world: World, memory: bool) -> str:  # noqa: ARG002
+        return f"nothing further need happen, and this is left:{_unfinished(world)}" if world.unfinished else ""
+
+
+def never(predicate: Predicate) -> Property:
+    """*predicate* is never true."""
+    return _Never(f"never {_name(predicate)}", predicate)
+
+
+def always(predicate: Predicate) -> Property:
+    """*predicate* is true from the beginning to the end, after every action."""
+    return _Always(f"always {_name(predicate)}", predicate)
+
+
+def at_most(number: int, predicate: Predicate) -> Property:
+    """*predicate* is true of at most *number* messages at a time."""
+    return _AtMost(f"at most {number} {_name(predicate)}", predicate, number)
+
+
+def before(first: Predicate, second: Predicate) -> Property:
+    """Where *second* becomes true, *first* has been true before, or becomes true with the same action."""
+    return _Before(f"{_name(first)} before {_name(second)}", first, second)
+
+
+def eventually(predicate: Predicate) -> Property:
+    """*predicate* becomes true in every run that ends. A run ends when nothing further need happen: losses, kills and
+    goodbyes need not. Runs that never end are not judged.
+    """
+    return _Eventually(f"eventually {_name(predicate)}", predicate)
+
+
+def never_stuck() -> Property:
+    """Every run that ends leaves no task behind, and no script that still waits."""
+    return _NeverStuck("never stuck")
+
+
+# --- predicates ------------------------------------------------------------------------------------------------------
+
+
+class Those:
+    """The predicate that finds the messages under way for which a test holds."""
+
+    def __init__(self, words: str, test: Callable[[Seen], bool]) -> None:
+        self.words = words
+        self._test = test
+
+    def __call__(self, world: World) -> list[Seen]:
+        """Those of them that are under way now, or ended with the last action."""
+        return [seen for seen in world.messages if self._test(seen)]
+
+
+def _those(state: str, message: Message[Any, Any], data: Any, test: Callable[[Seen], bool]) -> Those:
+    name = message.name
+    if data is UNSET:
+        return Those(f"{name} {state}", lambda seen: seen.message == name and test(seen))
+    return Those(f"{name} {data!r} {state}", lambda seen: seen.message == name and test(seen) and seen.data == data)
+
+
+def begun(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Messages (with that *data*) that a handler was given, now or before."""
+    return _those("begun", message, data, lambda seen: seen.is_begun)
+
+
+def handled(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Messages that a handler has now."""
+    return _those("handled", message, data, lambda seen: seen.is_handled)
+
+
+def queued(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Messages that wait for a resource, or for a handler."""
+    return _those("queued", message, data, lambda seen: seen.is_queued)
+
+
+def planned(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks that have been expanded, with all that is under them."""
+    return _those("planned", message, data, lambda seen: seen.is_planned)
+
+
+def being_achieved(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks whose achieving has started and not ended."""
+    return _those("being achieved", message, data, lambda seen: seen.is_being_achieved)
+
+
+def achieved(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks that were achieved with the last action."""
+    return _those("achieved", message, data, lambda seen: seen.is_achieved)
+
+
+def killed(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks that were killed and have not ended, or ended with the last action."""
+    return _those("killed", message, data, lambda seen: seen.is_killed)
+
+
+def failed(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Messages that failed and have not ended, or ended with the last action."""
+    return _those("failed", message, data, lambda seen: bool(seen.failure))
+
+
+def handled_by(module: str) -> Those:
+    """Messages of any name that handlers of *module* have now."""
+    return Those(f"handled by {module}", lambda seen: seen.module == module)
+
+
+def _name(predicate: Predicate) -> str:
+    words = getattr(predicate, "words", "") or getattr(predicate, "__name__", repr(predicate))
+    return str(words).replace("_", " ")
+
+
+def _shown(found: object) -> str:
+    return ", ".join(map(str, found)) if isinstance(found, list | tuple) else ""
+
+
+def _unfinished(world: World) -> str:
+    return "".join(f"\n{line}" for line in world.unfinished)

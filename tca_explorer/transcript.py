@@ -1,0 +1,40 @@
+"""The result of an exploration as text; a counterexample as the story of its run."""
+
+from contextlib import suppress
+
+from tca_explorer.errors import CentralFault
+from tca_explorer.exploration import Result, Violation
+from tca_explorer.play import Play
+from tca_explorer.words import describe
+from tca_wire.facts import Fact, FormatDefined, kind_of
+from tca_wire.wording import Wording
+
+
+def report(result: Result) -> str:
+    """A line, or a counterexample: one line per action and, indented, what central recorded."""
+    title, violation = result.scenario.title, result.violation
+    size = f"{result.states:,} states"
+    if violation is not None:
+        return "\n".join([f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)])
+    if not result.is_complete:
+        return f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
+    longest = "some runs need not end" if result.longest is None else f"at most {result.longest} actions a run"
+    return f"{title}: good, {size}, {longest}"
+
+
+def _story(result: Result, violation: Violation) -> list[str]:
+    play, wording, lines = Play(result.scenario), Wording(), []
+    for number, action in enumerate(violation.actions, start=1):
+        lines.append(f"{number:3}. {describe(play, action)}")
+        with suppress(CentralFault):  # that is what is wrong then
+            play.perform(action)
+        lines += [f"       {line}" for fact in play.facts if (line := _line(wording, fact))]
+    return [
+        *lines,
+        *(f"  => {line}" if i == 0 else f"     {line}" for i, line in enumerate(violation.why.splitlines())),
+    ]
+
+
+def _line(wording: Wording, fact: Fact) -> str:
+    words = wording.words(fact)
+    return "" if isinstance(fact, FormatDefined) else f"{kind_of(fact)}: {words}"

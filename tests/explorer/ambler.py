@@ -1,0 +1,88 @@
+"""The Ambler's walk as a scenario: who handles what, and what it sends, as in robots/ambler_sim/modules.
+
+The data is the number of steps that are left; test_ambler.py holds the scenario against the real modules.
+"""
+
+from robots.ambler_sim.messages import (
+    ACHIEVED_POSITION,
+    ELEVATION_MAP,
+    MOVE_BODY,
+    MOVE_LEG,
+    PLAN_BODY_MOVE,
+    PLAN_LEG_MOVE,
+    SCAN,
+    STANCE,
+    TAKE_STEPS,
+    TRAVERSE_ARC,
+    WALKED,
+)
+from tca_explorer import Property, Scenario, Script, Task
+from tca_wire.constraints import plan_ahead
+from tca_wire.points import THIS
+
+
+def walk(steps: int, *properties: Property, plans_ahead: bool = True) -> Scenario:
+    scenario = Scenario(f"a walk of {steps} steps", *properties)
+
+    @scenario.module("user").does
+    def order_a_walk(me: Script) -> None:
+        me.goal(TRAVERSE_ARC, steps).wait()
+
+    plan_gait(scenario, plans_ahead=plans_ahead)
+    plan_moves(scenario)
+    control(scenario)
+    return scenario
+
+
+def plan_gait(scenario: Scenario, *, plans_ahead: bool) -> None:
+    planner = scenario.module("gait planner")
+    planner.resource("position check")
+
+    @planner.handles(TRAVERSE_ARC)
+    def traverse_arc(task: Task, steps: int) -> None:
+        task.query(STANCE)
+        task.goal(TAKE_STEPS, steps)
+
+    @planner.handles(TAKE_STEPS)
+    def take_steps(task: Task, left: int) -> None:
+        task.query(PLAN_LEG_MOVE)
+        task.query(PLAN_BODY_MOVE)
+        task.command(MOVE_LEG, left)
+        task.command(MOVE_BODY, left)
+        task.command(ACHIEVED_POSITION, left)
+        if left > 1:
+            # Planned once this one is being achieved: the constraint without which planning runs away.
+            constraints = [plan_ahead(task.id, THIS)] if plans_ahead else []
+            task.goal(TAKE_STEPS, left - 1, constraints=constraints)
+
+    @planner.handles(ACHIEVED_POSITION, resource="position check")
+    def achieved_position(task: Task) -> None:
+        task.query(STANCE)
+        task.broadcast(WALKED)
+
+
+def plan_moves(scenario: Scenario) -> None:
+    legs, body, perception = (scenario.module(name) for name in ("leg planner", "body planner", "perception"))
+
+    @legs.handles(PLAN_LEG_MOVE)
+    def leg_move(task: Task) -> None:
+        task.query(ELEVATION_MAP)
+
+    @body.handles(PLAN_BODY_MOVE)
+    def body_move(_: Task) -> None: ...
+
+    @perception.handles(ELEVATION_MAP)
+    def elevation_map(task: Task) -> None:
+        if task.choose("the map is fresh", "the map is old") == "the map is old":
+            task.query(SCAN)
+
+
+def control(scenario: Scenario) -> None:
+    controller = scenario.module("controller")
+    controller.resource("scanner")
+
+    @controller.handles(MOVE_LEG)
+    @controller.handles(MOVE_BODY)
+    @controller.handles(STANCE)
+    @controller.handles(SCAN, resource="scanner")
+    def act(_: Task) -> None: ...

@@ -1,0 +1,130 @@
+"""The Ambler's walking constraints plan at most one step ahead, in every order in which things can happen."""
+
+import time
+from contextlib import ExitStack
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from explorer.ambler import walk
+
+from robots.ambler_sim.messages import ACHIEVED_POSITION, MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, TRAVERSE_ARC, Bend
+from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception
+from robots.ambler_sim.robot import make_robot
+from tca_explorer import Result, World, achieved, always, at_most, before, begun, explore, never, never_stuck, report
+from tca_module import connect
+from tca_module.testing import LocalCentral
+from tca_wire.facts import Received
+from tca_wire.points import Moment
+
+Orders = set[tuple[str, str, tuple[Any, ...]]]
+PLANNED_AHEAD = Moment.START_ACHIEVING, Moment.START_PLANNING
+
+
+def steps_planned_ahead(world: World) -> list[Any]:
+    """Steps whose planning has begun, and whose turn to be walked has not come."""
+    return [task for task in world.tasks if task.message == TAKE_STEPS.name and task.is_begun
+            and not task.has(Moment.START_ACHIEVING)]  # fmt: skip
+
+
+def at_the_machine(world: World) -> list[Any]:
+    moves = (MOVE_LEG.name, MOVE_BODY.name, STANCE.name)
+    return [seen for seen in world.messages if seen.message in moves and seen.is_handled]
+
+
+def in_order(steps: int) -> list[Any]:
+    """Each move after the one before it, and each step after the one before it."""
+    moves = [(message, left) for left in range(steps, 0, -1) for message in (MOVE_LEG, MOVE_BODY, ACHIEVED_POSITION)]
+    return [before(achieved(*one), begun(*following)) for one, following in pairwise(moves)]
+
+
+@pytest.fixture(scope="module")
+def explored() -> tuple[Result, Orders]:
+    """A walk of three steps, and what its tasks were seen to send."""
+    found: Orders = set()
+
+    def is_noted(world: World) -> bool:
+        found.update(orders(world))
+        return True
+
+    scenario = walk(3, at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(3), never_stuck())
+    return explore(scenario, always(is_noted)), found
+
+
+def test_planning_is_one_step_ahead_and_never_two(explored: tuple[Result, Orders]) -> None:
+    result, _ = explored
+    assert result.ok, report(result)
+    assert result.longest is not None
+    assert result.longest > 50
+
+
+def test_planning_is_ahead_at_all() -> None:
+    result = explore(walk(2), never(lambda world: [step for step in steps_planned_ahead(world) if step.data == 1]))
+    assert result.violation is not None
+
+
+def test_without_the_constraint_planning_runs_away() -> None:
+    result = explore(walk(3, plans_ahead=False), at_most(1, steps_planned_ahead))
+    assert result.violation is not None
+    assert result.violation.broken == "at most 1 steps planned ahead"
+    assert result.violation.why.startswith("here 2: take steps")
+    assert len(result.violation.actions) < 40
+
+
+@pytest.mark.soak
+def test_longer_walks() -> None:
+    result = explore(walk(5), at_most(1, steps_planned_ahead), at_most(1, at_the_machine), *in_order(5), never_stuck())
+    assert result.ok, report(result)
+
+
+# --- the scenario is the robot ---------------------------------------------------------------------------------------
+
+
+def orders(world: World) -> Orders:
+    """Which task sends which, held by what: ``(parent, message, ((moment, moment, of what), ...))``."""
+    found = set()
+    for task in world.tasks:
+        parent = world.parent(task)
+        leaders = [(point, world.seen.get(point.task)) for _, point in task.after]
+        if all(leader for _, leader in leaders):
+            held = tuple((int(point.moment), int(moment), "parent" if leader is parent else leader.message)
+                         for (moment, _), (point, leader) in zip(task.after, leaders, strict=True) if leader)  # fmt: skip
+            found.add((parent.message if parent else "", task.message, held))
+    return found
+
+
+def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
+    """The orders of a walk of three steps by the real modules; the third is planned while the first is walked."""
+    robot, world, found = make_robot("kinematic"), World(), set()
+    with LocalCentral() as central, ExitStack() as stack:
+        move_leg = robot.move_leg
+
+        def move_when_planned(*arguments: Any, **options: Any) -> Any:
+            deadline = time.monotonic() + 10
+            while sum(isinstance(f, Received) and f.message == TAKE_STEPS.name for f in central.facts) < 3:
+                assert time.monotonic() < deadline, "the third step is not planned while the first is walked"
+                time.sleep(0.002)
+            return move_leg(*arguments, **options)
+
+        monkeypatch.setattr(robot, "move_leg", move_when_planned)
+        planners = gait_planner.planner, leg_planner.planner, body_planner.planner, perception.perception
+        for module in (*planners, controller.make_module(robot, None)):
+            monkeypatch.setattr(module, "central", central)
+            stack.enter_context(module.running())
+        with connect("user", central) as user:
+            user.goal(TRAVERSE_ARC, Bend(0.0, 1.2)).wait(timeout=20)
+        for entry in central.entries:
+            world.forget_what_is_over()
+            world.take(entry.facts)
+            found |= orders(world)
+    return found
+
+
+def test_the_scenario_sends_what_the_robot_sends(
+    monkeypatch: pytest.MonkeyPatch, explored: tuple[Result, Orders]
+) -> None:
+    real, (_, played) = really_walked(monkeypatch), explored
+    assert {order[:2] for order in real} == {order[:2] for order in played}
+    assert real <= played
+    ahead = {order for order in real if (*map(int, PLANNED_AHEAD), "parent") in order[2]}
+    assert {order[:2] for order in ahead} == {("take steps", "take steps")}

@@ -1,0 +1,65 @@
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from tca_explorer.command import explore_file
+
+SCENARIO = """
+from tca_explorer import Scenario, never, handled
+from tca_wire.declarations import Command
+STEP = Command("step")
+GOOD = Scenario("good one")
+BAD = Scenario("bad one", never(handled(STEP)))
+for scenario in (GOOD, BAD):
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("user").does(lambda me: [me.command(STEP)])
+"""
+
+
+def tca_explore(folder: Path, text: str, *options: str) -> Result:
+    path = folder / "scenarios.py"
+    path.write_text(text)
+    return CliRunner().invoke(explore_file, [str(path), *options])
+
+
+def test_each_scenario_is_explored(tmp_path: Path) -> None:
+    result = tca_explore(tmp_path, SCENARIO)
+    assert result.exit_code == 1
+    assert result.stdout.startswith(
+        "good one: good, 3 states, at most 2 actions a run\nbad one: NOT never step handled"
+    )
+    assert "  1. user sends command step\n" in result.stdout
+
+
+def test_the_exit_code_is_the_answer(tmp_path: Path) -> None:
+    assert tca_explore(tmp_path, SCENARIO.replace("never(handled(STEP))", "")).exit_code == 0
+    limited = tca_explore(tmp_path, SCENARIO, "--limit", "1")
+    assert limited.exit_code == 1
+    assert "not known" in limited.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a = 1", "has no scenario: make a tca_explorer.Scenario at its top level"),
+        ("\na = b", "scenarios.py, line 2: can't be run: NameError: name 'b' is not defined"),
+        ("a = (", "can't be run: SyntaxError"),
+        (SCENARIO.replace("me.command(STEP)", "me.walk()"), "scenario 'good one': the script of user"),
+    ],
+)
+def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words: str) -> None:
+    result = tca_explore(tmp_path, text)
+    assert result.exit_code == 2
+    assert words in result.stderr
+
+
+def test_the_scenario_in_the_documentation_is_good(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
+    code = page.partition("```python\n")[2].partition("```")[0]
+    result = tca_explore(tmp_path, code)
+    assert result.stdout.startswith("fetching: good, "), result.output
+
+
+def test_a_file_that_is_not_there_is_wrong_usage() -> None:
+    assert CliRunner().invoke(explore_file, ["nowhere.py"]).exit_code == 2

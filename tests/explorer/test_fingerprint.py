@@ -1,0 +1,131 @@
+"""States that are taken for the same are the same: whatever can happen next leads to the same states again."""
+
+from collections.abc import Iterator
+
+import pytest
+from explorer.ambler import walk
+from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
+
+from tca_central.core import Central
+from tca_central.events import ConnectionId
+from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
+from tca_central.task_tree import TaskTree
+from tca_explorer import QueryFailed, Scenario, Script, Task
+from tca_explorer.fingerprint import IGNORED, SPECIAL, fingerprint
+from tca_explorer.play import Action, Play
+
+Path = tuple[Action, ...]
+
+
+def busy() -> Scenario:
+    """Everything that modules do, with pools, priorities, nested queries and decisions."""
+    scenario = Scenario("busy")
+    for name in ("legs", "more legs"):
+        legs = scenario.module(name, may_be_lost=name == "legs", comes_back=True)
+        legs.handles(STEP, pool="all")(lambda _: None)
+        legs.handles(HEIGHTS)(lambda _: 1)
+
+    planner = scenario.module("planner", capacity=2)
+
+    @planner.handles(WALK)
+    def steps(task: Task) -> None:
+        try:
+            task.query(WHERE, priority=1)
+        except QueryFailed:
+            task.multi_query(HEIGHTS, maximum=1)
+        task.command(STEP, priority=task.choose(0, 1))
+        if not task.cancelled:
+            task.inform(NOTE)
+
+    @planner.handles(WHERE)
+    @planner.handles(NOTE)
+    def where(task: Task) -> int:
+        if task.message == WHERE.name and task.choose("here", "lost") == "lost":
+            raise SLIPPED(text="ice")
+        return 7
+
+    @scenario.module("user").does
+    def orders(me: Script) -> None:
+        me.goal(WALK).kill()
+        me.goal(WALK, sequential=False).wait()
+
+    return scenario
+
+
+def killing() -> Scenario:
+    scenario = walking(capacity=2, may_leave=True, slips=True)
+    scenario.may_kill(STEP)
+    return scenario
+
+
+SCENARIOS = {
+    "busy": (busy, 250),
+    "killing": (killing, 250),
+    "late": (lambda: walking(arrives_late=True, capacity=2, may_be_lost=1), 200),
+    "ambler": (lambda: walk(2), 150),
+}
+
+
+def play(scenario: Scenario, path: Path) -> Play:
+    played = Play(scenario)
+    for action in path:
+        played.perform(action)
+    return played
+
+
+def following(scenario: Scenario, path: Path) -> Iterator[tuple[Path, bytes]]:
+    for action in play(scenario, path).actions():
+        yield (*path, action), fingerprint(play(scenario, (*path, action)), ())
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_what_follows_equal_states_is_equal(name: str) -> None:
+    make, number = SCENARIOS[name]
+    scenario = make()
+    known: dict[bytes, set[bytes]] = {}
+    paths: list[tuple[Path, bytes]] = [((), b"")]
+    merged = 0
+    for path, key in paths:
+        ways = list(following(scenario, path))
+        if key in known:
+            merged += 1
+            assert known[key] == {state for _, state in ways}, path
+        else:
+            known[key] = {state for _, state in ways}
+            paths += ways[: max(0, number - len(paths))]
+    assert merged > number / 10
+
+
+def test_symmetric_orders_are_one_state() -> None:
+    """Which of two modules that do not know each other sends first does not matter once both have sent."""
+    scenario = Scenario("two orders")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("arm").handles(NOTE)(lambda _: None)
+    scenario.module("one").does(lambda me: [me.command(STEP).wait()])
+    scenario.module("other").does(lambda me: [me.inform(NOTE)])
+    first, second = Play(scenario).actions()
+    ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
+    assert len(ends) == 1
+
+
+def test_what_properties_remember_keeps_states_apart() -> None:
+    played = Play(walking())
+    assert fingerprint(played, (True,)) != fingerprint(played, (False,))
+
+
+def test_the_tables_name_what_there_is() -> None:
+    """An attribute of central that was renamed would silently be taken in again."""
+    central = Central()
+    resource, message = ModuleResource("legs", "legs"), central.tree.root.message
+    module = Module("legs", "run", "")
+    things = [
+        central, central.tree, central.registry, central.agenda, central.dispatcher, central.tree.root, resource,
+        message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
+    ]  # fmt: skip
+    assert isinstance(message, MessageType)
+    assert isinstance(central.registry, Registry)
+    assert isinstance(central.tree, TaskTree)
+    by_class = {kind.__name__: thing for thing in things for kind in type(thing).__mro__}
+    for kind, names in IGNORED.items():
+        assert all(hasattr(by_class[kind], name) for name in names), kind
+    assert all(hasattr(by_class[kind], name) for kind, name in SPECIAL)
