@@ -108,6 +108,7 @@ class Connection:
 
     def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
         """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
+        self._check_thread()
         with self._lock:
             request = self.request(header, body)
             if not self.wait(request, within, what):
@@ -119,8 +120,8 @@ is alive: it is overloaded; whether it took the request is not known"
 
     def request(self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Ask central for something, without waiting."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             epoch = self.session.epoch
             self._catch_up()
             if self.session.epoch != epoch and refers_to_tasks(header):
@@ -137,8 +138,8 @@ is alive: it is overloaded; whether it took the request is not known"
 
         Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long.
         """
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             try:
                 came = self._wait(is_over or (lambda: request.is_over), timeout)
             except BaseException:
@@ -162,15 +163,15 @@ is alive: it is overloaded; whether it took the request is not known"
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self.session.abandon(request)
             self._flush()
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self._catch_up()
             dropped = self.session.dropped
             self.session.post(header, body)
@@ -186,8 +187,8 @@ is alive: it is overloaded; whether it took the request is not known"
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled has been killed."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self._catch_up()
             return self.session.is_cancelled(delivery)
 
@@ -199,8 +200,8 @@ is alive: it is overloaded; whether it took the request is not known"
         *idle* is called in between: it may do one thing, or wait for anything, for at most so many seconds; False if it
         did neither.
         """
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
 
     def tend(self, since: float, patience: float = STEP) -> float:
@@ -219,8 +220,8 @@ is alive: it is overloaded; whether it took the request is not known"
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait, and call what is to be called meanwhile; whether *is_over*. Raises CentralLost."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             if self._is_calling_back:
                 msg = "a callback waits for another one: they are called one after the other"
                 raise MisuseError(msg)
@@ -314,6 +315,7 @@ it listens"
                 self.session.break_off()
 
     def _check_thread(self) -> None:
+        """Before the lock is taken: a thread that serves keeps it for ever."""
         if threading.get_ident() != self._owner:
             msg = f"a connection of module '{self.session.module}' is used from thread \
 '{threading.current_thread().name}', but belongs to the one that \

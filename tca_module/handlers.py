@@ -22,6 +22,10 @@ class Declare(Protocol[D, R]):
     """Declares the function that it decorates as a handler, and leaves it as it is."""
 
     @overload
+    def __call__(
+        self, function: Callable[[Task, D], Coroutine[Any, Any, R]], /
+    ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
+    @overload
     def __call__(self, function: Callable[[Task, D], Coming[R]], /) -> Callable[[Task, D], Coming[R]]: ...
     @overload
     def __call__(self, function: Callable[[Task, D], R], /) -> Callable[[Task, D], R]: ...
@@ -32,6 +36,10 @@ class Declare(Protocol[D, R]):
 class DeclareWithoutData(Protocol[R]):
     """The same for a message without data, which need not be an argument."""
 
+    @overload
+    def __call__(
+        self, function: Callable[[Task], Coroutine[Any, Any, R]] | Callable[[Task, None], Coroutine[Any, Any, R]], /
+    ) -> Callable[..., Coroutine[Any, Any, R]]: ...
     @overload
     def __call__(
         self, function: Callable[[Task], Coming[R]] | Callable[[Task, None], Coming[R]], /

@@ -2,6 +2,7 @@
 
 import asyncio
 import queue
+import sys
 import threading
 from collections.abc import Callable
 
@@ -250,7 +251,7 @@ def raises_collision() -> None:
     [
         (raises_collision, "collision", "rock"),
         (lambda: 1 / 0, "handler error", "ZeroDivisionError: division by zero"),
-        (lambda: exit(3), "handler error", "SystemExit: 3"),
+        (lambda: sys.exit(3), "handler error", "SystemExit: 3"),
     ],
 )
 def test_a_coroutine_fails_as_a_function_does(
@@ -330,11 +331,15 @@ def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(legs: Mod
 def test_a_module_ends_when_something_in_its_loop_wants_to_leave(legs: Module, user: Client) -> None:
     @legs.handles(REST)
     async def rest(task: Task) -> None:
-        asyncio.get_running_loop().call_soon(lambda: exit(7))
+        asyncio.get_running_loop().call_soon(lambda: sys.exit(7))
 
-    with pytest.raises(SystemExit) as left, legs.running():
-        assert user.goal(REST).wait(SOON)
-        assert legs._stop.wait(SOON)
+    def run() -> None:
+        with legs.running():
+            user.goal(REST).wait(SOON)
+            legs._stop.wait(SOON)
+
+    with pytest.raises(SystemExit) as left:
+        run()
     assert left.value.code == 7
 
 
