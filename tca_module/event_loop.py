@@ -47,11 +47,11 @@ class EventLoop:
     def run(self, delivery: int, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; what it returns."""
         self._since = self._turned = self._loop.time()
-        beat = self._loop.create_task(self._keep_alive())
+        self._beat = self._loop.call_later(STEP, self._keep_alive)
         try:
             return self._loop.run_until_complete(self.start(delivery, coroutine))
         finally:
-            beat.cancel()
+            self._beat.cancel()
 
     def start(self, delivery: int, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Let the coroutine of a handler run beside the one that is being run."""
@@ -125,16 +125,15 @@ class EventLoop:
             self._attend(*connection.session.deliveries.popleft())
         return silence
 
-    async def _keep_alive(self) -> None:
+    def _keep_alive(self) -> None:
         """As every wait does: say that we are there, and don't wait for a central that is not."""
-        while True:
-            await asyncio.sleep(STEP)
-            before, self._turned = self._turned, self._loop.time()
-            if self._turned - before > STALL:
-                self._since = self._turned
-            if self._listen() > self._connection.patience:
-                for request in list(self._waiting):
-                    self._heard(request, self._connection.lost())
+        self._beat = self._loop.call_later(STEP, self._keep_alive)
+        before, self._turned = self._turned, self._loop.time()
+        if self._turned - before > STALL:
+            self._since = self._turned
+        if self._listen() > self._connection.patience:
+            for request in list(self._waiting):
+                self._heard(request, self._connection.lost())
 
     def _hear(self, request: Request) -> Generator[Any, None, None]:
         """Await news of a request."""
