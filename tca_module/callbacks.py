@@ -2,7 +2,6 @@
 
 import inspect
 import logging
-import math
 import threading
 import time
 from collections import deque
@@ -15,8 +14,8 @@ from tca_module.sender import Sender
 from tca_module.signatures import arguments_taken, is_async
 from tca_module.timers import Timers
 
-LONGEST = 1e7
-"""Seconds, some months: the longest delay and period."""
+SHORTEST, LONGEST = 1e-6, 1e7
+"""Seconds: the shortest period, and the longest period or delay, some months."""
 
 
 class HasFileno(Protocol):
@@ -89,7 +88,7 @@ class Callbacks:
 
     def every(self, period: float, function: Callable[..., object]) -> Callback:
         """Call a function periodically."""
-        _check_seconds("every", period, math.ulp(0.0))
+        _check_seconds("every", period, SHORTEST)
         callback = Callback(self, function)
         return self._add(callback, lambda now: self._timers.every(callback, period, now))
 
@@ -186,7 +185,7 @@ class Callbacks:
 def _check_seconds(call: str, seconds: float, least: float) -> None:
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not is_number or not least <= seconds <= LONGEST:
-        msg = f"{call}({seconds!r:.60}, ...) is no time: seconds {'above' if least else 'from'} 0 to {LONGEST:g} are"
+        msg = f"{call}({seconds!r:.60}, ...) is no time: seconds from {least:g} to {LONGEST:g} are"
         raise MisuseError(msg)
 
 

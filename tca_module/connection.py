@@ -204,13 +204,16 @@ is alive: it is overloaded; whether it took the request is not known"
         with self._lock:
             self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
 
-    def tend(self, since: float, patience: float = STEP) -> float:
-        """Keep the connection alive while its own thread does something else; for how long central has been silent."""
+    def tend(self, since: float, within: float = STEP) -> float:
+        """Keep the connection alive while its own thread does something else; for how long central has been silent.
+
+        *within*: seconds that a central which does not know us yet is waited for.
+        """
         with self._lock:
             self._catch_up()
             self.session.tend(self._clock(), since)
             self._flush(wait_seconds=0)
-            if not self.session.is_welcome and self._listen(patience):
+            if not self.session.is_welcome and self._listen(within):
                 self._flush(wait_seconds=0)
             return self._clock() - max(self.session.heard, since)
 

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.errors import MisuseError
+from tca_module.errors import NIL, MisuseError
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
@@ -100,8 +100,12 @@ class Handler:
         """Call the coroutine function; otherwise like ``handle``."""
         try:
             return self._answer(task, await self.function(*self._given(task, body)))
-        except (Exception, SystemExit, asyncio.CancelledError) as error:  # noqa: BLE001
+        except (Exception, SystemExit) as error:  # noqa: BLE001
             return self._failed(task, error)
+        except asyncio.CancelledError as error:
+            # It ended because its task was killed, as was wanted: that is no failure.
+            answer = self._failed(task, error)
+            return (Reply(task.delivery), NIL) if task.cancelled else answer
 
     def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
         try:

@@ -5,13 +5,11 @@ from typing import Any, Generic
 
 from tca_module.connection import Connection
 from tca_module.constraints import Intervals
-from tca_module.errors import BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.session import Request
 from tca_wire.declarations import Message, R
 from tca_wire.headers import Answer, Kill, Outcome, WaitFor
 from tca_wire.points import Point, TaskId
-
-_NIL = b"\xc0"  # None as MessagePack
 
 
 class TaskRef(Intervals, Generic[R]):
@@ -61,7 +59,7 @@ class TaskRef(Intervals, Generic[R]):
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
         try:
-            return self._message.decode_reply(body or _NIL)
+            return self._message.decode_reply(body or NIL)
         except BadData as error:
             if body:
                 raise

@@ -197,7 +197,7 @@ def two(callback: Callback, more: int) -> None:
 @pytest.mark.parametrize(
     ("declare", "complaint"),
     [
-        (lambda module: module.every(0.0)(print), r"every\(0.0, ...\) is no time: seconds above 0 to 1e\+07 are"),
+        (lambda module: module.every(0.0)(print), r"every\(0.0, ...\) is no time: seconds from 1e-06 to 1e\+07 are"),
         (lambda module: module.every(float("nan"))(print), r"every\(nan"),
         (lambda module: module.every("1")(print), r"every\('1'"),
         (lambda module: module.after(-1, print), r"after\(-1, ...\) is no time: seconds from 0 to"),
