@@ -1,5 +1,6 @@
 """The library that a robot module imports: declare messages, handle them, send them."""
 
+from tca_module.callbacks import Callback
 from tca_module.client import Client, connect
 from tca_module.constraints import this
 from tca_module.errors import (
@@ -15,8 +16,10 @@ from tca_module.errors import (
     TcaError,
     Timeout,
 )
+from tca_module.later import Later
 from tca_module.module import Module
-from tca_module.sender import PendingReply, Sender, TaskOptions
+from tca_module.replies import Notification, PendingReplies, PendingReply
+from tca_module.sender import Sender, TaskOptions
 from tca_module.task import Task
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint
@@ -39,6 +42,7 @@ __all__ = [
     "BadData",
     "BadFormat",
     "Broadcast",
+    "Callback",
     "CentralLost",
     "Client",
     "Command",
@@ -50,12 +54,15 @@ __all__ = [
     "Goal",
     "Inform",
     "Interval",
+    "Later",
     "Message",
     "MisuseError",
     "Module",
     "Moment",
     "MultiQuery",
+    "Notification",
     "Outcome",
+    "PendingReplies",
     "PendingReply",
     "Point",
     "Query",

@@ -9,8 +9,8 @@ from typing import Any, Literal, Protocol, Self
 
 import msgspec
 
-from tca_module.connection import PATIENCE, Connection
-from tca_module.errors import MisuseError
+from tca_module.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
+from tca_module.errors import MisuseError, Timeout
 from tca_module.sender import Sender
 from tca_module.session import Session
 from tca_module.transport import DealerTransport, Transport
@@ -73,6 +73,7 @@ class Client(Sender):
     def __init__(self, connection: Connection) -> None:
         super().__init__()
         self._link: Connection | None = connection
+        connection.outside = self
 
     @property
     def name(self) -> str:
@@ -84,11 +85,18 @@ class Client(Sender):
         """Central's address."""
         return self._connection().address
 
-    def status(self, topic: Topic = "status") -> Any:
-        """What central knows of a topic, as plain values: "status", "modules", "messages" or "tree"."""
+    def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
+        """What central knows of a topic, as plain values: "status", "modules", "messages" or "tree".
+
+        Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
+        """
         connection = self._connection()
         request = connection.request(Ask(0, topic), wants_answer=True)
-        connection.wait(request, None, f"the question for {topic}")
+        if not connection.wait(request, timeout, f"the question for {topic}"):
+            connection.abandon(request)
+            where = f"central at {connection.address}"
+            msg = f"{where} did not answer the question for {topic} within {timeout:g} s: it is overloaded, ask later"
+            raise Timeout(msg)
         return msgspec.msgpack.decode(request.answers[-1][1])
 
     def close(self) -> None:

@@ -8,7 +8,8 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Stopped, Timeout
@@ -25,10 +26,14 @@ PATIENCE = 10.0
 ACKNOWLEDGED_WITHIN = 30.0
 """Seconds that central may take to accept or refuse a request while it does say other things."""
 
-_STEP = 0.2  # seconds at a time that a wait listens, so that stops are noticed
+STEP = 0.2
+"""Seconds at a time that a wait listens, so that stops are noticed."""
+
+STALL = 2.0
+"""Seconds that a turn of a wait never takes unless the process itself was stopped."""
+
 _SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
-_STALL = 2.0  # seconds that a turn of a wait never takes unless the process itself was stopped
 _FOR_EVER = float("inf")
 
 
@@ -42,8 +47,14 @@ class Connection:
         self.session = session
         self.transport = transport
         self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
-        self._patience = patience
+        self.outside: Any = None  #: the Sender with which callbacks send
+        self.callbacks: deque[Callable[[], None]] = (
+            deque()
+        )  #: users' functions that are due; called one after the other
+        self.hear: Callable[[Request], Generator[Any, None, None]] | None = None  #: awaits news of a request in asyncio
+        self.patience = patience
         self._clock = clock
+        self._is_calling_back = False
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner = threading.get_ident()
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
@@ -97,6 +108,7 @@ class Connection:
 
     def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
         """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
+        self._check_thread()
         with self._lock:
             request = self.request(header, body)
             if not self.wait(request, within, what):
@@ -108,8 +120,8 @@ is alive: it is overloaded; whether it took the request is not known"
 
     def request(self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Ask central for something, without waiting."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             epoch = self.session.epoch
             self._catch_up()
             if self.session.epoch != epoch and refers_to_tasks(header):
@@ -119,37 +131,47 @@ is alive: it is overloaded; whether it took the request is not known"
             self._flush()
             return request
 
-    def wait(self, request: Request, timeout: float | None, what: str) -> bool:
-        """Wait until a request is over; whether it is.
+    def wait(
+        self, request: Request, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
+    ) -> bool:
+        """Wait until a request is over, or *is_over* says that enough has come of it; whether it is.
 
         Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long.
         """
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             try:
-                is_over = self._wait(lambda: request.is_over, timeout)
+                came = self._wait(is_over or (lambda: request.is_over), timeout)
             except BaseException:
                 self.session.abandon(request)
                 raise
-            if request.refused is not None:
-                kind = FormatRefused if request.refused.refusal is Refusal.FORMAT else Refused
-                raise kind(what, request.refused.refusal, request.refused.text)
-            if request.lost:
-                msg = f"{what} is lost: {request.lost}; ask again"
-                raise CentralLost(msg)
-            return is_over
+            _check(request, what)
+            return came
+
+    def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
+        """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
+        if self.hear is None:
+            msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
+            raise MisuseError(msg)
+        try:
+            while not request.is_over:
+                yield from self.hear(request)
+        except BaseException:
+            self.abandon(request)
+            raise
+        _check(request, what)
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self.session.abandon(request)
             self._flush()
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self._catch_up()
             dropped = self.session.dropped
             self.session.post(header, body)
@@ -165,43 +187,91 @@ is alive: it is overloaded; whether it took the request is not known"
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled has been killed."""
+        self._check_thread()
         with self._lock:
-            self._check_thread()
             self._catch_up()
             return self.session.is_cancelled(delivery)
 
     # --- waiting ---------------------------------------------------------------------------------------------------
 
-    def serve(self, is_over: Callable[[], bool]) -> None:
-        """Handle what is delivered until *is_over*, however long central is silent."""
-        with self._lock:
-            self._check_thread()
-            self._wait(is_over, None, patience=_FOR_EVER)
+    def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
+        """Handle what is delivered until *is_over*, however long central is silent.
 
-    def tend(self, since: float) -> float:
-        """Keep the connection alive while its own thread does something else; for how long central has been silent."""
+        *idle* is called in between: it may do one thing, or wait for anything, for at most so many seconds; False if it
+        did neither.
+        """
+        self._check_thread()
+        with self._lock:
+            self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
+
+    def tend(self, since: float, within: float = STEP) -> float:
+        """Keep the connection alive while its own thread does something else; for how long central has been silent.
+
+        *within*: seconds that a central which does not know us yet is waited for.
+        """
         with self._lock:
             self._catch_up()
             self.session.tend(self._clock(), since)
             self._flush(wait_seconds=0)
-            if not self.session.is_welcome and self._listen(_STEP):
+            if not self.session.is_welcome and self._listen(within):
                 self._flush(wait_seconds=0)
             return self._clock() - max(self.session.heard, since)
 
-    def _wait(self, is_over: Callable[[], bool], timeout: float | None, *, patience: float | None = None) -> bool:
+    def now(self) -> float:
+        """Seconds on a clock that never jumps."""
+        return self._clock()
+
+    def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
+        """Wait, and call what is to be called meanwhile; whether *is_over*. Raises CentralLost."""
+        self._check_thread()
+        with self._lock:
+            if self._is_calling_back:
+                msg = "a callback waits for another one: they are called one after the other"
+                raise MisuseError(msg)
+            return self._wait(is_over, timeout)
+
+    def soon(self, function: Callable[[], None]) -> None:
+        """Have the thread that owns this connection call a function, in its present or next wait; from any thread."""
+        self.session.news.append(function)
+        self.transport.wake()
+
+    @property
+    def has_news(self) -> bool:
+        """Whether ``take_news`` has something to do."""
+        return bool(self.session.news or (self.callbacks and not self._is_calling_back))
+
+    def take_news(self) -> None:
+        """Do one thing that has come up: of the library, else call one callback (never within another one)."""
+        if self.session.news:
+            self.session.news.popleft()()
+        elif self.callbacks and not self._is_calling_back:
+            self._is_calling_back = True
+            try:
+                self.callbacks.popleft()()
+            finally:
+                self._is_calling_back = False
+
+    def _wait(
+        self, is_over: Callable[[], bool], timeout: float | None, *, patience: float | None = None,
+        idle: Callable[[float], bool] | None = None,
+    ) -> bool:  # fmt: skip
         session, since = self.session, self._clock()
         deadline = _FOR_EVER if timeout is None else since + timeout
-        patience = self._patience if patience is None else patience
+        patience = self.patience if patience is None else patience
         now = since
         while not is_over():
+            if self.has_news:
+                self.take_news()
+                continue
             if self.attend is not None and session.deliveries:
                 self.attend(*session.deliveries.popleft())
                 continue
             session.tend(now, since)
-            self._flush(_SEND_WAIT if session.is_welcome else _STEP)
-            self._listen(min(_STEP, max(0.0, deadline - now)))
+            self._flush(_SEND_WAIT if session.is_welcome else STEP)
+            step = min(STEP, max(0.0, deadline - now))
+            self._listen(0.0 if idle is not None and idle(step) else step)
             before, now = now, self._clock()
-            if now - before > _STALL:
+            if now - before > STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
             if now >= deadline:
                 return is_over()
@@ -248,11 +318,21 @@ it listens"
                 self.session.break_off()
 
     def _check_thread(self) -> None:
+        """Before the lock is taken: a thread that serves keeps it for ever."""
         if threading.get_ident() != self._owner:
             msg = f"a connection of module '{self.session.module}' is used from thread \
 '{threading.current_thread().name}', but belongs to the one that \
 opened it: a handler sends with its task, other threads open a connection of their own with connect()"
             raise MisuseError(msg)
+
+
+def _check(request: Request, what: str) -> None:
+    if request.refused is not None:
+        kind = FormatRefused if request.refused.refusal is Refusal.FORMAT else Refused
+        raise kind(what, request.refused.refusal, request.refused.text)
+    if request.lost:
+        msg = f"{what} is lost: {request.lost}; ask again"
+        raise CentralLost(msg)
 
 
 def _packets(items: list[tuple[ToCentral, bytes]]) -> Iterator[bytes]:

@@ -84,10 +84,11 @@ class _Failed(TcaError):
         if failure.name != self.failure:
             msg = f"this is failure '{self.failure}', not '{failure.name}': compare .failure before data_as()"
             raise MisuseError(msg)
-        return failure.data.decode(self._body or _NIL)
+        return failure.data.decode(self._body or NIL)
 
 
-_NIL = b"\xc0"  # None as MessagePack
+NIL = b"\xc0"
+"""None as MessagePack."""
 
 
 class QueryFailed(_Failed):
@@ -107,6 +108,7 @@ class TaskKilled(TcaError):
 
 
 __all__ = [
+    "NIL",
     "BadData",
     "CentralLost",
     "FormatRefused",

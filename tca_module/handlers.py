@@ -1,20 +1,59 @@
 """Handlers: users' functions, checked when they are declared, and what becomes of one call."""
 
+import asyncio
 import inspect
-import traceback
-from collections.abc import Callable
-from types import TracebackType
-from typing import Any
+from collections.abc import Callable, Coroutine
+from typing import Any, Protocol, overload
 
-from tca_module.errors import MisuseError
+from tca_module.errors import NIL, MisuseError
+from tca_module.failing import Misfit, failed
+from tca_module.later import Later
+from tca_module.signatures import arguments_taken, is_async
 from tca_module.task import Task
-from tca_wire.declarations import FailureRaised, Message
+from tca_wire.declarations import D, Message, R
 from tca_wire.errors import BadData
-from tca_wire.headers import Deliver, Fail, HandlerFormat, Reply
+from tca_wire.headers import Fail, HandlerFormat, Reply
 
-HANDLER_ERROR = "handler error"
-BAD_DATA = "bad data"
-_TRACEBACK_LIMIT = 8000  # characters
+Coming = Coroutine[Any, Any, R | Later[R]]
+"""What calling an ``async def`` handler gives."""
+
+
+class Declare(Protocol[D, R]):
+    """Declares the function that it decorates as a handler, and leaves it as it is."""
+
+    @overload
+    def __call__(
+        self, function: Callable[[Task, D], Coroutine[Any, Any, R]], /
+    ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], Coming[R]], /) -> Callable[[Task, D], Coming[R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], R], /) -> Callable[[Task, D], R]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], R | Later[R]], /) -> Callable[[Task, D], R | Later[R]]: ...
+
+
+class DeclareWithoutData(Protocol[R]):
+    """The same for a message without data, which need not be an argument."""
+
+    @overload
+    def __call__(
+        self, function: Callable[[Task], Coroutine[Any, Any, R]] | Callable[[Task, None], Coroutine[Any, Any, R]], /
+    ) -> Callable[..., Coroutine[Any, Any, R]]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[Task], Coming[R]] | Callable[[Task, None], Coming[R]], /
+    ) -> Callable[..., Coming[R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task], R] | Callable[[Task, None], R], /) -> Callable[..., R]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[Task], R | Later[R]] | Callable[[Task, None], R | Later[R]], /
+    ) -> Callable[..., R | Later[R]]: ...
+
+
+Answer = tuple[Reply | Fail, bytes] | Later[Any]
+"""What central is told of how a handler ended; or who will say it."""
 
 
 class Handler:
@@ -29,6 +68,7 @@ class Handler:
         self.resource = resource
         self.pool = pool
         self.name = getattr(function, "__qualname__", repr(function))
+        self.is_async = is_async(function)
         self._arguments = self._checked_arguments()
 
     @property
@@ -39,57 +79,53 @@ class Handler:
     def _checked_arguments(self) -> int:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""
         what = f"handler {self.name} of {self.message.message_class} '{self.message.name}'"
-        called = getattr(self.function, "__call__", None)  # noqa: B004
-        if any(map(inspect.iscoroutinefunction, (self.function, called))):
-            msg = f"{what} is 'async def', which is not possible yet: make it a plain function"
-            raise MisuseError(msg)
-        try:
-            signature = inspect.signature(self.function)
-        except (TypeError, ValueError):
-            return 2
+        has_data = self.message.data.kind is not type(None)
         # Without data one argument comes first: a second one with a default is the author's own.
-        for arguments in (1, 2) if self.message.data.kind is type(None) else (2,):
-            if _fits(signature, arguments):
-                return arguments
-        wanted = "(task)" if self.message.data.kind is type(None) else f"(task, data: {self.message.data})"
+        arguments = arguments_taken(self.function, (2,) if has_data else (1, 2))
+        if arguments is not None:
+            return arguments
+        wanted = f"(task, data: {self.message.data})" if has_data else "(task)"
+        signature = inspect.signature(self.function)
         msg = f"{what} is declared with {signature}: declare it with {wanted}"
         raise MisuseError(msg)
 
-    def handle(self, task: Task, delivery: Deliver, body: bytes) -> tuple[Reply | Fail, bytes]:
-        """Call the function; what central is told of how it ended. Raises nothing."""
+    def handle(self, task: Task, body: bytes) -> Answer:
+        """Call the function; what central is told of how it ended, or who will say it. Raises nothing."""
         try:
-            data = self.message.decode_data(body)
-        except BadData as error:
-            return Fail(delivery.delivery, BAD_DATA, str(error)), b""
-        try:
-            reply = self.function(*(task, data)[: self._arguments])
-        except FailureRaised as failure:
-            return Fail(delivery.delivery, failure.name, failure.text), failure.body
+            return self._answer(task, self.function(*self._given(task, body)))
         except (Exception, SystemExit) as error:  # noqa: BLE001
-            return Fail(delivery.delivery, HANDLER_ERROR, _describe(error)), b""
+            return self._failed(task, error)
+
+    async def handle_async(self, task: Task, body: bytes) -> Answer:
+        """Call the coroutine function; otherwise like ``handle``."""
         try:
-            return Reply(delivery.delivery), self.message.encode_reply(reply)
+            return self._answer(task, await self.function(*self._given(task, body)))
+        except (Exception, SystemExit) as error:  # noqa: BLE001
+            return self._failed(task, error)
+        except asyncio.CancelledError as error:
+            # It ended because its task was killed, as was wanted: that is no failure.
+            answer = self._failed(task, error)
+            return (Reply(task.delivery), NIL) if task.cancelled else answer
+
+    def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
+        try:
+            return (task, self.message.decode_data(body))[: self._arguments]
         except BadData as error:
-            return Fail(delivery.delivery, BAD_DATA, f"{error} (handler {self.name})"), b""
+            raise Misfit(str(error)) from None
 
+    def _answer(self, task: Task, returned: Any) -> Answer:
+        later = task.later
+        if isinstance(returned, Later) or later is not None:
+            if later is None or returned is not later:
+                msg = f"handler {self.name} called reply_later() and returned {returned!r:.60}: return what that gave"
+                raise MisuseError(msg)
+            return later
+        try:
+            return Reply(task.delivery), self.message.encode_reply(returned)
+        except BadData as error:
+            raise Misfit(f"{error} (handler {self.name})") from None
 
-def _fits(signature: inspect.Signature, arguments: int) -> bool:
-    try:
-        signature.bind(*(None,) * arguments)
-    except TypeError:
-        return False
-    return True
-
-
-def _describe(error: BaseException) -> str:
-    """The error in one line, then its traceback from the handler on."""
-    lines = traceback.format_exception(type(error), error, _from_the_handler_on(error.__traceback__))
-    text = "".join(lines).rstrip()
-    if len(text) > _TRACEBACK_LIMIT:
-        text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"
-    return f"{''.join(traceback.format_exception_only(error)).rstrip()}\n{text}"
-
-
-def _from_the_handler_on(trace: TracebackType | None) -> TracebackType | None:
-    """Without the frame that called the handler: it says nothing to the handler's author."""
-    return trace.tb_next if trace is not None and trace.tb_next is not None else trace
+    def _failed(self, task: Task, error: BaseException) -> Answer:
+        if task.later is not None:
+            task.later.end(f"its handler failed: {type(error).__name__}")
+        return failed(task.delivery, error)

@@ -7,18 +7,21 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
+from tca_module.callbacks import Callback, Callbacks, HasFileno
 from tca_module.client import CentralAddress, checked_module_name, hello, new_incarnation, open_connection
 from tca_module.connection import PATIENCE, Connection
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped, TcaError
-from tca_module.handlers import Handler
+from tca_module.handlers import Declare, DeclareWithoutData, Handler
 from tca_module.sender import Sender
 from tca_module.slot import Slot
-from tca_module.task import Task
+from tca_module.slots import CALLBACKS, Slots
 from tca_wire.declarations import D, Message, R
 
 _TEND_PERIOD = 0.5
+
+F = TypeVar("F", bound=Callable[[Callback], object] | Callable[[], object])
 
 
 class Module(Sender):
@@ -44,7 +47,7 @@ class Module(Sender):
         self._resources = {name: _checked_capacity(name, capacity)}
         self._handlers: dict[str, Handler] = {}
         self._link: Connection | None = None
-        self._slots: list[Slot] = []
+        self._slots = Slots(name)
         self._stop = threading.Event()
         self._keeper: threading.Thread | None = None
         self._error: TcaError | None = None  # what ended it before its time
@@ -65,15 +68,11 @@ class Module(Sender):
         return name
 
     @overload
-    def handles(
-        self, message: Message[None, R], *, resource: str = "", pool: str = ""
-    ) -> Callable[[Callable[[Task], R] | Callable[[Task, None], R]], Callable[..., R]]: ...
+    def handles(self, message: Message[None, R], *, resource: str = "", pool: str = "") -> DeclareWithoutData[R]: ...
     @overload
-    def handles(
-        self, message: Message[D, R], *, resource: str = "", pool: str = ""
-    ) -> Callable[[Callable[[Task, D], R]], Callable[[Task, D], R]]: ...
-    def handles(self, message: Message[Any, Any], *, resource: str = "", pool: str = "") -> Callable[..., Any]:
-        """Declare the decorated function as this module's handler of *message*.
+    def handles(self, message: Message[D, R], *, resource: str = "", pool: str = "") -> Declare[D, R]: ...
+    def handles(self, message: Message[Any, Any], *, resource: str = "", pool: str = "") -> Any:
+        """Declare the decorated function, plain or ``async def``, as this module's handler of *message*.
 
         The newest module to declare a handler gets the messages; modules that name the same *pool* share them.
         """
@@ -89,6 +88,50 @@ class Module(Sender):
             return function
 
         return declare
+
+    # --- callbacks -------------------------------------------------------------------------------------------------
+
+    def every(self, period: float, *, resource: str = "") -> Callable[[F], F]:
+        """Have the decorated function called every *period* seconds, first one period after the module began.
+
+        Calls come at multiples of the period, without drift; those that are missed because the thread was busy are left
+        out. The function may take the Callback, to send with and to ``cancel()``, or nothing. The thread of *resource*
+        calls it between messages; by default one that only calls callbacks. Errors in it are logged.
+        """
+
+        def declare(function: F) -> F:
+            self._called_by(resource).every(period, function)
+            return function
+
+        return declare
+
+    def after(
+        self, delay: float, function: Callable[[Callback], object] | Callable[[], object], *, resource: str = ""
+    ) -> Callback:
+        """Have a function called once, *delay* seconds from now or from when the module begins; see ``every``.
+
+        May be called at any time, from any thread.
+        """
+        return self._called_by(resource).after(delay, function)
+
+    def on_readable(
+        self,
+        source: int | HasFileno,
+        function: Callable[[Callback], object] | Callable[[], object],
+        *,
+        resource: str = "",
+    ) -> Callback:
+        """Have a function called whenever a socket, pipe or other file (or its number) has something to read.
+
+        The function reads it, or is called again at once. At the end of the file it should ``cancel()``, and so should
+        whoever closes the file. See ``every``; may be called at any time, from any thread.
+        """
+        return self._called_by(resource).on_readable(source, function)
+
+    def _called_by(self, resource: str) -> Callbacks:
+        if self._link is None:
+            self._resources.setdefault(resource or CALLBACKS, 1)
+        return self._slots.callbacks(resource or CALLBACKS)
 
     def _check_not_running(self, call: str) -> None:
         if self._link is not None:
@@ -144,6 +187,7 @@ class Module(Sender):
         incarnation = new_incarnation()
         greeting = hello(self.name, incarnation)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
+        link.outside = self
         try:
             handlers = self._handlers.values()
             link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
@@ -157,15 +201,16 @@ class Module(Sender):
         self._keeper.start()
 
     def _open_slots(self, incarnation: str, patience: float) -> None:
-        names = [name for name, capacity in self._resources.items() for _ in range(capacity) if self._uses(name)]
-        for number, resource in enumerate(names, start=1):
+        def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, incarnation, number, resource)
-            self._slots.append(Slot(self.central, greeting, patience, self._handlers, self._stop))
-        for slot in self._slots:
-            slot.wait_until_open()
+            return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop)
+
+        resources = self._resources.items()
+        self._slots.open([name for name, capacity in resources for _ in range(capacity) if self._uses(name)], open_slot)
 
     def _uses(self, resource: str) -> bool:
-        return any(handler.resource == resource for handler in self._handlers.values())
+        handles = any(handler.resource == resource for handler in self._handlers.values())
+        return handles or self._slots.has_callbacks(resource)
 
     def _keep(self, link: Connection, patience: float, reconnect: bool) -> None:
         """Keep connection 0 alive, in a thread of its own: the module's own thread may be busy elsewhere."""
@@ -186,19 +231,18 @@ class Module(Sender):
         for error in self._leave():
             raise error
 
-    def _leave(self) -> list[Exception]:
+    def _leave(self) -> list[BaseException]:
         """Take nothing new, finish what runs, say goodbye; what ended the module before its time."""
         self._stop.set()
         if self._keeper is not None:
             self._keeper.join()
         assert self._link is not None
         self._link.leave()
-        for slot in self._slots:
-            slot.join()
+        errors = self._slots.close()
         self._link.close()
-        errors = [error for error in (self._error, *(slot.error for slot in self._slots)) if error is not None]
+        if self._error is not None:
+            errors.insert(0, self._error)
         self._link, self._keeper, self._error = None, None, None
-        self._slots.clear()
         return errors
 
     def _connection(self) -> Connection:

@@ -1,23 +1,21 @@
 """What can be sent, the same calls for a handler's Task, a Module and a Client: one place where messages leave."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, Generic, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 from tca_module.connection import Connection
-from tca_module.errors import MisuseError, QueryFailed, Timeout
+from tca_module.errors import MisuseError
 from tca_module.ordering import Ordering
+from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, name_of
 from tca_module.session import Request
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
-from tca_wire.headers import Answer, Constrain, MessageClass, Outcome, Send
+from tca_wire.headers import Constrain, MessageClass, Send
 from tca_wire.points import ROOT, TaskId
 
 HIGHEST_PRIORITY = 1_000_000
-
-QUERY_TIMEOUT = 30.0
-"""Seconds that a query waits for its reply where nobody says otherwise."""
 
 
 class TaskOptions(TypedDict, total=False):
@@ -87,7 +85,7 @@ class Sender:
             0, message.name, self._parent, self._origin, flags, [*constraints, *options.get("constraints", ())],
             options.get("priority", 0),
         )  # fmt: skip
-        task_id = TaskId(connection.call(header, _name(message), body))
+        task_id = TaskId(connection.call(header, name_of(message), body))
         self._ordering.add(task_id, sequential=sequential)
         return TaskRef(connection, message, task_id, self._origin)
 
@@ -130,11 +128,29 @@ class Sender:
         """
         return self._ask(message, data, priority, blocking=True).receive(timeout)
 
-    def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> "PendingReply[R]":
-        """Ask, and fetch the reply later with ``receive()``."""
+    def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
+        """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""
         return self._ask(message, data, priority, blocking=False)
 
-    def _ask(self, message: Query[D, R], data: D, priority: int, *, blocking: bool) -> "PendingReply[R]":
+    def query_notify(
+        self,
+        message: Query[D, R],
+        data: D,
+        callback: "Callable[[Sender, R], object]",
+        on_failure: "Callable[[Sender, Exception], object] | None" = None,
+        *,
+        priority: int = 0,
+    ) -> Notification[R]:
+        """Ask, and have *callback* called with the reply, or *on_failure* with the error that ``query`` would raise.
+
+        Both get something to send with first: under the root, for the handler may have returned long since. They are
+        called in this thread, one after the other, while it waits for central (for a reply, a result, a goal to be
+        taken) or for its next message. Errors in them are logged, and so are failures without *on_failure*.
+        """
+        pending = self._ask(message, data, priority, blocking=False)
+        return Notification(pending, callback, on_failure)
+
+    def _ask(self, message: Query[D, R], data: D, priority: int, *, blocking: bool) -> PendingReply[R]:
         _check_class(message, Query)
         return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
 
@@ -163,11 +179,21 @@ class Sender:
         Ends with *maximum* replies (0: all), when nobody is left who could reply, or after *timeout* seconds with what
         has come until then. Handlers that fail are left out.
         """
+        return list(self.multi_query_send(message, data, maximum=maximum, timeout=timeout))
+
+    def multi_query_send(
+        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int = 0, timeout: float | None = QUERY_TIMEOUT
+    ) -> PendingReplies[R]:
+        """Ask every module that handles the message; iterate over what this returns to get the replies as they come.
+
+        They end as those of ``multi_query`` do; *timeout* counts from now.
+        """
         _check_class(message, MultiQuery)
+        if not isinstance(maximum, int) or maximum < 0:
+            msg = f"{name_of(message)} can't end with {maximum!r:.40} replies: 1, 2, ... or 0 (all) can be"
+            raise MisuseError(msg)
         connection, request = self._question(message, data, blocking=True, maximum=maximum)
-        if not connection.wait(request, timeout, _name(message)):
-            connection.abandon(request)
-        return [message.decode_reply(body) for answer, body in request.answers if answer.more]
+        return PendingReplies(connection, request, message, timeout)
 
     # --- statements ------------------------------------------------------------------------------------------------
 
@@ -187,59 +213,18 @@ class Sender:
         connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
 
 
-class PendingReply(Generic[R]):
-    """A query that was sent; its reply may be there already."""
-
-    def __init__(self, connection: Connection, request: Request, message: Query[Any, R]) -> None:
-        self._connection = connection
-        self._request = request
-        self._message = message
-        self._is_cancelled = False
-
-    def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
-        """The reply; waits for it *timeout* seconds (None: for ever).
-
-        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time: the query is then given up.
-        """
-        what = _name(self._message)
-        if self._is_cancelled:
-            msg = f"{what} was given up: send it again to get a reply"
-            raise MisuseError(msg)
-        if not self._connection.wait(self._request, timeout, what):
-            self.cancel()
-            msg = f"{what} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
-'tca messages', or give timeout="
-            raise Timeout(msg)
-        return self._reply(*self._request.answers[-1])
-
-    def _reply(self, answer: Answer, body: bytes) -> R:
-        if answer.outcome is not Outcome.DONE:
-            raise QueryFailed(_name(self._message), answer.failure or str(answer.outcome), answer.text, body)
-        return self._message.decode_reply(body)
-
-    def cancel(self) -> None:
-        """Give the query up: a handler that has not begun with it never will."""
-        if not self._is_cancelled:
-            self._is_cancelled = True
-            self._connection.abandon(self._request)
-
-
-def _name(message: Message[Any, Any]) -> str:
-    return f"{message.message_class} '{message.name}'"
-
-
 def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
     unknown = sorted(options.keys() - TaskOptions.__annotations__.keys())
     if unknown:
         known = ", ".join(TaskOptions.__annotations__)
-        msg = f"{_name(message)} can't be sent with {unknown[0]}=: the options are {known}"
+        msg = f"{name_of(message)} can't be sent with {unknown[0]}=: the options are {known}"
         raise MisuseError(msg)
     _check_priority(message, options.get("priority", 0))
 
 
 def _check_priority(message: Message[Any, Any], priority: Any) -> None:
     if not isinstance(priority, int) or abs(priority) > HIGHEST_PRIORITY:
-        msg = f"{_name(message)} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
+        msg = f"{name_of(message)} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
         raise MisuseError(msg)
 
 

@@ -54,8 +54,8 @@ class Request:
     was refused (*refused*), or it was lost with central's memory (*lost* says how).
     """
 
-    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "refused", "repeated", "wants_answer",
-                 "was_sent")  # fmt: skip
+    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "refused", "repeated",
+                 "wants_answer", "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -68,6 +68,7 @@ class Request:
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""
+        self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
 
 
 class Session:
@@ -85,6 +86,7 @@ class Session:
         self.heard = float("-inf")  #: when central last said anything
         self.outgoing: list[Item] = []
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
+        self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
         self.complaints: list[str] = []  #: what central said that answers no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
         self.is_welcome = False
@@ -188,11 +190,9 @@ class Session:
 
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
-        for number, request in list(self._requests.items()):
+        for request in list(self._requests.values()):
             if request.was_sent or refers_to_tasks(request.header):
-                request.lost = "central was restarted meanwhile and has forgotten it"
-                request.is_over = True
-                del self._requests[number]
+                self._lose(request, "central was restarted meanwhile and has forgotten it")
         self._replies.clear()
         self._attended.clear()
         self.deliveries.clear()
@@ -218,13 +218,16 @@ class Session:
 
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
-        del self._requests[request.header.number]
         if isinstance(request.header, headers.WaitFor | headers.Ask):
+            del self._requests[request.header.number]
             self._number(request)
             self._send(request)
         else:  # A query may have been answered already; to ask again is the caller's decision.
-            request.lost = "the connection to central broke before the answer came"
-            request.is_over = True
+            self._lose(request, "the connection to central broke before the answer came")
+
+    def _lose(self, request: Request, why: str) -> None:
+        request.lost = why
+        self._end(request)
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
         request = self._requests.get(header.number)
@@ -232,10 +235,14 @@ class Session:
             request.answers.append((header, body))
             if not header.more:
                 self._end(request)
+            elif request.notify is not None:
+                self.news.append(request.notify)
 
     def _end(self, request: Request) -> None:
         request.is_over = True
         del self._requests[request.header.number]
+        if request.notify is not None:
+            self.news.append(request.notify)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
         if header.delivery in self._attended or any(reply.delivery == header.delivery for reply, _ in self._said()):

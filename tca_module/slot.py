@@ -1,14 +1,22 @@
 """One place where messages are handled: a thread with a connection of its own."""
 
+import contextlib
 import logging
 import threading
 from collections.abc import Mapping
+from typing import Any
 
+from tca_module.callbacks import Callbacks
 from tca_module.client import CentralAddress, open_connection
 from tca_module.connection import Connection
 from tca_module.errors import Stopped
-from tca_module.handlers import HANDLER_ERROR, Handler
+from tca_module.event_loop import EventLoop
+from tca_module.failing import HANDLER_ERROR
+from tca_module.handlers import Answer, Handler
+from tca_module.later import Later
+from tca_module.sender import Sender
 from tca_module.task import Task
+from tca_module.transport import wait
 from tca_wire.headers import Deliver, Fail, Hello
 
 
@@ -17,16 +25,19 @@ class Slot:
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
-        stop: threading.Event,
+        callbacks: Callbacks, stop: threading.Event,
     ) -> None:  # fmt: skip
-        self.error: Exception | None = None  #: what ended the thread before its time
+        self.error: BaseException | None = None  #: what ended the thread before its time
         self._central = central
         self._hello = hello
         self._patience = patience
         self._handlers = handlers
+        self._callbacks = callbacks
         self._stop = stop
         self._opened = threading.Event()
         self._connection: Connection | None = None
+        self._loop: EventLoop | None = None  #: made when it is first needed
+        self._owed: list[Later[Any]] = []  #: answers that handlers left to others
         self._log = logging.getLogger(f"tca.{hello.module}")
         self._thread = threading.Thread(target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True)
         self._thread.start()
@@ -45,29 +56,115 @@ class Slot:
 
     def _run(self) -> None:
         try:
-            is_stopped = self._stop.is_set
-            self._connection = connection = open_connection(self._central, self._hello, self._patience, is_stopped)
-            self._opened.set()
-            connection.attend = self._attend
-            connection.serve(is_stopped)
-            connection.close()
+            self._serve(open_connection(self._central, self._hello, self._patience, self._stop.is_set))
         except Stopped:
             self._opened.set()
-        except Exception as error:  # noqa: BLE001 - shown by the module's own thread
+        except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
             self.error = error
             self._stop.set()
             self._opened.set()
 
+    def _serve(self, connection: Connection) -> None:
+        self._connection = connection
+        connection.attend = self._attend
+        connection.outside = Outside(connection)
+        self._callbacks.begin(connection)
+        self._opened.set()
+        with contextlib.closing(connection.transport):  # without goodbye if an error comes: what was begun has failed
+            try:
+                connection.serve(self._stop.is_set, self._idle)
+            finally:
+                self._callbacks.end()
+                if self._loop is not None:
+                    self._loop.close()
+            self._say_goodbye(connection)
+
+    def _say_goodbye(self, connection: Connection) -> None:
+        while connection.session.news:  # answers of others, perhaps
+            connection.session.news.popleft()()
+        for later in self._owed:
+            later.module_ends()
+        connection.close()
+
+    # --- between messages ------------------------------------------------------------------------------------------
+
+    def _idle(self, seconds: float) -> bool:
+        """Call one callback, or wait until there may be something to do; False if only central can bring that."""
+        callbacks = self._callbacks
+        if callbacks.call_one():
+            return True
+        if self._loop is None and not callbacks:
+            return False
+        assert self._connection is not None
+        patience, files = callbacks.patience(seconds), callbacks.files
+        if self._loop is not None:
+            ready = self._loop.wait(patience, files)
+        else:
+            ready = wait(self._connection.transport, patience, files)
+        callbacks.found(ready)
+        return True
+
+    # --- messages --------------------------------------------------------------------------------------------------
+
     def _attend(self, delivery: Deliver, body: bytes) -> None:
+        """Handle a message, to the end of its handler."""
         connection = self._connection
         assert connection is not None
         handler = self._handlers.get(delivery.message)
         if handler is None:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
             return
-        task = Task(connection, delivery)
-        reply, reply_body = handler.handle(task, delivery, body)
+        task = Task(connection, delivery, handler.message)
+        if not handler.is_async:
+            self._end(handler, task, handler.handle(task, body))
+        elif self._loop is not None and self._loop.is_running:
+            text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
+            hint = "await that one: task.query_send(...)"
+            self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b""))
+        else:
+            # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
+            answer = self._event_loop(connection).run(delivery.delivery, handler.handle_async(task, body))
+            self._end(handler, task, answer)
+
+    def _attend_in_loop(self, delivery: Deliver, body: bytes) -> None:
+        """Handle a message beside a coroutine that awaits."""
+        handler = self._handlers.get(delivery.message)
+        if handler is None or not handler.is_async:
+            self._attend(delivery, body)
+            return
+        assert self._connection is not None
+        assert self._loop is not None
+        task = Task(self._connection, delivery, handler.message)
+        self._loop.start(delivery.delivery, self._attend_async(handler, task, body))
+
+    async def _attend_async(self, handler: Handler, task: Task, body: bytes) -> None:
+        self._end(handler, task, await handler.handle_async(task, body))
+
+    def _event_loop(self, connection: Connection) -> EventLoop:
+        if self._loop is None:
+            self._loop = EventLoop(connection, self._attend_in_loop)
+        return self._loop
+
+    def _end(self, handler: Handler, task: Task, answer: Answer) -> None:
+        """A handler has returned: tell central, or see that somebody will."""
+        assert self._connection is not None
         task.returned()
-        if isinstance(reply, Fail) and reply.failure == HANDLER_ERROR:
-            self._log.error("handler %s failed: %s", handler.name, reply.text)
-        connection.reply(reply, reply_body)
+        if isinstance(answer, Later):
+            self._owed = [*(later for later in self._owed if later.is_open), answer]
+            answer.returned()
+            return
+        header, body = answer
+        if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
+            self._log.error("handler %s failed: %s", handler.name, header.text)
+        self._connection.reply(header, body)
+
+
+class Outside(Sender):
+    """What callbacks in a slot's thread send with: under the root."""
+
+    def __init__(self, connection: Connection) -> None:
+        super().__init__()
+        self._link = connection
+
+    def _connection(self) -> Connection:
+        return self._link

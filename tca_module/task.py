@@ -1,9 +1,13 @@
 """What a handler sees of the message that it handles, and sends from."""
 
+from typing import Any
+
 from tca_module.connection import Connection
 from tca_module.constraints import Intervals, Span
 from tca_module.errors import CentralLost, MisuseError
+from tca_module.later import Later
 from tca_module.sender import Sender
+from tca_wire.declarations import Message
 from tca_wire.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
 
@@ -16,15 +20,22 @@ class Task(Sender, Intervals):
     the root.
     """
 
-    def __init__(self, connection: Connection, delivery: Deliver) -> None:
+    def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
         Sender.__init__(self, delivery.task, delivery.delivery)
         Intervals.__init__(self, delivery.task)
         self._link: Connection | None = connection
         self._born = connection.session.epoch
-        self._message = delivery.message
+        self._message = message
+        self._delivery = delivery
+        self.later: Later[Any] | None = None  #: who answers for the handler, if it said so
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message}'" if self.id else f"'{self.message}'"
+
+    @property
+    def delivery(self) -> int:
+        """The number by which the handler's answer names the message."""
+        return self._origin
 
     @property
     def id(self) -> TaskId:
@@ -34,7 +45,7 @@ class Task(Sender, Intervals):
     @property
     def message(self) -> str:
         """The name of the message."""
-        return self._message
+        return self._message.name
 
     @property
     def cancelled(self) -> bool:
@@ -43,6 +54,23 @@ class Task(Sender, Intervals):
             return self._connection().is_cancelled(self._origin)
         except CentralLost:
             return True
+
+    def reply_later(self) -> Later[Any]:
+        """Let somebody else answer: the handler returns what this gives, and is done; the message is not.
+
+        ::
+
+            @arm.handles(MOVE)
+            def move(task: Task, place: Place) -> Later[Footfall]:
+                later = task.reply_later()
+                driver.begin(place, later)  # its thread calls later.reply(footfall)
+                return later
+        """
+        connection = self._connection()
+        if self.later is None:
+            connection.transport.waker()  # an answer from another thread must not wait
+            self.later = Later(connection, self._message, self._delivery)
+        return self.later
 
     @property
     def handling(self) -> Span:

@@ -1,19 +1,22 @@
 """The handle on a task that one has made: its points, its end and its result."""
 
+from collections.abc import Generator
 from typing import Any, Generic
 
 from tca_module.connection import Connection
 from tca_module.constraints import Intervals
-from tca_module.errors import BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_module.session import Request
 from tca_wire.declarations import Message, R
 from tca_wire.headers import Answer, Kill, Outcome, WaitFor
 from tca_wire.points import Point, TaskId
 
-_NIL = b"\xc0"  # None as MessagePack
-
 
 class TaskRef(Intervals, Generic[R]):
-    """A goal or command that was sent. ``ref.achieving.end`` and the like are its points, for constraints."""
+    """A goal or command that was sent. ``ref.achieving.end`` and the like are its points, for constraints.
+
+    In an async handler ``await ref`` gives what ``ref.result()`` does, without a timeout (asyncio.timeout has one).
+    """
 
     def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
         super().__init__(task_id)
@@ -41,13 +44,22 @@ class TaskRef(Intervals, Generic[R]):
 
         Raises TaskFailed or TaskKilled if it ended so, Timeout if it has not ended in time.
         """
-        answer, body = self._ended(timeout)
+        return self._result(*self._ended(timeout))
+
+    def __await__(self) -> Generator[Any, None, R]:
+        if self._end is None:
+            what, request = self._ask(self.achieving.end)
+            yield from self._connection.until_over(request, f"the wait for {what}")
+            self._end = request.answers[-1]
+        return self._result(*self._end)
+
+    def _result(self, answer: Answer, body: bytes) -> R:
         if answer.outcome is Outcome.FAILED:
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
         try:
-            return self._message.decode_reply(body or _NIL)
+            return self._message.decode_reply(body or NIL)
         except BadData as error:
             if body:
                 raise
@@ -76,16 +88,19 @@ class TaskRef(Intervals, Generic[R]):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        self._check_epoch()
-        point = _checked(point)
-        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        header = WaitFor(0, point, self._origin)
-        request = self._connection.request(header, wants_answer=True)
+        what, request = self._ask(point)
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             self._connection.abandon(request)
             msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
             raise Timeout(msg)
         return request.answers[-1]
+
+    def _ask(self, point: Point) -> tuple[str, Request]:
+        """Ask to be told when a point is reached; its name for people, and the request."""
+        self._check_epoch()
+        point = _checked(point)
+        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
+        return what, self._connection.request(WaitFor(0, point, self._origin), wants_answer=True)
 
     def _check_epoch(self) -> None:
         if self._epoch != self._connection.session.epoch:

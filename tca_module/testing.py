@@ -19,6 +19,7 @@ from typing import Self
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record
+from tca_module.transport import Waker
 from tca_wire.codec import pack_item, unpack_to_central
 from tca_wire.facts import Entry, Fact
 from tca_wire.headers import Closing
@@ -55,7 +56,7 @@ class LocalCentral:
         with self._lock:
             self.core = Central(epoch)
             for transport in self._connections.values():
-                transport.incoming.put(pack_item(Closing("restarted")))
+                transport.arrive(pack_item(Closing("restarted")))
 
     def close(self) -> None:
         """End: whoever still waits for an answer learns it."""
@@ -89,8 +90,8 @@ class LocalCentral:
     def closed(self, connection: ConnectionId) -> None:
         """The far end of a connection is gone."""
         with self._lock:
-            self._connections.pop(connection, None)
-            if not self._is_closed:
+            was_open = self._connections.pop(connection, None) is not None
+            if was_open and not self._is_closed:
                 self._handle(ConnectionLost(time.monotonic() - self._began, connection))
 
     def _handle(self, event: Event) -> None:
@@ -98,7 +99,7 @@ class LocalCentral:
             if isinstance(effect, Record):
                 self.entries.append(effect.entry)
             elif transport := self._connections.get(effect.connection):
-                transport.incoming.put(pack_item(effect.header, effect.body))
+                transport.arrive(pack_item(effect.header, effect.body))
         _check_invariants(self.core)
 
 
@@ -109,6 +110,7 @@ class LocalTransport:
         self.id = connection
         self.incoming: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._central = central
+        self._waker: Waker | None = None
 
     @property
     def address(self) -> str:
@@ -119,21 +121,46 @@ class LocalTransport:
         """Hand the packet to central."""
         return self._central.take(self.id, packet)
 
+    def arrive(self, packet: bytes) -> None:
+        """A packet comes from central; an empty one only ends a wait."""
+        self.incoming.put(packet)
+        if self._waker is not None:
+            self._waker.set()
+
     def receive(self, timeout_seconds: float) -> bytes | None:
         """The next packet; None if there is none in time, or ``wake`` was called."""
         try:
             packet = self.incoming.get(timeout=timeout_seconds) if timeout_seconds > 0 else self.incoming.get_nowait()
+            while not packet:
+                packet = self.incoming.get_nowait()
         except queue.Empty:
             return None
-        return packet or None
+        return packet
+
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
+        is_woken = self._waker is not None and self._waker.clear()
+        return is_woken or not self.incoming.empty()
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when a packet arrives."""
+        return self.waker().fileno()
+
+    def waker(self) -> Waker:
+        """Ends waits from other threads."""
+        if self._waker is None:
+            self._waker = Waker()
+        return self._waker
 
     def wake(self) -> None:
         """Let ``receive`` return now."""
-        self.incoming.put(b"")
+        self.arrive(b"")
 
     def close(self) -> None:
         """Central notices if nobody said goodbye."""
         self._central.closed(self.id)
+        if self._waker is not None:
+            self._waker.close()
 
 
 def _check_invariants(central: Central) -> None:

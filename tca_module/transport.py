@@ -1,6 +1,14 @@
-"""How packets travel between one connection and central. The only file of this package that knows ZeroMQ."""
+"""How packets travel between one connection and central, and how to wait for them together with other things.
 
+The only file of this package that knows ZeroMQ.
+"""
+
+import contextlib
 import functools
+import select
+import socket as sockets
+import threading
+from collections.abc import Collection
 from typing import Protocol
 
 import zmq
@@ -32,11 +40,69 @@ class Transport(Protocol):
     def receive(self, timeout_seconds: float) -> bytes | None:
         """The next packet; None if there is none in time."""
 
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
+
+    def waker(self) -> "Waker":
+        """Ends waits from other threads; from now on ``wake`` takes effect at once."""
+
     def wake(self) -> None:
-        """Let ``receive`` return soon, if it can be done from another thread."""
+        """Let ``receive`` return soon; may be called from any thread."""
 
     def close(self) -> None:
         """Close; what was sent still leaves, for a second."""
+
+
+class Waker:
+    """Ends the waits of one thread, from others."""
+
+    def __init__(self) -> None:
+        self._near, self._far = sockets.socketpair()
+        self._near.setblocking(False)
+        self._far.setblocking(False)
+        self._lock = threading.Lock()
+        self._is_set = False
+
+    def fileno(self) -> int:
+        """Of the file that is readable when it is set."""
+        return self._near.fileno()
+
+    def set(self) -> None:
+        """End the wait, or the next one."""
+        with self._lock, contextlib.suppress(OSError):  # closed: nobody waits any more
+            if not self._is_set:
+                self._is_set = True
+                self._far.send(b".")
+
+    def clear(self) -> bool:
+        """Let waits last again; whether it was set."""
+        if not self._is_set:
+            return False
+        with self._lock:
+            self._is_set = False
+            self._near.recv(1)
+        return True
+
+    def close(self) -> None:
+        """End for good."""
+        with self._lock:
+            self._near.close()
+            self._far.close()
+
+
+def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
+    """Wait so long, but no longer than until *transport* or one of the *files* (their numbers) has something to read.
+
+    Returns which of the files have; False: that one is no open file.
+    """
+    poll = select.poll()
+    for file in (transport.fileno(), transport.waker().fileno(), *files):
+        poll.register(file, select.POLLIN)
+    ready = poll.poll(0 if transport.has_arrived() else 1000 * max(0.0, seconds))
+    return {file: not event & select.POLLNVAL for file, event in ready if file in files}
 
 
 # As plain integers: combining pyzmq's enum members costs a microsecond each time.
@@ -56,6 +122,7 @@ class DealerTransport:
         self.address = address
         self._socket = _context().socket(zmq.DEALER)
         self._receive_timeout = -1
+        self._waker: Waker | None = None
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
@@ -81,6 +148,9 @@ class DealerTransport:
         if timeout_seconds <= 0:
             # Asking is cheaper than the exception that an empty socket raises.
             return socket.recv(_DONTWAIT) if int(socket.getsockopt(_EVENTS)) & _POLLIN else None
+        if self._waker is not None:
+            wait(self, timeout_seconds)
+            return self.receive(0)
         milliseconds = int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
         if milliseconds != self._receive_timeout:
             self._receive_timeout = milliseconds
@@ -90,9 +160,28 @@ class DealerTransport:
         except zmq.Again:
             return None
 
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
+        is_woken = self._waker is not None and self._waker.clear()
+        return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLIN) or is_woken
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
+        return int(self._socket.getsockopt(zmq.FD))
+
+    def waker(self) -> Waker:
+        """Ends waits from other threads; from now on ``wake`` takes effect at once."""
+        if self._waker is None:
+            self._waker = Waker()
+        return self._waker
+
     def wake(self) -> None:
-        """Do nothing: a socket belongs to its thread, whose waits are short."""
+        """Let ``receive`` return soon; until somebody asked for the waker, that is when its short waits end."""
+        if self._waker is not None:
+            self._waker.set()
 
     def close(self) -> None:
         """Close; what was sent still leaves, for a second."""
         self._socket.close()
+        if self._waker is not None:
+            self._waker.close()

@@ -19,6 +19,9 @@ PRINTED = {
     "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
     "06_testing_without_central": "passed\n",
     "07_explore": "a careful robot: good, ",
+    "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
+    "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
+    "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",
 }
 
 
@@ -44,6 +47,8 @@ def test_example(path: Path, tmp_path: Path) -> None:
     if path.stem == "05_failure":
         assert "terrain collision" in done.stdout
         assert "leg 1 met a rock" in done.stdout
+    if path.stem == "30_async_handlers":
+        assert done.stdout.splitlines()[1:] == ["camera off", "watch ended: seen enough"]
 
 
 def test_the_readme_quotes_the_first_example() -> None:

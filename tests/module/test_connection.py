@@ -8,6 +8,7 @@ import pytest
 from tca_module.connection import Connection
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
 from tca_module.session import QUIET, Session
+from tca_module.transport import Waker
 from tca_wire import headers
 from tca_wire.codec import pack, unpack_to_central
 from tca_wire.declarations import Goal
@@ -74,6 +75,15 @@ class ScriptedCentral:
             return packet
         self.now += timeout_seconds
         return None
+
+    def has_arrived(self) -> bool:
+        return bool(self.packets)
+
+    def fileno(self) -> int:
+        raise AssertionError
+
+    def waker(self) -> Waker:
+        raise AssertionError
 
     def wake(self) -> None:
         pass

@@ -29,15 +29,6 @@ def three(task: Task, radius: float, more: int) -> list[int]:
     return []
 
 
-async def later(task: Task, radius: float) -> list[int]:
-    return []
-
-
-class Later:
-    async def __call__(self, task: Task, radius: float) -> list[int]:
-        return []
-
-
 @pytest.mark.parametrize(
     ("function", "complaint"),
     [
@@ -46,8 +37,6 @@ class Later:
             r"handler only_data of query 'stance' is declared with \(radius.*: declare it with \(task, data: float\)",
         ),
         (three, "handler three of query 'stance' is declared with"),
-        (later, "handler later of query 'stance' is 'async def', which is not possible yet"),
-        (Later(), "is 'async def'"),
         (nothing, r"is declared with \(\)"),
     ],
 )

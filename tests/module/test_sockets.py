@@ -1,7 +1,11 @@
 """The library over real sockets, and the command line's questions: one central in a thread."""
 
+import asyncio
 import json
+import queue
+import socket
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,10 +16,23 @@ from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_central.core import Central
 from tca_central.server import Server
-from tca_module import CentralLost, MisuseError, Module, Outcome, Timeout, commands, connect
+from tca_module import (
+    Callback,
+    CentralLost,
+    Command,
+    Later,
+    MisuseError,
+    Module,
+    Outcome,
+    Task,
+    Timeout,
+    commands,
+    connect,
+)
 from tca_module.transport import DealerTransport
 
 SOON = 10.0
+REST_LEG = Command("rest leg")
 
 
 @pytest.fixture
@@ -75,6 +92,68 @@ def test_an_address_that_is_none(tmp_path: Path) -> None:
 def test_nobody_is_there(address: str) -> None:
     with pytest.raises(CentralLost, match=f"central at {address} does not answer: start it with 'tca central'"):
         connect("user", address, patience=0.2)
+
+
+def test_coroutines_hear_all_that_arrives(central: str) -> None:
+    """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must not be missed."""
+    legs, eyes = Module("legs", central), Module("eyes", central, capacity=4)
+    eyes.handles(STANCE)(lambda _, radius: [int(radius)])
+
+    @legs.handles(TEMPERATURE)
+    async def temperature(task: Task) -> float:
+        total = 0
+        for turn in range(50):
+            pending = [asyncio.ensure_future(task.query_send(STANCE, float(turn))) for _ in range(4)]
+            await asyncio.sleep(0)
+            total += task.query(STANCE, 0.0)[0]
+            task.command(REST_LEG, sequential=False)
+            total += sum(stance[0] for stance in await asyncio.gather(*pending))
+        return float(total)
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        await asyncio.Event().wait()
+
+    with legs.running(), eyes.running(), connect("user", central) as user:
+        began = time.monotonic()
+        assert user.query(TEMPERATURE, timeout=SOON) == 4 * sum(range(50))
+        assert time.monotonic() - began < 50 * 0.1  # each thing that is missed costs a step of 0.2 s
+        rested = user.goal(REST)
+        rested.wait_for(rested.handling.start, SOON)
+        rested.kill("enough")
+        assert rested.wait(SOON) is Outcome.KILLED
+
+
+def test_other_threads_timers_and_files_wake_a_slot(central: str) -> None:
+    legs, jobs = Module("legs", central), queue.Queue[Later[Footfall]]()
+    near, far = socket.socketpair()
+
+    @legs.handles(MOVE_LEG)
+    def move_leg(task: Task, leg: int) -> Later[Footfall]:
+        later = task.reply_later()
+        jobs.put(later)
+        return later
+
+    @legs.every(0.001, resource="legs")
+    def ask_device(callback: Callback) -> None:
+        if not jobs.empty():
+            far.send(b"go")
+
+    def device() -> None:
+        near.recv(100)
+        if not jobs.empty():  # the timer may have told of this job twice
+            jobs.get().reply(Footfall(1, 0.0))
+
+    with near, far, legs.running(), connect("user", central) as user:
+        began = time.monotonic()
+        for _ in range(20):  # the test's own thread answers
+            move = user.command(MOVE_LEG, 1)
+            jobs.get(timeout=SOON).reply(Footfall(1, 0.0))
+            move.result(SOON)
+        legs.on_readable(near, device)
+        for _ in range(20):  # a timer sees the job, a file tells another thread
+            user.command(MOVE_LEG, 1).result(SOON)
+        assert time.monotonic() - began < 40 * 0.1
 
 
 # --- the command line ---------------------------------------------------------------------------------------------------

@@ -1,0 +1,43 @@
+"""A device thread answers: the handler starts the motor and returns, the command ends when the motor has stopped."""
+
+import queue
+import threading
+import time
+
+from tca_module import Command, Failure, Later, Module, Task, TaskFailed
+
+MOVE = Command("move", float, result=float)
+STALLED = Failure("motor stalled", float)
+
+arm = Module("arm")
+jobs: queue.SimpleQueue[tuple[Later[float], float]] = queue.SimpleQueue()
+
+
+@arm.handles(MOVE)
+def move(task: Task, angle: float) -> Later[float]:
+    later: Later[float] = task.reply_later()
+    jobs.put((later, angle))
+    return later
+
+
+def drive() -> None:
+    """The motor's own thread."""
+    while True:
+        later, angle = jobs.get()
+        time.sleep(0.05)
+        if later.cancelled:
+            later.reply(0.0)
+        elif angle > 1.5:
+            later.fail(STALLED(angle, "it does not go that far"))
+        else:
+            later.reply(angle)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=drive, daemon=True).start()
+    with arm.running():
+        print("moved to", arm.command(MOVE, 0.5).result())
+        try:
+            arm.command(MOVE, 2.0).result()
+        except TaskFailed as error:
+            print(error.failure, error.data)

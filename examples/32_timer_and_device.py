@@ -1,0 +1,50 @@
+"""A module's own loop: something every tenth of a second, something when a device speaks, something once."""
+
+import socket
+import threading
+
+from tca_module import Callback, Inform, Module, Sender, Task
+
+BATTERY = Inform("battery", int)
+
+driver, panel = Module("driver"), Module("panel")
+device, cable = socket.socketpair()  # or a serial port, a CAN bus, ...
+done = threading.Event()
+
+
+@driver.every(0.1)
+def ask() -> None:
+    cable.send(b"level?\n")
+
+
+def answer(callback: Callback) -> None:
+    """The device speaks; what is sent from here hangs under the root."""
+    level = int(cable.recv(100))
+    callback.inform(BATTERY, level)
+    if level <= 80:
+        callback.cancel()
+
+
+def play_the_device() -> None:
+    for level in (100, 90, 80):
+        device.recv(100)
+        device.send(b"%d" % level)
+
+
+@panel.handles(BATTERY)
+def show(_: Task, level: int) -> None:
+    print("battery at", level)
+    if level == 80:
+        panel.after(0.1, leave)
+
+
+def leave(_: Sender) -> None:
+    print("time to go home")
+    done.set()
+
+
+if __name__ == "__main__":
+    threading.Thread(target=play_the_device, daemon=True).start()
+    driver.on_readable(cable, answer)
+    with panel.running(), driver.running():
+        done.wait(10)

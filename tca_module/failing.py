@@ -1,0 +1,56 @@
+"""How a Python error becomes a failure: what central is told when a handler, or whoever answers for it, failed."""
+
+import asyncio
+import traceback
+from types import TracebackType
+
+from tca_wire.declarations import FailureRaised
+from tca_wire.headers import Fail
+
+HANDLER_ERROR = "handler error"
+BAD_DATA = "bad data"
+CANCELLED = "cancelled"
+MODULE_LOST = "module lost"
+_TRACEBACK_LIMIT = 8000  # characters
+
+
+class Misfit(Exception):
+    """Data that a handler was given, or what it returned, does not fit the declaration."""
+
+
+def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    """What central is told of an error that ended a handler."""
+    error = _sole(error)
+    if isinstance(error, FailureRaised):
+        return Fail(delivery, error.name, error.text), error.body
+    if isinstance(error, Misfit):
+        return Fail(delivery, BAD_DATA, str(error)), b""
+    if isinstance(error, asyncio.CancelledError):
+        return Fail(delivery, CANCELLED, "the coroutine of its handler was cancelled"), b""
+    return Fail(delivery, HANDLER_ERROR, _describe(error)), b""
+
+
+def _sole(error: BaseException) -> BaseException:
+    """The failure that is alone in its group: asyncio.TaskGroup puts everything into groups."""
+    inner = error
+    while isinstance(inner, BaseExceptionGroup) and len(inner.exceptions) == 1:
+        inner = inner.exceptions[0]
+    return inner if isinstance(inner, FailureRaised) else error
+
+
+def _describe(error: BaseException) -> str:
+    """The error in one line, then its traceback from the handler on."""
+    lines = traceback.format_exception(type(error), error, _from_the_handler_on(error.__traceback__))
+    text = "".join(lines).rstrip()
+    if len(text) > _TRACEBACK_LIMIT:
+        text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"
+    return f"{''.join(traceback.format_exception_only(error)).rstrip()}\n{text}"
+
+
+def _from_the_handler_on(trace: TracebackType | None) -> TracebackType | None:
+    """Without the frames that called the handler."""
+    while (
+        trace is not None and trace.tb_next is not None and trace.tb_frame.f_globals.get("__package__") == __package__
+    ):
+        trace = trace.tb_next
+    return trace

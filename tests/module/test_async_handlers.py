@@ -1,0 +1,396 @@
+"""``async def`` handlers: what they may await, what goes on meanwhile, and how they end."""
+
+import asyncio
+import queue
+import sys
+import threading
+from collections.abc import Callable
+
+import pytest
+from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
+
+from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, Task, TaskFailed, TaskKilled
+from tca_module.testing import LocalCentral
+from tca_wire.facts import Failed, Received, Returned
+
+SOON = 5.0
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+@pytest.fixture
+def eyes(central: LocalCentral) -> Module:
+    return Module("eyes", central)
+
+
+def test_a_coroutine_replies(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        await asyncio.sleep(0)
+        return [int(radius)]
+
+    class Thermometer:
+        async def __call__(self, task: Task) -> float:
+            return await asyncio.to_thread(lambda: 36.6)
+
+    legs.handles(TEMPERATURE)(Thermometer())
+    with legs.running():
+        assert user.query(STANCE, 3.0, timeout=SOON) == [3]
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+
+
+def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(legs: Module, user: Client) -> None:
+    loops, went_on = [], threading.Event()
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        async def afterwards() -> None:
+            await asyncio.sleep(0.01)
+            went_on.set()
+
+        loops.append(asyncio.get_running_loop())
+        background.add(asyncio.create_task(afterwards()))
+
+    background: set[asyncio.Task[None]] = set()
+    with legs.running():
+        user.goal(REST).result(SOON)
+        assert went_on.wait(SOON)
+        user.goal(REST).result(SOON)
+    assert loops[0] is loops[1]
+    assert loops[0].is_closed()
+
+
+def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        awaited, waited_for = await task.query_send(TEMPERATURE), task.query(TEMPERATURE, timeout=SOON)
+        return [int(awaited), int(waited_for)]
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        return 36.6
+
+    @legs.handles(MOVE_LEG)
+    def move_leg(task: Task, leg: int) -> Footfall:
+        return Footfall(task.query(STANCE, 1.0, timeout=SOON)[0], 0.0)
+
+    with legs.running():
+        assert user.query(STANCE, 1.0, timeout=SOON) == [36, 36]
+        assert user.command(MOVE_LEG, 1).result(SOON) == Footfall(36, 0.0)
+
+
+def test_questions_are_awaited_together(legs: Module, eyes: Module, user: Client) -> None:
+    both = threading.Barrier(2)
+    eyes_too = Module("eyes too", eyes.central)
+    for module in (eyes, eyes_too):
+        module.handles(STANCE, pool="eyes")(lambda _, radius: [int(radius)] if both.wait(SOON) >= 0 else [])
+
+    @legs.handles(TEMPERATURE)
+    async def temperature(task: Task) -> float:
+        one, other = await asyncio.gather(task.query_send(STANCE, 20.0), task.query_send(STANCE, 3.0))
+        return float(one[0] + other[0])
+
+    with legs.running(), eyes.running(), eyes_too.running():
+        assert user.query(TEMPERATURE, timeout=SOON) == 23
+
+
+def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: LocalCentral) -> None:
+    eyes.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
+
+    @legs.handles(WALK)
+    async def walk(task: Task, arc: Arc) -> None:
+        ref = task.command(MOVE_LEG, 4)
+        assert await ref == Footfall(4, 0.5)
+        assert await ref == ref.result()
+        one, other = await asyncio.gather(task.command(MOVE_LEG, 1), task.command(MOVE_LEG, 2))
+        assert (one.leg, other.leg) == (1, 2)
+        never = task.command(STOP)
+        never.kill("not needed")
+        with pytest.raises(TaskKilled, match="not needed"):
+            await never
+
+    with legs.running(), eyes.running():
+        user.goal(WALK, Arc(1.0, 1)).result(SOON)
+    moves = [fact for fact in central.facts if isinstance(fact, Received) and fact.message == "move leg"]
+    assert [fact.parent for fact in moves] == [1, 1, 1]
+
+
+def test_a_coroutine_may_ask_its_own_slot(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        return [int(radius), *await task.query_send(STANCE, radius - 1)] if radius > 1 else [1]
+
+    with legs.running():
+        assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
+
+
+def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        return task.query(STANCE, radius - 1, timeout=SOON) if radius > 1 else [1]
+
+    with legs.running(), pytest.raises(QueryFailed, match=r"blocked by a call of its own thread: await that one"):
+        user.query(STANCE, 2.0, timeout=SOON)
+
+
+def test_an_answer_may_be_awaited_only_so_long(legs: Module, user: Client, central: LocalCentral) -> None:
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        pending = task.query_send(TEMPERATURE)
+        try:
+            async with asyncio.timeout(0.01):
+                await pending
+        except TimeoutError:
+            with pytest.raises(MisuseError, match="query 'temperature' was given up"):
+                pending.receive()
+            return [1]
+        return [2]
+
+    with legs.running():
+        assert user.query(STANCE, 1.0, timeout=SOON) == [1]
+        assert user.status("messages")
+    assert "its sender gave up" in {getattr(fact, "why", "") for fact in central.facts}
+
+
+def test_a_blocking_call_loses_nothing_that_coroutines_wait_for(legs: Module, eyes: Module, user: Client) -> None:
+    """It reads from the socket what others wait for, and no file tells of that."""
+    eyes.handles(STANCE)(lambda _, radius: [int(radius)])
+
+    @legs.handles(TEMPERATURE)
+    async def temperature(task: Task) -> float:
+        pending = [asyncio.ensure_future(task.query_send(STANCE, float(number))) for number in range(20)]
+        await asyncio.sleep(0)
+        task.query(STANCE, 0.0, timeout=SOON)
+        return float(sum(stance[0] for stance in await asyncio.gather(*pending)))
+
+    with legs.running(), eyes.running():
+        assert user.query(TEMPERATURE, timeout=SOON) == sum(range(20))
+
+
+def test_everybody_is_asked_one_by_one(legs: Module, eyes: Module, user: Client) -> None:
+    eyes.handles(HEALTH)(lambda _: "well")
+
+    @legs.handles(TEMPERATURE)
+    async def temperature(task: Task) -> float:
+        return float(len(list(task.multi_query_send(HEALTH, timeout=SOON))))
+
+    with legs.running(), eyes.running():
+        assert user.query(TEMPERATURE, timeout=SOON) == 1
+
+
+# --- the end ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_task_is_cancelled_where_it_awaits(
+    legs: Module, user: Client, central: LocalCentral, caplog: pytest.LogCaptureFixture
+) -> None:
+    cleaned = queue.Queue[tuple[str, bool]]()
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError as cancelled:
+            cleaned.put((str(cancelled), task.cancelled))
+            await asyncio.sleep(0)  # cleaning up may take its time
+            cleaned.put(("cleaned", task.cancelled))
+            raise
+
+    with legs.running():
+        rested = user.goal(REST)
+        rested.wait_for(rested.handling.start, SOON)
+        rested.kill("enough")
+        assert cleaned.get(timeout=SOON) == ("its task has been killed", True)
+        assert cleaned.get(timeout=SOON) == ("cleaned", True)
+        with pytest.raises(TaskKilled, match="enough"):
+            rested.result(SOON)
+        assert rested.wait_for(rested.handling.end, SOON) is Outcome.KILLED
+    assert [fact.outcome for fact in central.facts if isinstance(fact, Returned)] == [Outcome.DONE]
+    assert not [fact for fact in central.facts if isinstance(fact, Failed)]
+    assert not caplog.records
+
+
+def test_a_coroutine_may_end_well_though_it_was_killed(legs: Module, user: Client, central: LocalCentral) -> None:
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            return
+
+    with legs.running():
+        rested = user.goal(REST)
+        rested.wait_for(rested.handling.start, SOON)
+        rested.kill()
+        assert rested.wait(SOON) is Outcome.KILLED
+    assert [fact.outcome for fact in central.facts if isinstance(fact, Returned)] == [Outcome.DONE]
+
+
+def test_a_coroutine_that_is_cancelled_without_being_killed_fails(legs: Module, user: Client) -> None:
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        this = asyncio.current_task()
+        assert this is not None
+        this.cancel()
+        await asyncio.sleep(0)
+
+    with legs.running(), pytest.raises(TaskFailed) as failed:
+        user.goal(REST).result(SOON)
+    assert failed.value.failure == "cancelled"
+
+
+def raises_collision() -> None:
+    raise COLLISION(Footfall(2, 0.5), "rock")
+
+
+@pytest.mark.parametrize(
+    ("error", "failure", "text"),
+    [
+        (raises_collision, "collision", "rock"),
+        (lambda: 1 / 0, "handler error", "ZeroDivisionError: division by zero"),
+        (lambda: sys.exit(3), "handler error", "SystemExit: 3"),
+    ],
+)
+def test_a_coroutine_fails_as_a_function_does(
+    legs: Module, user: Client, error: Callable[[], object], failure: str, text: str
+) -> None:
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        await asyncio.sleep(0)
+        error()
+
+    with legs.running():
+        for _ in range(2):
+            with pytest.raises(TaskFailed) as failed:
+                user.goal(REST).result(SOON)
+            assert failed.value.failure == failure
+            assert failed.value.text.startswith(text)
+            assert "tca_module" not in failed.value.text
+
+
+def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user: Client) -> None:
+    async def look(number: int) -> None:
+        await asyncio.sleep(0)
+        if number == 1:
+            raises_collision()
+        await asyncio.sleep(60)
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        async with asyncio.TaskGroup() as group:
+            for number in range(3):
+                group.create_task(look(number))
+
+    @legs.handles(STOP)
+    async def stop(task: Task) -> None:
+        async with asyncio.TaskGroup() as group:
+            group.create_task(look(1))
+            group.create_task(look(1))
+
+    with legs.running():
+        with pytest.raises(TaskFailed) as failed:
+            user.goal(REST).result(SOON)
+        assert failed.value.data_as(COLLISION) == Footfall(2, 0.5)
+        with pytest.raises(TaskFailed, match="handler error: ExceptionGroup"):
+            user.command(STOP).result(SOON)
+
+
+def test_data_of_coroutines_are_checked(legs: Module, user: Client) -> None:
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        return ["left"]  # type: ignore[list-item]
+
+    with legs.running(), pytest.raises(QueryFailed, match="bad data: the handler of query 'stance' must return"):
+        user.query(STANCE, 1.0, timeout=SOON)
+
+
+def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(legs: Module, user: Client) -> None:
+    ends = queue.Queue[str]()
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        async def for_ever() -> None:
+            try:
+                await asyncio.Event().wait()
+            finally:
+                ends.put("cleaned")
+
+        background.add(asyncio.create_task(for_ever()))
+        await asyncio.sleep(0)
+
+    background: set[asyncio.Task[None]] = set()
+    with legs.running():
+        user.goal(REST).result(SOON)
+        assert ends.empty()
+    assert ends.get(timeout=SOON) == "cleaned"
+
+
+def test_a_module_ends_when_something_in_its_loop_wants_to_leave(legs: Module, user: Client) -> None:
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        asyncio.get_running_loop().call_soon(lambda: sys.exit(7))
+
+    def run() -> None:
+        with legs.running():
+            user.goal(REST).wait(SOON)
+            legs._stop.wait(SOON)
+
+    with pytest.raises(SystemExit) as left:
+        run()
+    assert left.value.code == 7
+
+
+def test_only_async_handlers_await(user: Client) -> None:
+    async def script() -> float:
+        return await user.query_send(TEMPERATURE)
+
+    with pytest.raises(
+        MisuseError, match="query 'temperature' is awaited where no async handler runs: wait for it with"
+    ):
+        asyncio.run(script())
+
+
+# --- central breaks -----------------------------------------------------------------------------------------------------
+
+
+def test_a_coroutine_is_cancelled_when_central_has_forgotten_its_task(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
+    ended = queue.Queue[str]()
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        try:
+            await task.command(STOP)
+        except BaseException as error:
+            ended.put(type(error).__name__)
+            raise
+
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with legs.running():
+        rested = user.goal(REST)
+        rested.wait_for(rested.handling.start, SOON)
+        central.restart("afresh")
+        assert ended.get(timeout=SOON) in ("CancelledError", "CentralLost")
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+
+
+def test_a_coroutine_does_not_await_a_central_that_is_silent(legs: Module, user: Client, central: LocalCentral) -> None:
+    ended = queue.Queue[str]()
+
+    @legs.handles(REST)
+    async def rest(task: Task) -> None:
+        pending = task.query_send(TEMPERATURE)
+        central.close()
+        try:
+            await pending
+        except BaseException as error:
+            ended.put(str(error))
+            raise
+
+    with legs.running(patience=0.5):
+        user.goal(REST)
+        assert "does not answer: start it with 'tca central'" in ended.get(timeout=SOON)

@@ -1,0 +1,361 @@
+"""Functions that a module's threads call between messages: at times, and when files have something to read."""
+
+import queue
+import socket
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+from module.gait_messages import MOVE_LEG, STANCE, TEMPERATURE, Footfall
+
+from tca_module import Callback, Client, MisuseError, Module, Task
+from tca_module.callbacks import Callbacks
+from tca_module.connection import Connection
+from tca_module.testing import LocalCentral
+from tca_wire.facts import Received
+
+SOON = 5.0
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+@pytest.fixture
+def line() -> Iterator[tuple[socket.socket, socket.socket]]:
+    """The two ends of a line: ours and the device's."""
+    near, far = socket.socketpair()
+    with near, far:
+        yield near, far
+
+
+class Clock:
+    """A thread's callbacks on a clock of the test's own."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.callbacks = Callbacks("legs", lambda: self.now)
+
+    def begin(self) -> None:
+        connection = Connection.__new__(Connection)
+        connection.transport = LocalCentral().transport()
+        self.callbacks.begin(connection)
+
+    def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
+        """Wait as a slot does, and call what is due."""
+        self.now += seconds
+        self.callbacks.found(ready or {})
+        while self.callbacks.call_one():
+            pass
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+# --- the rules, without threads -----------------------------------------------------------------------------------------
+
+
+def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
+    called: list[float] = []
+    clock.callbacks.after(2.0, lambda: called.append(clock.now))
+    clock.pass_by(50.0)
+    clock.begin()
+    clock.callbacks.after(1.0, lambda: called.append(clock.now))
+    assert clock.callbacks.patience(0.2) == 0.2
+    clock.pass_by(0.9)
+    assert clock.callbacks.patience(0.2) == pytest.approx(0.1)
+    clock.pass_by(0.1)
+    clock.pass_by(1.0)
+    clock.pass_by(9.0)
+    assert called == [151.0, 152.0]
+    assert not clock.callbacks
+
+
+def test_after_a_stall_there_is_one_call(clock: Clock) -> None:
+    called: list[float] = []
+    clock.callbacks.every(0.5, lambda: called.append(clock.now))
+    clock.begin()
+    for seconds in (0.5, 0.5, 10.2, 0.2, 0.1):
+        clock.pass_by(seconds)
+    assert called == pytest.approx([100.5, 101.0, 111.2, 111.5])
+
+
+def test_a_slow_callback_skips(clock: Clock) -> None:
+    called: list[float] = []
+
+    def slow() -> None:
+        called.append(clock.now)
+        clock.now += 1.7
+
+    clock.callbacks.every(1.0, slow)
+    clock.begin()
+    clock.pass_by(1.0)
+    clock.pass_by(0.2)
+    clock.pass_by(0.1)
+    assert called == pytest.approx([101.0, 103.0])
+
+
+def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
+    called: list[str] = []
+
+    def fails(callback: Callback) -> None:
+        called.append("fails")
+        raise SystemExit if len(called) > 2 else OSError("hot")
+
+    clock.callbacks.every(1.0, fails)
+    clock.callbacks.every(1.0, lambda: called.append("works"))
+    clock.begin()
+    clock.pass_by(1.0)
+    clock.pass_by(1.0)
+    assert called == ["fails", "works"] * 2
+    assert [record.getMessage() for record in caplog.records] == [
+        "callback test_an_error_stops_nobody.<locals>.fails failed"
+    ] * 2
+    assert "OSError: hot" in caplog.text
+
+
+def test_cancelling_from_within_and_from_outside(clock: Clock) -> None:
+    called: list[str] = []
+
+    def thrice(callback: Callback) -> None:
+        called.append("thrice")
+        if len(called) == 3:
+            assert not callback.is_over
+            callback.cancel()
+            callback.cancel()
+            assert callback.is_over
+
+    def once(callback: Callback) -> None:
+        assert callback.is_over
+        called.append("once")
+
+    clock.callbacks.every(1.0, thrice)
+    never = clock.callbacks.after(0.5, once)
+    clock.begin()
+    never.cancel()
+    assert never.is_over
+    for _ in range(5):
+        clock.pass_by(1.0)
+    assert called == ["thrice"] * 3
+    once_more = clock.callbacks.after(0.0, once)
+    assert not once_more.is_over
+    clock.pass_by(0.0)
+    assert called[-1] == "once"
+
+
+def test_one_may_cancel_another_that_is_due_too(clock: Clock) -> None:
+    called: list[str] = []
+    clock.callbacks.after(1.0, lambda: other.cancel())  # noqa: PLW0108 - not there yet
+    other = clock.callbacks.after(1.0, lambda: called.append("other"))
+    clock.begin()
+    clock.pass_by(1.0)
+    assert not called
+
+
+def test_what_is_left_begins_anew_with_the_next_run(clock: Clock) -> None:
+    called: list[float] = []
+    clock.callbacks.every(1.0, lambda: called.append(clock.now))
+    once = clock.callbacks.after(1.5, lambda: called.append(0.0))
+    clock.begin()
+    clock.pass_by(1.0)
+    clock.callbacks.end()
+    clock.pass_by(5.0)
+    assert called == [101.0]
+    with pytest.raises(MisuseError, match=r"callback .* can't send: its module does not run"):
+        once.query(TEMPERATURE)
+    clock.begin()
+    clock.pass_by(1.0)
+    clock.pass_by(0.5)
+    assert called == [101.0, 107.0, 0.0]
+
+
+def test_a_file_that_was_closed_is_no_longer_waited_for(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
+    called: list[str] = []
+    watch = clock.callbacks.on_readable(77, lambda: called.append("readable"))
+    clock.begin()
+    clock.pass_by(0.0, {77: True})
+    assert called == ["readable"]
+    clock.pass_by(0.0, {77: False})
+    assert watch.is_over
+    assert not clock.callbacks.files
+    assert "is called no more: its file 77 was closed" in caplog.text
+    clock.pass_by(0.0, {77: True})  # found before it was removed
+    assert called == ["readable"]
+
+
+async def coroutine() -> None:
+    pass
+
+
+def two(callback: Callback, more: int) -> None:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("declare", "complaint"),
+    [
+        (lambda module: module.every(0.0)(print), r"every\(0.0, ...\) is no time: seconds from 1e-06 to 1e\+07 are"),
+        (lambda module: module.every(float("nan"))(print), r"every\(nan"),
+        (lambda module: module.every("1")(print), r"every\('1'"),
+        (lambda module: module.after(-1, print), r"after\(-1, ...\) is no time: seconds from 0 to"),
+        (lambda module: module.after(float("inf"), print), r"after\(inf"),
+        (lambda module: module.after(True, print), r"after\(True"),
+        (lambda module: module.after(1.0, coroutine), r"callback coroutine is 'async def': make it a plain function"),
+        (lambda module: module.after(1.0, two), r"callback two is declared with \(.*: declare it with \(callback\) or"),
+        (lambda module: module.after(1.0, "two"), r"'two' is no function"),
+        (lambda module: module.on_readable(-1, print), r"-1 is no open file to wait for: its number is -1"),
+        (lambda module: module.on_readable("tty", print), r"'tty' is no open file to wait for \('str' object has no"),
+    ],
+)
+def test_what_can_not_be_is_refused(legs: Module, declare: Callable[[Module], object], complaint: str) -> None:
+    with pytest.raises(MisuseError, match=complaint):
+        declare(legs)
+    assert not legs._slots.has_callbacks("callbacks")
+
+
+def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
+    near, far = line
+    first = legs.on_readable(near, print)
+    with pytest.raises(MisuseError, match=r"callback print waits for file .* already: cancel"):
+        legs.on_readable(near.fileno(), print)
+    first.cancel()
+    legs.on_readable(near, print)
+    far.close()
+    with pytest.raises(MisuseError, match="is no open file to wait for: its number is -1"):
+        legs.on_readable(far, print)
+
+
+# --- in a module --------------------------------------------------------------------------------------------------------
+
+
+def test_a_callback_sends_under_the_root(legs: Module, central: LocalCentral) -> None:
+    moved = queue.Queue[tuple[str, Footfall]]()
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
+
+    @legs.every(0.01)
+    def march(callback: Callback) -> None:
+        foot = callback.command(MOVE_LEG, 2).result(SOON)
+        moved.put((threading.current_thread().name, foot))
+        callback.cancel()
+
+    with legs.running():
+        thread, foot = moved.get(timeout=SOON)
+        assert (thread.split()[0], foot) == ("callbacks", Footfall(2, 0.5))
+    assert [fact.parent for fact in central.facts if isinstance(fact, Received)] == [0]
+
+
+def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user: Client) -> None:
+    """One resource is one thread: neither needs locks."""
+    threads, go = queue.Queue[str](), threading.Event()
+
+    @legs.handles(TEMPERATURE, resource="arm")
+    def temperature(task: Task) -> float:
+        legs.after(0.0, lambda: threads.put("callback " + threading.current_thread().name), resource="arm")
+        go.wait(SOON)
+        threads.put("handler " + threading.current_thread().name)
+        return 36.6
+
+    with legs.running():
+        pending = user.query_send(TEMPERATURE)
+        go.set()
+        assert pending.receive(SOON) == 36.6
+        assert [threads.get(timeout=SOON) for _ in range(2)] == ["handler arm 1", "callback arm 1"]
+        with pytest.raises(MisuseError, match="resource 'leg' of module 'legs' has no thread: before run"):
+            legs.after(0.0, print, resource="leg")
+
+
+def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, user: Client) -> None:
+    rang = queue.Queue[str]()
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        legs.after(0.0, lambda: rang.put(threading.current_thread().name))
+        return 36.6
+
+    for _ in range(2):
+        with legs.running():
+            assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+            assert rang.get(timeout=SOON) == "callbacks 2"
+
+
+def test_a_module_without_handlers_has_callbacks(legs: Module, user: Client) -> None:
+    rang = threading.Event()
+    legs.every(0.01)(rang.set)
+    with legs.running():
+        assert rang.wait(SOON)
+        assert [one["resource"] for one in user.status("modules")[-1]["resources"]] == ["callbacks"]
+
+
+def test_what_can_be_read_is_read(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
+    near, far = line
+    heard, ended = queue.Queue[bytes](), threading.Event()
+
+    def hear(callback: Callback) -> None:
+        data = near.recv(100)
+        heard.put(data)
+        if not data:
+            callback.cancel()
+            ended.set()
+
+    watch = legs.on_readable(near, hear)
+    with legs.running():
+        for word in (b"left", b"right"):
+            far.send(word)
+            assert heard.get(timeout=SOON) == word
+        far.close()
+        assert heard.get(timeout=SOON) == b""
+        assert ended.wait(SOON)
+        assert watch.is_over
+
+
+def test_files_times_and_coroutines_share_a_thread(
+    legs: Module, user: Client, line: tuple[socket.socket, socket.socket]
+) -> None:
+    near, far = line
+    heard, beats = queue.Queue[tuple[str, bytes]](), queue.Queue[str]()
+
+    @legs.handles(STANCE)
+    async def stance(task: Task, radius: float) -> list[int]:
+        return [int(radius)]
+
+    legs.on_readable(near, lambda: heard.put((threading.current_thread().name, near.recv(100))), resource="legs")
+    legs.every(0.01, resource="legs")(lambda: beats.put(threading.current_thread().name))
+    with legs.running():
+        for number in range(3):
+            assert user.query(STANCE, float(number), timeout=SOON) == [number]
+            far.send(b"word")
+            assert heard.get(timeout=SOON) == ("legs 1", b"word")
+            assert beats.get(timeout=SOON) == "legs 1"
+
+
+def test_a_closed_file_is_noticed_by_the_thread(legs: Module, user: Client, caplog: pytest.LogCaptureFixture) -> None:
+    """With and without an event loop."""
+    rang = queue.Queue[str]()
+
+    @legs.handles(TEMPERATURE)
+    async def temperature(task: Task) -> float:
+        return 36.6
+
+    with legs.running():
+        for _ in range(2):
+            legs.after(0.0, lambda: rang.put("has opened its own files"), resource="legs")
+            assert rang.get(timeout=SOON)
+            near, far = socket.socketpair()
+            watch = legs.on_readable(near, print, resource="legs")
+            near.close()
+            far.close()
+            legs.after(0.05, lambda: rang.put("still here"), resource="legs")
+            assert rang.get(timeout=SOON) == "still here"
+            assert watch.is_over
+            assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+    assert caplog.text.count("was closed") == 2
+
+
+def test_a_callback_is_for_its_thread(legs: Module) -> None:
+    started = queue.Queue[Callback]()
+    legs.every(0.01)(started.put)
+    with legs.running(), pytest.raises(MisuseError, match="belongs to the one that opened it"):
+        started.get(timeout=SOON).query(TEMPERATURE)

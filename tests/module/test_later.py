@@ -1,0 +1,301 @@
+"""Handlers that leave the answer to somebody else."""
+
+import queue
+import threading
+from collections.abc import Callable
+
+import pytest
+from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+
+from tca_module import BadData, Client, Later, MisuseError, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed
+from tca_module.testing import LocalCentral
+from tca_wire.facts import Delivered, Failed, Returned
+
+SOON = 5.0
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+@pytest.fixture
+def owed(legs: Module) -> "queue.Queue[Later[Footfall]]":
+    """What the handler of "move leg" leaves to others."""
+    owed = queue.Queue[Later[Footfall]]()
+
+    @legs.handles(MOVE_LEG)
+    def move_leg(task: Task, leg: int) -> Later[Footfall]:
+        later = task.reply_later()
+        owed.put(later)
+        return later
+
+    return owed
+
+
+Owed = queue.Queue[Later[Footfall]]
+
+
+def test_another_thread_answers(legs: Module, owed: Owed, user: Client) -> None:
+    with legs.running():
+        move = user.command(MOVE_LEG, 3)
+        later = owed.get(timeout=SOON)
+        assert repr(later) == "task 1 'move leg'"
+        assert later.is_open
+        assert move.wait_for(move.handling.start, SOON)
+        later.reply(Footfall(3, 0.5))
+        assert not later.is_open
+        assert move.result(SOON) == Footfall(3, 0.5)
+
+
+def test_until_then_the_place_in_the_resource_is_taken(
+    legs: Module, owed: Owed, user: Client, central: LocalCentral
+) -> None:
+    with legs.running():
+        moves = [user.command(MOVE_LEG, leg, sequential=False) for leg in range(3)]
+        for leg in range(3):
+            later = owed.get(timeout=SOON)
+            user.status()
+            assert owed.empty()
+            later.reply(Footfall(leg, 0.0))
+        assert [move.result(SOON).leg for move in moves] == [0, 1, 2]
+    order = [type(fact).__name__ for fact in central.facts if isinstance(fact, Delivered | Returned)]
+    assert order == ["Delivered", "Returned"] * 3
+
+
+def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> Later[list[int]]:
+        later = task.reply_later()
+        assert task.reply_later() is later
+        thread = threading.Thread(target=later.reply, args=([1],))
+        thread.start()
+        thread.join(SOON)
+        assert task.query(TEMPERATURE, timeout=SOON) == 36.6  # a wait in which the answer does not leave yet
+        assert not [fact for fact in central.facts if isinstance(fact, Returned) and fact.id == task.delivery]
+        return later
+
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with legs.running():
+        assert user.query(STANCE, 1.0, timeout=SOON) == [1]
+
+
+def test_another_handler_answers(legs: Module, owed: Owed, user: Client) -> None:
+    @legs.handles(STANCE, resource="other")
+    def stance(task: Task, radius: float) -> list[int]:
+        owed.get(timeout=SOON).reply(Footfall(5, radius))
+        return []
+
+    with legs.running():
+        move = user.command(MOVE_LEG, 5)
+        user.query(STANCE, 0.25, timeout=SOON)
+        assert move.result(SOON) == Footfall(5, 0.25)
+
+
+def test_a_timer_answers(legs: Module, user: Client) -> None:
+    """In the thread of the handler itself, which is free meanwhile."""
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> Later[float]:
+        later = task.reply_later()
+        legs.after(0.01, lambda: later.reply(36.6), resource="legs")
+        return later
+
+    with legs.running():
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+
+
+def test_a_coroutine_may_leave_its_answer_to_another(legs: Module, user: Client) -> None:
+    @legs.handles(TEMPERATURE)
+    async def temperature(task: Task) -> Later[float]:
+        later = task.reply_later()
+        legs.after(0.0, lambda: later.reply(36.6))
+        return later
+
+    with legs.running():
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+
+
+def test_what_answers_its_own_query_later_is_heard_within_the_wait(legs: Module, user: Client) -> None:
+    """The handler of a nested query leaves the answer to another thread, while the outer handler blocks the slot."""
+
+    @legs.handles(STANCE)
+    def stance(task: Task, radius: float) -> list[int]:
+        return [int(task.query(TEMPERATURE, timeout=SOON))]
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> Later[float]:
+        later = task.reply_later()
+        threading.Thread(target=later.reply, args=(36.6,)).start()
+        return later
+
+    with legs.running():
+        assert user.query(STANCE, 1.0, timeout=SOON) == [36]
+
+
+def test_one_of_many_answers_later(legs: Module, user: Client) -> None:
+    @legs.handles(HEALTH)
+    def health(task: Task) -> Later[str]:
+        later = task.reply_later()
+        legs.after(0.0, lambda: later.reply("well"))
+        return later
+
+    with legs.running():
+        assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
+
+
+# --- failures -----------------------------------------------------------------------------------------------------------
+
+
+def collides() -> BaseException:
+    return COLLISION(Footfall(1, 0.5), "rock")
+
+
+@pytest.mark.parametrize(
+    ("error", "failure", "text"),
+    [(collides, "collision", "rock"), (lambda: OSError("motor 3 is hot"), "handler error", "OSError: motor 3 is hot")],
+)
+def test_it_may_fail(
+    legs: Module, owed: Owed, user: Client, error: Callable[[], BaseException], failure: str, text: str
+) -> None:
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        owed.get(timeout=SOON).fail(error())
+        with pytest.raises(TaskFailed) as failed:
+            move.result(SOON)
+        assert failed.value.failure == failure
+        assert failed.value.text.startswith(text)
+
+
+def test_it_is_answered_once(legs: Module, owed: Owed, user: Client) -> None:
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        later = owed.get(timeout=SOON)
+        later.reply(Footfall(1, 0.0))
+        again: list[Callable[[], None]] = [lambda: later.reply(Footfall(2, 0.0)), lambda: later.fail(OSError())]
+        for answer in again:
+            with pytest.raises(
+                MisuseError, match=r"task 1 'move leg' has been answered already: reply\(\) or fail\(\)"
+            ):
+                answer()
+        assert move.result(SOON) == Footfall(1, 0.0)
+
+
+def test_wrong_data_do_not_answer(legs: Module, owed: Owed, user: Client) -> None:
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        later = owed.get(timeout=SOON)
+        with pytest.raises(BadData, match="the handler of command 'move leg' must return"):
+            later.reply("left")  # type: ignore[arg-type]
+        with pytest.raises(MisuseError, match=r"task 1 'move leg' can't fail with 'rock': give it FAILURE\(data\)"):
+            later.fail("rock")  # type: ignore[arg-type]
+        assert later.is_open
+        later.reply(Footfall(1, 0.0))
+        assert move.result(SOON) == Footfall(1, 0.0)
+
+
+def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client) -> None:
+    kept: list[Later[float]] = []
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        kept.append(task.reply_later())
+        return 36.6
+
+    legs.handles(STANCE)(lambda _, _radius: kept[0])  # type: ignore[arg-type,return-value]
+    with legs.running():
+        asks: list[Callable[[], object]] = [
+            lambda: user.query(TEMPERATURE, timeout=SOON),
+            lambda: user.query(STANCE, 1.0, timeout=SOON),
+        ]
+        for ask in asks:
+            with pytest.raises(QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"):
+                ask()
+    with pytest.raises(Stopped, match="'temperature' can't be answered any more: its handler failed: MisuseError"):
+        kept[0].reply(36.6)
+
+
+def test_a_handler_that_raises_has_answered(legs: Module, user: Client) -> None:
+    kept: list[Later[float]] = []
+
+    @legs.handles(TEMPERATURE)
+    def temperature(task: Task) -> float:
+        kept.append(task.reply_later())
+        kept[0].reply(36.6)
+        raise COLLISION(Footfall(1, 0.0))
+
+    with legs.running():
+        with pytest.raises(QueryFailed, match="collision"):
+            user.query(TEMPERATURE, timeout=SOON)
+        assert not kept[0].is_open
+
+
+# --- the end ------------------------------------------------------------------------------------------------------------
+
+
+def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Client) -> None:
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        later = owed.get(timeout=SOON)
+        assert not later.cancelled
+        move.kill("enough")
+        never = threading.Event()
+        assert any(later.cancelled or never.wait(0.005) for _ in range(1000))  # the thread of its handler listens
+        pending = user.query_send(TEMPERATURE)  # for the same slot, which is taken until the answer
+        later.reply(Footfall(1, 0.0))
+        assert move.wait(SOON) is Outcome.KILLED
+        assert pending.receive(SOON) == 36.6
+        assert not later.cancelled
+
+
+def test_a_module_that_ends_fails_what_it_owes(legs: Module, owed: Owed, user: Client, central: LocalCentral) -> None:
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        later = owed.get(timeout=SOON)
+    with pytest.raises(TaskFailed, match="module lost: its module ended before it was answered"):
+        move.result(SOON)
+    with pytest.raises(Stopped, match="task 1 'move leg' can't be answered any more: its module has ended"):
+        later.reply(Footfall(1, 0.0))
+    assert [fact.failure for fact in central.facts if isinstance(fact, Failed)] == ["module lost"]
+
+
+def test_an_answer_just_before_the_end_still_leaves(legs: Module, owed: Owed, user: Client) -> None:
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        later = owed.get(timeout=SOON)
+        legs.stop()
+        later.reply(Footfall(1, 0.0))
+    assert move.result(SOON) == Footfall(1, 0.0)
+
+
+def test_a_connection_that_breaks_fails_what_is_owed(
+    legs: Module, owed: Owed, user: Client, central: LocalCentral
+) -> None:
+    legs.handles(TEMPERATURE)(lambda _: 36.6)
+    with legs.running():
+        move = user.command(MOVE_LEG, 1)
+        later = owed.get(timeout=SOON)
+        central.cut("legs")
+        with pytest.raises(TaskFailed, match="module lost"):
+            move.result(SOON)
+        later.reply(Footfall(1, 0.0))  # nobody wants it any more, which does no harm
+        central.restart("afresh")
+        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
+
+
+def test_goals_wait_for_what_is_owed(legs: Module, user: Client) -> None:
+    owed = queue.Queue[Later[None]]()
+
+    @legs.handles(REST)
+    def rest(task: Task) -> Later[None]:
+        later: Later[None] = task.reply_later()
+        owed.put(later)
+        return later
+
+    with legs.running():
+        rested = user.goal(REST)
+        owed.get(timeout=SOON).reply()
+        rested.result(SOON)
