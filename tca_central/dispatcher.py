@@ -104,6 +104,8 @@ class Dispatcher:
     def slot_came(self, slot: Connection, resource: ModuleResource) -> None:
         """A connection offers to handle messages for a resource."""
         slot.resource = resource
+        if not resource.capacity:
+            self._serve(slot, +1)
         resource.add_slot(slot)
         self.freed.append(slot)
 
@@ -111,17 +113,27 @@ class Dispatcher:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
         if slot.resource is not None:
             slot.resource.remove_slot(slot)
+            if not slot.resource.capacity:
+                self._serve(slot, -1)
         orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
         for delivery in orphans:
             del self.attended[delivery.id]
             delivery.slot, delivery.nested = None, False
         return orphans
 
+    @staticmethod
+    def _serve(slot: Connection, change: int) -> None:
+        """The handlers of a slot's resource can be called from now on, or no longer."""
+        for handler in slot.module.handlers.values():
+            if handler.resource is slot.resource:
+                handler.message.serving += change
+
     def handler_came(self, handler: Handler) -> None:
         """The newest handler takes over what waits for its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.handlers.append(handler)
+        message.serving += bool(handler.resource.capacity)
         handler.module.handlers[message.name] = handler
         for delivery in queued:
             self.route(delivery)
@@ -133,6 +145,7 @@ class Dispatcher:
         message = handler.message
         queued = self._take_queued(message, handler.resource if message.fans_out else None)
         message.handlers.remove(handler)
+        message.serving -= bool(handler.resource.capacity)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         if message.fans_out:

@@ -126,6 +126,8 @@ def _check_resources(central: State) -> None:
             assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
             assert not (resource.waiting and resource.free), f"{name}: messages wait while a slot is free"
     for message in central.registry.messages.values():
+        serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
+        assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
 
 

@@ -80,6 +80,7 @@ class MessageType:
         self.redefine(declared, by)
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
         self.handlers: list[Handler] = []  #: newest last
+        self.serving = 0  #: number of handlers that have a slot to be called in
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
 
     def redefine(self, declared: MessageFormat, by: str) -> None:

@@ -48,6 +48,10 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
         raise RequestError(Refusal.UNKNOWN, text)
     if not header.number and message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY):
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    if header.if_handled and not message.serving:
+        if header.number:
+            central.send(connection, header.number, Accepted(header.number))
+        return
     ROUTES[message.message_class](central, connection, header, message, body)
 
 

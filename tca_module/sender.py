@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from typing import Any, Generic, TypedDict, Unpack
+from typing import Any, Generic, TypedDict, Unpack, overload
 
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError, QueryFailed, Timeout
@@ -75,6 +75,12 @@ class Sender:
         return self._task(message, data, options)
 
     def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
+        task = self._task_if(message, data, options, handled=False)
+        assert task is not None
+        return task
+
+    def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> TaskRef[R] | None:
+        """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
         _check_options(message, options)
         body = message.encode_data(data)
         connection = self._declare(message)
@@ -85,9 +91,11 @@ class Sender:
         flags |= _flags(options)
         header = Send(
             0, message.name, self._parent, self._origin, flags, [*constraints, *options.get("constraints", ())],
-            options.get("priority", 0),
+            options.get("priority", 0), if_handled=handled,
         )  # fmt: skip
         task_id = TaskId(connection.call(header, _name(message), body))
+        if not task_id:
+            return None
         self._ordering.add(task_id, sequential=sequential)
         return TaskRef(connection, message, task_id, self._origin)
 
@@ -139,7 +147,14 @@ class Sender:
         return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
 
     def _question(
-        self, message: Message[Any, Any], data: Any, *, priority: int = 0, blocking: bool = False, maximum: int = 0
+        self,
+        message: Message[Any, Any],
+        data: Any,
+        *,
+        priority: int = 0,
+        blocking: bool = False,
+        maximum: int = 0,
+        if_handled: bool = False,
     ) -> tuple[Connection, Request]:
         _check_priority(message, priority)
         body = message.encode_data(data)
@@ -152,6 +167,7 @@ class Sender:
             blocking=blocking,
             maximum=maximum,
             flags=Flags.NONE,
+            if_handled=if_handled,
         )
         return connection, connection.request(header, body, wants_answer=True)
 
@@ -165,6 +181,12 @@ class Sender:
         """
         _check_class(message, MultiQuery)
         connection, request = self._question(message, data, blocking=True, maximum=maximum)
+        return self._collect(message, connection, request, timeout)
+
+    @staticmethod
+    def _collect(
+        message: MultiQuery[Any, R], connection: Connection, request: Request, timeout: float | None
+    ) -> list[R]:
         if not connection.wait(request, timeout, _name(message)):
             connection.abandon(request)
         return [message.decode_reply(body) for answer, body in request.answers if answer.more]
@@ -185,6 +207,70 @@ class Sender:
         body = message.encode_data(data)
         connection = self._declare(message)
         connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
+
+    # --- whatever the class ----------------------------------------------------------------------------------------
+
+    @overload
+    def execute(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None]: ...
+    @overload
+    def execute(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R]: ...
+    @overload
+    def execute(self, message: Query[D, R], data: D = NOTHING) -> R: ...
+    @overload
+    def execute(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R]: ...
+    @overload
+    def execute(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> None: ...
+    def execute(self, message: Any, data: Any = NOTHING) -> Any:
+        """Send a message as its class demands, with the usual options: what ``goal``, ``command``, ``query``,
+        ``multi_query``, ``inform`` or ``broadcast`` returns.
+
+        For code that is given messages without knowing their class (TCA 8.5: tcaExecute).
+        """
+        _check_executable(message)
+        if isinstance(message, Goal | Command):
+            return self._task(message, data, {})
+        if isinstance(message, Query):
+            return self.query(message, data)
+        if isinstance(message, MultiQuery):
+            return self.multi_query(message, data)
+        return self._tell(message, data)
+
+    @overload
+    def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None] | None: ...
+    @overload
+    def execute_if_handled(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Query[D, R], data: D = NOTHING) -> R | None: ...
+    @overload
+    def execute_if_handled(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> bool: ...
+    def execute_if_handled(self, message: Any, data: Any = NOTHING) -> Any:
+        """Send a message only if somebody handles it now; central decides that and sends it in one step.
+
+        Returns what ``execute`` does, or None if nobody handles the message: nothing was sent then. Of an inform or
+        broadcast: whether it was sent (TCA 8.5: tcaMaybeExecute). The handler may still be lost afterwards.
+        """
+        _check_executable(message)
+        if isinstance(message, Goal | Command):
+            return self._task_if(message, data, {}, handled=True)
+        if isinstance(message, Query | MultiQuery):
+            return self._ask_if_handled(message, data)
+        body = message.encode_data(data)
+        header = Send(0, message.name, origin=self._origin, flags=Flags.NONE, if_handled=True)
+        return bool(self._declare(message).call(header, _name(message), body))
+
+    def _ask_if_handled(self, message: Query[D, R] | MultiQuery[D, R], data: D) -> R | list[R] | None:
+        connection, request = self._question(message, data, blocking=True, if_handled=True)
+        is_over = connection.wait(request, QUERY_TIMEOUT, _name(message))
+        if request.accepted is not None:  # instead of answered: it was not sent
+            return None
+        if isinstance(message, MultiQuery):
+            return self._collect(message, connection, request, 0)
+        if not is_over:
+            connection.abandon(request)
+            raise _not_answered(message, QUERY_TIMEOUT)
+        return PendingReply(connection, request, message).receive()
 
 
 class PendingReply(Generic[R]):
@@ -207,9 +293,7 @@ class PendingReply(Generic[R]):
             raise MisuseError(msg)
         if not self._connection.wait(self._request, timeout, what):
             self.cancel()
-            msg = f"{what} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
-'tca messages', or give timeout="
-            raise Timeout(msg)
+            raise _not_answered(self._message, timeout)
         return self._reply(*self._request.answers[-1])
 
     def _reply(self, answer: Answer, body: bytes) -> R:
@@ -226,6 +310,12 @@ class PendingReply(Generic[R]):
 
 def _name(message: Message[Any, Any]) -> str:
     return f"{message.message_class} '{message.name}'"
+
+
+def _not_answered(message: Message[Any, Any], timeout: float | None) -> Timeout:
+    msg = f"{_name(message)} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
+'tca messages', or give timeout="
+    return Timeout(msg)
 
 
 def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
@@ -262,6 +352,13 @@ _CALLS = {
     Inform: "inform()",
     Broadcast: "broadcast()",
 }
+
+
+def _check_executable(message: Any) -> None:
+    if not isinstance(message, tuple(_CALLS)):
+        classes = ", ".join(kind.__name__ for kind in _CALLS)
+        msg = f"execute() takes messages to send ({classes}), and {message!r} is none"
+        raise MisuseError(msg)
 
 
 def _check_class(message: Any, wanted: type[Message[Any, Any]]) -> None:

@@ -51,7 +51,8 @@ class Request:
     """A numbered request and what has come back.
 
     It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
-    was refused (*refused*), or it was lost with central's memory (*lost* says how).
+    was refused (*refused*), or it was lost with central's memory (*lost* says how). A query is accepted with id 0 if it
+    was to be sent only if somebody handles it, and nobody does.
     """
 
     __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "refused", "repeated", "wants_answer",
@@ -199,7 +200,8 @@ class Session:
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
         request = self._requests.get(header.number)
-        if request is not None and not request.wants_answer:
+        was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
+        if request is not None and (was_not_sent or not request.wants_answer):
             request.accepted = header.id
             self._end(request)
 

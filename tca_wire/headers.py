@@ -122,6 +122,8 @@ class Send(_Header, frozen=True, tag=4):
     """The sender's connection does nothing else until the answer is there."""
     maximum: int = 0
     """Of a multi-query: how many replies are wanted (0: from every handler)."""
+    if_handled: bool = False
+    """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
 
 
 class Reply(_Header, frozen=True, tag=5):

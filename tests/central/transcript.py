@@ -1,7 +1,7 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [again] [where POINT <= POINT, ...]
+    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [again] [if handled] [where POINT <= POINT, ...]
     NAME: reply [ID] | fail FAILURE [ID] | wait POINT | give up | kill TASK | constrain POINT <= POINT, ... | bye
     lose NAME | garbage NAME | tree
 
@@ -56,6 +56,8 @@ class Transcript:
         keywords: dict[str, Any] = {key: int(found[key]) for key in ("under", "priority", "maximum") if key in found}
         if "flags" in found:
             keywords["flags"] = Flags(sum(Flags[flag] for flag in found["flags"].split("|")))
+        if " if handled" in options:
+            keywords["if_handled"] = True
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)

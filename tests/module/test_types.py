@@ -7,7 +7,19 @@ from pathlib import Path
 from typing import assert_type
 
 import pytest
-from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
+from module.gait_messages import (
+    ALARM,
+    COLLISION,
+    HEALTH,
+    MOVE_LEG,
+    REST,
+    STANCE,
+    STOP,
+    TEMPERATURE,
+    WALK,
+    Arc,
+    Footfall,
+)
 
 from tca_module import Client, Constraint, Module, Outcome, PendingReply, Task, TaskFailed, TaskRef
 
@@ -45,6 +57,16 @@ def replies(task: Task, module: Module, client: Client) -> None:
         assert_type(sender.command(STOP), TaskRef[None])
         assert_type(sender.goal(WALK, Arc(1.0, 2), plan_first=True), TaskRef[None])
         assert_type(sender.goal(REST).wait(), Outcome)
+
+
+def whatever_the_class(task: Task) -> None:
+    assert_type(task.execute(REST), TaskRef[None])
+    assert_type(task.execute(MOVE_LEG, 1), TaskRef[Footfall])
+    assert_type(task.execute(STANCE, 1.0), list[int])
+    assert_type(task.execute(HEALTH), list[str])
+    assert_type(task.execute_if_handled(MOVE_LEG, 1), TaskRef[Footfall] | None)
+    assert_type(task.execute_if_handled(TEMPERATURE), float | None)
+    assert_type(task.execute_if_handled(ALARM, "stop"), bool)
 
 
 def points(task: Task, leg: TaskRef[Footfall]) -> list[Constraint]:

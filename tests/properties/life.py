@@ -55,7 +55,7 @@ class Life:
             constraints.append(before(*pair) if b % 2 else before(*reversed(pair)))
         self.player.send(
             senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].split(" ", 1)[1], under=tasks[c % len(tasks)],
-            flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
+            flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3, if_handled=a % 5 == 0,
         )  # fmt: skip
 
     def reply_(self, a: int, *_: int) -> None:
