@@ -99,13 +99,22 @@ class Central(State):
         agenda = self.agenda
         agenda.settle()
         dispatcher = self.dispatcher
-        while agenda.startable or agenda.ended or agenda.met or agenda.withdrawn or dispatcher.freed:
+        while (
+            agenda.startable
+            or agenda.ended
+            or agenda.met
+            or agenda.withdrawn
+            or dispatcher.freed
+            or dispatcher.displaced
+        ):
             while agenda.withdrawn:
                 self.dispatcher.withdraw(agenda.withdrawn.popleft())
             while agenda.startable:
                 task = agenda.startable.popleft()
                 if task.requested and not task.killed:
                     self.dispatcher.route(task)
+            while dispatcher.displaced:
+                requests.displace(self, *dispatcher.displaced.popleft())
             while agenda.ended:
                 self._ended(agenda.ended.popleft())
             while agenda.met:

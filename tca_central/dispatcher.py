@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
+from tca_central.resources import PendingLimit
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
-from tca_wire.headers import MessageClass
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -25,6 +25,9 @@ class Dispatcher:
         self._arrivals = 0
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.freed: deque[Connection] = deque()  #: slots whose handlers have returned, to be given to the next
+        self.displaced: deque[tuple[Delivery, str]] = (
+            deque()
+        )  #: gave way to newer ones (why): to be told who waits for them
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
@@ -52,6 +55,18 @@ class Dispatcher:
             resource.queue(delivery)
         first = resources[0]
         self._facts.append(Queued(delivery.id, delivery.message_id, first.module, first.name))
+        for resource in resources:
+            if limit := resource.limits.get(delivery.message.name):
+                self._keep_within(limit, delivery, resource)
+
+    def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
+        """What has waited longest gives way where more wait than may."""
+        if (oldest := limit.queued(newest)) is not None:
+            self.withdraw(oldest)
+            why = (
+                f"at most {limit.most} of '{newest.message.name}' may wait for '{resource.name}', and a newer one came"
+            )
+            self.displaced.append((oldest, why))
 
     def _attend(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
@@ -134,6 +149,8 @@ class Dispatcher:
         queued = [] if message.fans_out else self._take_queued(message)
         message.handlers.append(handler)
         message.serving += bool(handler.resource.capacity)
+        if handler.pending:
+            handler.resource.limits[message.name] = PendingLimit(handler.pending)
         handler.module.handlers[message.name] = handler
         for delivery in queued:
             self.route(delivery)
@@ -146,6 +163,7 @@ class Dispatcher:
         queued = self._take_queued(message, handler.resource if message.fans_out else None)
         message.handlers.remove(handler)
         message.serving -= bool(handler.resource.capacity)
+        handler.resource.limits.pop(message.name, None)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         if message.fans_out:
@@ -172,7 +190,11 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
     itself (TCA 8.5: self-queries).
     """
     sender = delivery.sender
-    asks = delivery.message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
-    if not asks or sender is None or sender.resource is None or sender not in sender.resource.slots:
+    if (
+        not delivery.message.message_class.has_reply
+        or sender is None
+        or sender.resource is None
+        or sender not in sender.resource.slots
+    ):
         return None
     return sender if sender.resource in resources else None

@@ -125,10 +125,19 @@ def _check_resources(central: State) -> None:
             assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
             assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
             assert not (resource.waiting and resource.free), f"{name}: messages wait while a slot is free"
+            _check_limits(resource, name)
     for message in central.registry.messages.values():
         serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
         assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
+
+
+def _check_limits(resource: ModuleResource, name: str) -> None:
+    """Of a message with a pending limit no more wait than may, and the limit counts what waits."""
+    for message, limit in resource.limits.items():
+        waiting = {delivery for delivery in resource.queued() if delivery.message.name == message}
+        assert limit.waiting.keys() == waiting, f"{name}: counts {len(limit.waiting)} of '{message}'"
+        assert len(waiting) <= limit.most, f"{name}: {len(waiting)} of '{message}' wait"
 
 
 def _check_connections(central: State) -> None:

@@ -99,6 +99,9 @@ def on_register(central: State, connection: Connection, header: headers.Register
     for handled in header.handlers:
         if handled.message not in declared_now and handled.message not in registry.messages:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
+        if handled.pending < 0:
+            text = f"{handled.pending} of '{handled.message}' can't wait: the limit is 1 or more, or 0 for none"
+            raise RequestError(Refusal.PROTOCOL, text)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:
@@ -116,7 +119,7 @@ def _add_handler(central: State, module: Module, handled: headers.HandlerFormat)
     resource = module.resource(handled.resource)
     central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
     message = central.registry.messages[handled.message]
-    central.dispatcher.handler_came(Handler(message, module, resource, handled.pool))
+    central.dispatcher.handler_came(Handler(message, module, resource, handled.pool, handled.pending))
 
 
 def on_unregister(central: State, connection: Connection, header: headers.Unregister, _: bytes) -> None:

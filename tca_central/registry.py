@@ -5,7 +5,7 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
-from tca_central.resources import Resource
+from tca_central.resources import PendingLimit, Resource
 from tca_wire.formats import first_difference
 from tca_wire.headers import Limit, MessageClass, MessageFormat, Refusal, ToModule
 
@@ -19,6 +19,10 @@ MESSAGES = 10_000
 
 class ModuleResource(Resource["Connection", "Delivery"]):
     """A resource of a module: its slots are connections, and deliveries wait for them."""
+
+    def __init__(self, module: str, name: str) -> None:
+        super().__init__(module, name)
+        self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
 
 
 class Connection:
@@ -64,13 +68,16 @@ class Module:
 class Handler:
     """That a module handles a message, in one of its resources."""
 
-    __slots__ = ("message", "module", "pool", "resource")
+    __slots__ = ("message", "module", "pending", "pool", "resource")
 
-    def __init__(self, message: "MessageType", module: Module, resource: ModuleResource, pool: str) -> None:
+    def __init__(
+        self, message: "MessageType", module: Module, resource: ModuleResource, pool: str, pending: int
+    ) -> None:
         self.message = message
         self.module = module
         self.resource = resource
         self.pool = pool  #: handlers of one pool share the messages
+        self.pending = pending  #: so many messages may wait for it (0: no limit of its own)
 
 
 class MessageType:
@@ -128,6 +135,8 @@ class Delivery:
         """Leave the queues."""
         for resource in self.queues or ():
             resource.left_queue()
+            if limit := resource.limits.get(self.message.name):
+                limit.left(self)
         self.queues = None
         self.ticket += 1
 

@@ -24,6 +24,7 @@ LONGEST_TEXT = 16_384
 MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""
 
+OVERLOAD = "overload"
 NIL = b"\xc0"  # None as MessagePack
 
 
@@ -46,7 +47,7 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
     if message is None:
         text = f"nobody has declared message '{header.message}': register it before it is sent"
         raise RequestError(Refusal.UNKNOWN, text)
-    if not header.number and message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY):
+    if not header.number and message.message_class.has_reply:
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
     if header.if_handled and not message.serving:
         if header.number:
@@ -138,7 +139,7 @@ def _route_multi_query(
         central.collectors[copy.id] = collector
     for copy, resource in copies:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, "overload", "too many messages wait for its handler", b"")
+            fail_delivery(central, copy, OVERLOAD, "too many messages wait for its handler", b"")
         else:
             central.dispatcher.route(copy, resource)
     _end_if_complete(central, collector)
@@ -238,6 +239,16 @@ def kill(central: State, task: Task, why: str) -> None:
     for running in central.agenda.kill(task, why):
         if running.slot is not None:
             central.tell(running.slot, Cancelled(running.id))
+
+
+def displace(central: State, delivery: Delivery, why: str) -> None:
+    """A delivery that waited gave way to a newer one of its message: whoever waits for it is told."""
+    if isinstance(delivery, Task):
+        kill(central, delivery, f"{OVERLOAD}: {why}")
+    elif delivery.message.message_class.has_reply:
+        fail_delivery(central, delivery, OVERLOAD, why, b"")
+    else:
+        central.facts.append(facts.Dropped(delivery.id, why))
 
 
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes) -> None:

@@ -15,12 +15,15 @@ from tca_wire.headers import Deliver, Fail, HandlerFormat, Reply
 HANDLER_ERROR = "handler error"
 BAD_DATA = "bad data"
 _TRACEBACK_LIMIT = 8000  # characters
+_MOST_PENDING = 10_000  # what central keeps for one resource anyway
 
 
 class Handler:
     """That a function handles a message, in a resource."""
 
-    def __init__(self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str) -> None:
+    def __init__(
+        self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None
+    ) -> None:
         if not isinstance(message, Message):
             msg = f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none"
             raise MisuseError(msg)
@@ -28,13 +31,21 @@ class Handler:
         self.function = function
         self.resource = resource
         self.pool = pool
+        self.pending = self._checked_pending(pending)
         self.name = getattr(function, "__qualname__", repr(function))
         self._arguments = self._checked_arguments()
 
     @property
     def format(self) -> HandlerFormat:
         """What central is told of this handler."""
-        return HandlerFormat(self.message.name, self.resource, self.pool)
+        return HandlerFormat(self.message.name, self.resource, self.pool, self.pending)
+
+    def _checked_pending(self, pending: int | None) -> int:
+        if pending is not None and (not isinstance(pending, int) or not 1 <= pending <= _MOST_PENDING):
+            allowed = f"1 to {_MOST_PENDING} may wait, or None"
+            msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
+            raise MisuseError(msg)
+        return pending or 0
 
     def _checked_arguments(self) -> int:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""

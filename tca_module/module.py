@@ -66,21 +66,25 @@ class Module(Sender):
 
     @overload
     def handles(
-        self, message: Message[None, R], *, resource: str = "", pool: str = ""
+        self, message: Message[None, R], *, resource: str = "", pool: str = "", pending: int | None = None
     ) -> Callable[[Callable[[Task], R] | Callable[[Task, None], R]], Callable[..., R]]: ...
     @overload
     def handles(
-        self, message: Message[D, R], *, resource: str = "", pool: str = ""
+        self, message: Message[D, R], *, resource: str = "", pool: str = "", pending: int | None = None
     ) -> Callable[[Callable[[Task, D], R]], Callable[[Task, D], R]]: ...
-    def handles(self, message: Message[Any, Any], *, resource: str = "", pool: str = "") -> Callable[..., Any]:
+    def handles(
+        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None
+    ) -> Callable[..., Any]:
         """Declare the decorated function as this module's handler of *message*.
 
-        The newest module to declare a handler gets the messages; modules that name the same *pool* share them.
+        The newest module to declare a handler gets the messages; modules that name the same *pool* share them. With
+        *pending*, at most so many of them wait for this handler; when one more comes, the one that has waited longest
+        gives way: an inform or broadcast is dropped, a query fails with "overload", a goal or command is killed.
         """
         self._check_not_running("handles()")
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, resource or self.name, pool)
+            handler = Handler(message, function, resource or self.name, pool, pending)
             if known := self._handlers.get(message.name):
                 msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
                 raise MisuseError(msg)

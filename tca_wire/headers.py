@@ -31,6 +31,11 @@ class MessageClass(StrEnum):
         """Whether such a message becomes a node of the task tree."""
         return self in (MessageClass.GOAL, MessageClass.COMMAND)
 
+    @property
+    def has_reply(self) -> bool:
+        """Whether the sender of such a message is answered by its handlers."""
+        return self in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
+
 
 class Outcome(StrEnum):
     """How a message or task ended."""
@@ -70,6 +75,8 @@ class HandlerFormat(_Header, frozen=True):
     message: str
     resource: str
     pool: str = ""
+    pending: int = 0
+    """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
 
 
 # --- from a module to central -------------------------------------------------------------------------------------

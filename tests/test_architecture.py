@@ -35,7 +35,7 @@ CENTRAL = {
     "task_tree": {"registry"},
     "cycles": {"intervals", "task_tree"},
     "agenda": {"cycles", "errors", "intervals", "task_tree"},
-    "dispatcher": {"registry"},
+    "dispatcher": {"registry", "resources"},
     "state": {"agenda", "dispatcher", "events", "registry", "task_tree"},
     "status": {"agenda", "state"},
     "invariants": {"agenda", "intervals", "registry", "state", "task_tree"},

@@ -58,11 +58,11 @@ class Player:
             ),
         )
 
-    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "") -> None:
+    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0) -> None:
         """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
         self.hello(name)
         messages = [self.format(words) for words in handles]
-        handlers = [HandlerFormat(message.name, name, pool) for message in messages]
+        handlers = [HandlerFormat(message.name, name, pool, pending) for message in messages]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
         for index in range(capacity if handles else 0):
             self.hello(f"{name}/{index + 1}", name, name)

@@ -1,6 +1,6 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
-    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME]
+    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N]
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [again] [if handled] [where POINT <= POINT, ...]
     NAME: reply [ID] | fail FAILURE [ID] | wait POINT | give up | kill TASK | constrain POINT <= POINT, ... | bye
     lose NAME | garbage NAME | tree
@@ -42,9 +42,9 @@ class Transcript:
         lines += [f"  -> {describe_header(header)}" for header in answers if not isinstance(header, headers.Deliver)]
         return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
 
-    def module(self, name: str, handles: str, capacity: str, pool: str) -> None:
+    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str) -> None:
         words = [part.strip() for part in handles.split(",")] if handles else []
-        self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "")
+        self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "", pending=int(pending or 0))
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
         message = what.split(" ", 1)[1]
@@ -101,9 +101,9 @@ class Transcript:
 
 
 NAME = r"(?P<name>[\w/#]+)"
+OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?"
 COMMANDS: list[tuple[str, Any]] = [
-    (rf"module {NAME}(?: handles (?P<handles>.*?))?(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?",
-     Transcript.module),
+    (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?", Transcript.reply),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
     (rf"{NAME}: wait (?P<point>.*)", Transcript.wait),

@@ -40,7 +40,8 @@ class Life:
     def join(self, module: str) -> None:
         self.generation += 1
         name = f"{module}{self.generation}"
-        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "")
+        pending = (2, 0, 3, 1)[self.generation % 4]
+        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "", pending=pending)
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         getattr(self, f"{name.replace(' ', '_')}_")(a, b, c, d)
