@@ -11,7 +11,7 @@ and joining.py say what each message means to them, and this file decides when.
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import joining, requests
+from tca_central import joining, requests, sharing
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
 from tca_central.registry import Connection
@@ -152,5 +152,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Kill: requests.on_kill,
     headers.Ask: requests.on_ask,
     headers.Bye: joining.on_bye,
+    headers.GetVariable: sharing.on_get_variable,
+    headers.SetVariable: sharing.on_set_variable,
 }
 """One row per message: what happens when it arrives."""

@@ -20,6 +20,7 @@ from tca_central.intervals import (
 from tca_central.registry import ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
+from tca_wire.headers import MessageClass
 from tca_wire.points import ALL_MOMENTS, ROOT
 
 
@@ -38,6 +39,7 @@ def check_invariants(central: State) -> None:
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
     _check_resources(central)
     _check_connections(central)
+    _check_variables(central)
 
 
 def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
@@ -147,3 +149,15 @@ def _check_connections(central: State) -> None:
         assert connection.module.connections.get(connection.session) is connection
     known = sum(len(module.connections) for module in registry.modules.values())
     assert known == len(registry.connections), "connections without a module"
+
+
+def _check_variables(central: State) -> None:
+    """Values belong to variables, and their size is known; of those that wait for a watcher only the newest does."""
+    held = central.variables
+    assert held.bytes == sum(len(value.body) for value in held.values.values()), f"variables hold {held.bytes} bytes?"
+    for name in held.values:
+        message = central.registry.messages[name]
+        assert message.message_class is MessageClass.VARIABLE, f"'{name}' has a value and is no variable"
+        assert not message.waiting, f"variable '{name}': waits for a handler"
+        for handler in message.handlers:
+            assert handler.resource.limits[name].most == 1, f"variable '{name}': older values may wait"

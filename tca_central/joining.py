@@ -4,10 +4,11 @@ from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.registry import Connection, Handler, Module
 from tca_central.requests import fail_delivery, give_up
+from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Refusal
+from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, MessageClass, Refusal
 
 MODULE_LOST = "module lost"
 
@@ -108,6 +109,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
             central.facts.append(
                 facts.FormatDefined(message.name, message.message_class, declared.data, declared.reply, module.name)
             )
+            forget_unfit_value(central, message)
     for handled in header.handlers:
         _add_handler(central, module, handled)
     central.send(connection, header.number, Accepted(header.number))
@@ -119,7 +121,11 @@ def _add_handler(central: State, module: Module, handled: headers.HandlerFormat)
     resource = module.resource(handled.resource)
     central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
     message = central.registry.messages[handled.message]
-    central.dispatcher.handler_came(Handler(message, module, resource, handled.pool, handled.pending))
+    # Of a variable only the newest value is wanted.
+    pending = 1 if message.message_class is MessageClass.VARIABLE else handled.pending
+    handler = Handler(message, module, resource, handled.pool, pending)
+    central.dispatcher.handler_came(handler)
+    tell_new_watcher(central, handler)
 
 
 def on_unregister(central: State, connection: Connection, header: headers.Unregister, _: bytes) -> None:
@@ -131,7 +137,11 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
-    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails."""
+    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
     for handler in handlers:
         for delivery in central.dispatcher.handler_gone(handler):
-            fail_delivery(central, delivery, MODULE_LOST, f"module '{handler.module.name}' no longer handles it", b"")
+            why = f"module '{handler.module.name}' no longer handles it"
+            if delivery.message.message_class.has_reply:
+                fail_delivery(central, delivery, MODULE_LOST, why, b"")
+            else:
+                central.facts.append(facts.Dropped(delivery.id, why))

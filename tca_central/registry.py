@@ -13,6 +13,9 @@ REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
 
 REMEMBERED_CONNECTIONS = 256
+FANS_OUT = frozenset({MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE})
+"""Classes of messages that go to all who handle them."""
+
 MESSAGES = 10_000
 """Names of messages that may be declared."""
 
@@ -96,7 +99,7 @@ class MessageType:
         self.name = declared.name
         self.message_class = declared.message_class
         self.is_goal = declared.message_class is MessageClass.GOAL
-        self.fans_out = declared.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
+        self.fans_out = declared.message_class in FANS_OUT
         self.first_declared_by = by
 
     def candidates(self) -> Iterator[ModuleResource]:

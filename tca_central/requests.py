@@ -9,8 +9,9 @@ import msgspec
 
 from tca_central import status
 from tca_central.errors import RequestError
+from tca_central.fan_out import copies, route_or_drop
 from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND, SINGLE_MOMENTS
-from tca_central.registry import Connection, Delivery, MessageType, ModuleResource
+from tca_central.registry import Connection, Delivery, MessageType
 from tca_central.state import Collector, State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
@@ -47,6 +48,8 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
     if message is None:
         text = f"nobody has declared message '{header.message}': register it before it is sent"
         raise RequestError(Refusal.UNKNOWN, text)
+    if message.message_class not in ROUTES:
+        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
     if not header.number and message.message_class.has_reply:
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
     if header.if_handled and not message.serving:
@@ -78,16 +81,9 @@ def _route_inform(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     delivery = _make(central, connection, header, message, body)
-    _route_or_drop(central, delivery)
+    route_or_drop(central, delivery)
     if header.number:
         central.send(connection, header.number, Accepted(header.number, delivery.id))
-
-
-def _route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
-    if central.dispatcher.is_full(delivery.message, *targets):
-        central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
-    else:
-        central.dispatcher.route(delivery, *targets)
 
 
 def _route_query(
@@ -101,26 +97,14 @@ def _route_query(
     central.dispatcher.route(delivery)
 
 
-def _copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
-    """One delivery for each handler of a broadcast or multi-query that has somebody to handle it."""
-    copies = []
-    for handler in original.message.handlers:
-        if not handler.resource.capacity:
-            continue
-        copy = Delivery(central.new_id(), original.message, original.body, original.sender)
-        copy.message_id, copy.priority = original.id, original.priority
-        copies.append((copy, handler.resource))
-    return copies
-
-
 def _route_broadcast(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     original = _make(central, connection, header, message, body)
-    copies = _copies(central, original)
-    for copy, resource in copies:
-        _route_or_drop(central, copy, resource)
-    if not copies:
+    for_each = copies(central, original)
+    for copy, resource in for_each:
+        route_or_drop(central, copy, resource)
+    if not for_each:
         central.facts.append(facts.Dropped(original.id, "nobody listens"))
     if header.number:
         central.send(connection, header.number, Accepted(header.number, original.id))
@@ -130,14 +114,14 @@ def _route_multi_query(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     original = _make(central, connection, header, message, body)
-    copies = _copies(central, original)
-    wanted = min(header.maximum, len(copies)) if header.maximum > 0 else len(copies)
+    for_each = copies(central, original)
+    wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
     collector = Collector(connection, header.number, original.id, wanted)
     connection.outstanding[header.number] = collector
-    for copy, _ in copies:
+    for copy, _ in for_each:
         collector.pending[copy.id] = copy
         central.collectors[copy.id] = collector
-    for copy, resource in copies:
+    for copy, resource in for_each:
         if central.dispatcher.is_full(message, resource):
             fail_delivery(central, copy, OVERLOAD, "too many messages wait for its handler", b"")
         else:

@@ -7,6 +7,7 @@ from tca_central.dispatcher import Dispatcher
 from tca_central.events import Effect, Transmit
 from tca_central.registry import Connection, Delivery, MessageType, Registry
 from tca_central.task_tree import Task, TaskTree
+from tca_central.variables import Variables
 from tca_wire import facts, headers
 from tca_wire.headers import MessageClass, MessageFormat, Outcome, ToModule
 from tca_wire.points import TaskId
@@ -38,6 +39,7 @@ class State:
         self.facts: list[Any] = []  #: of the event being handled
         self.agenda = Agenda(self.tree, self.facts)
         self.dispatcher = Dispatcher(self.facts, self.deliver)
+        self.variables = Variables()
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
         self.outcome_bytes = 0  #: size of what they hold

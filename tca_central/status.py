@@ -4,9 +4,11 @@ from typing import Any
 
 from tca_central.agenda import held_counts
 from tca_central.state import State
+from tca_wire.headers import MessageClass
 from tca_wire.points import Moment, describe_moments
 
 SHOWN_TASKS = 10_000
+SHOWN_BYTES = 512  # of a variable's value
 
 
 def overview(central: State) -> dict[str, Any]:
@@ -18,6 +20,7 @@ def overview(central: State) -> dict[str, Any]:
         "modules": len(registry.modules),
         "connections": len(registry.connections),
         "messages": len(registry.messages),
+        "variables": len(central.variables.values),
         "tasks": len(central.tree.tasks),
         "being handled": len(central.dispatcher.attended),
         "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
@@ -89,5 +92,26 @@ def tree(central: State) -> list[dict[str, Any]]:
     return tasks
 
 
-TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree}
+def variables(central: State) -> list[dict[str, Any]]:
+    """Each variable with its value as MessagePack (left out if it is long), who set it and who watches it."""
+    found = []
+    for message in central.registry.messages.values():
+        if message.message_class is not MessageClass.VARIABLE:
+            continue
+        value = central.variables.values.get(message.name)
+        found.append(
+            {
+                "variable": message.name,
+                "value": value.body if value and len(value.body) <= SHOWN_BYTES else b"",
+                "bytes": len(value.body) if value else 0,
+                "set_by": value.set_by if value else "",
+                "message": value.message_id if value else 0,
+                "watched_by": [handler.module.name for handler in message.handlers],
+                "data": message.format.data,
+            }
+        )
+    return found
+
+
+TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree, "variables": variables}
 """One row per topic that can be asked for."""

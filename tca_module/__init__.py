@@ -14,6 +14,7 @@ from tca_module.errors import (
     TaskKilled,
     TcaError,
     Timeout,
+    VariableNotSet,
 )
 from tca_module.module import Module
 from tca_module.sender import PendingReply, Sender, TaskOptions
@@ -30,6 +31,7 @@ from tca_wire.declarations import (
     Message,
     MultiQuery,
     Query,
+    Variable,
 )
 from tca_wire.errors import BadFormat
 from tca_wire.headers import Outcome
@@ -70,6 +72,8 @@ __all__ = [
     "TaskRef",
     "TcaError",
     "Timeout",
+    "Variable",
+    "VariableNotSet",
     "connect",
     "this",
 ]

@@ -17,7 +17,7 @@ from tca_module.transport import DealerTransport, Transport
 from tca_wire.endpoint import default_endpoint
 from tca_wire.headers import PROTOCOL_VERSION, Ask, Hello
 
-Topic = Literal["status", "modules", "messages", "tree"]
+Topic = Literal["status", "modules", "messages", "tree", "variables"]
 
 
 class CentralNearby(Protocol):
@@ -85,7 +85,7 @@ class Client(Sender):
         return self._connection().address
 
     def status(self, topic: Topic = "status") -> Any:
-        """What central knows of a topic, as plain values: "status", "modules", "messages" or "tree"."""
+        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree" or "variables"."""
         connection = self._connection()
         request = connection.request(Ask(0, topic), wants_answer=True)
         connection.wait(request, None, f"the question for {topic}")

@@ -8,7 +8,7 @@ from typing import Any
 
 from tca_module.errors import MisuseError
 from tca_module.task import Task
-from tca_wire.declarations import FailureRaised, Message
+from tca_wire.declarations import FailureRaised, Message, Variable
 from tca_wire.errors import BadData
 from tca_wire.headers import Deliver, Fail, HandlerFormat, Reply
 
@@ -44,6 +44,9 @@ class Handler:
         if pending is not None and (not isinstance(pending, int) or not 1 <= pending <= _MOST_PENDING):
             allowed = f"1 to {_MOST_PENDING} may wait, or None"
             msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
+            raise MisuseError(msg)
+        if isinstance(self.message, Variable) and pending not in (None, 1):
+            msg = f"variable '{self.message.name}' can't be handled with pending={pending}: only its newest value waits"
             raise MisuseError(msg)
         return pending or 0
 

@@ -6,11 +6,24 @@ from typing import Any, Generic, TypedDict, Unpack, overload
 
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError, QueryFailed, Timeout
+from tca_module.knowledge import Knowledge
 from tca_module.ordering import Ordering
 from tca_module.session import Request
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
+from tca_wire.declarations import (
+    NOTHING,
+    Broadcast,
+    Command,
+    D,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    R,
+    Variable,
+)
 from tca_wire.headers import Answer, Constrain, MessageClass, Outcome, Send
 from tca_wire.points import ROOT, TaskId
 
@@ -37,7 +50,7 @@ class TaskOptions(TypedDict, total=False):
     """Others; ``this`` stands for the new task."""
 
 
-class Sender:
+class Sender(Knowledge):
     """Something that sends messages."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
@@ -45,15 +58,6 @@ class Sender:
         self._origin = origin
         self._ordering = Ordering(under_root=parent == ROOT)
         self._epoch = ""
-
-    def _connection(self) -> Connection:
-        """The connection of the calling thread."""
-        raise NotImplementedError
-
-    def _declare(self, message: Message[Any, Any]) -> Connection:
-        """The connection, on which central knows the message."""
-        self._connection().declare(message)
-        return self._connection()  # which may have lost its central meanwhile
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
@@ -363,6 +367,7 @@ def _check_executable(message: Any) -> None:
 
 def _check_class(message: Any, wanted: type[Message[Any, Any]]) -> None:
     if not isinstance(message, wanted):
-        call = f": use {_CALLS[type(message)]}" if type(message) in _CALLS else ""
+        known = {**_CALLS, Variable: "set_variable()"}
+        call = f": use {known[type(message)]}" if type(message) in known else ""
         msg = f"{_CALLS[wanted]} takes messages of class {wanted.__name__}, and {message!r} is none{call}"
         raise MisuseError(msg)

@@ -25,6 +25,7 @@ from tca_wire.headers import (
     Register,
     Reply,
     Send,
+    SetVariable,
     ToCentral,
     ToModule,
 )
@@ -115,7 +116,7 @@ class Session:
     def post(self, header: ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
         if not self.is_welcome:
-            self.dropped += isinstance(header, Send)
+            self.dropped += isinstance(header, Send | SetVariable)
             return False
         self.outgoing.append((header, body))
         return True
@@ -159,7 +160,7 @@ class Session:
     def break_off(self) -> None:
         """The connection broke, or central no longer knows it: begin with Hello again."""
         self.is_welcome = False
-        self.dropped += sum(isinstance(header, Send) and not header.number for header, _ in self.outgoing)
+        self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
         for header, _ in self.outgoing:
             if (request := self._requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
@@ -221,10 +222,10 @@ class Session:
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
         del self._requests[request.header.number]
-        if isinstance(request.header, headers.WaitFor | headers.Ask):
+        if isinstance(request.header, headers.WaitFor | headers.Ask | headers.GetVariable):
             self._number(request)
             self._send(request)
-        else:  # A query may have been answered already; to ask again is the caller's decision.
+        else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
             request.lost = "the connection to central broke before the answer came"
             request.is_over = True
 
@@ -284,4 +285,4 @@ def refers_to_tasks(header: Any) -> bool:
     """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
     if isinstance(header, Send):
         return bool(header.parent or header.origin or header.constraints)
-    return not isinstance(header, Register | headers.Unregister | headers.Ask)
+    return not isinstance(header, Register | headers.Unregister | headers.Ask | headers.GetVariable | SetVariable)

@@ -25,6 +25,7 @@ class MessageClass(StrEnum):
     MULTI_QUERY = "multi-query"
     GOAL = "goal"
     COMMAND = "command"
+    VARIABLE = "variable"
 
     @property
     def is_task(self) -> bool:
@@ -180,11 +181,27 @@ class Ask(_Header, frozen=True, tag=11):
     """What central knows of a topic; answered with a MessagePack map as body."""
 
     number: int
-    topic: Literal["status", "modules", "messages", "tree"]
+    topic: Literal["status", "modules", "messages", "tree", "variables"]
 
 
 class Bye(_Header, frozen=True, tag=12):
     """This connection closes: of its own will, nothing failed."""
+
+
+class GetVariable(_Header, frozen=True, tag=20):
+    """What is the value of a variable? The body of the Answer is; it is empty if the variable was never set."""
+
+    number: int
+    variable: str
+
+
+class SetVariable(_Header, frozen=True, tag=21):
+    """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable was just before."""
+
+    number: int
+    variable: str
+    origin: int = 0
+    swap: bool = False
 
 
 # --- from central to a module -------------------------------------------------------------------------------------
@@ -256,6 +273,7 @@ class Closing(_Header, frozen=True, tag=41):
 
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
+    | GetVariable | SetVariable
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing
 

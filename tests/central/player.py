@@ -92,6 +92,10 @@ class Player:
         )
         return self.receive(connection, header, msgspec.msgpack.encode(7))
 
+    def set_variable(self, connection: str, variable: str, value: Any, *, swap: bool = False) -> list[Any]:
+        header = headers.SetVariable(self.number(connection), variable, swap=swap)
+        return self.receive(connection, header, msgspec.msgpack.encode(value))
+
     def task(self, connection: str, message: str, **options: Any) -> int:
         """Send a goal or command; its id."""
         answers = self.send(connection, message, **options)

@@ -2,6 +2,7 @@
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N]
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [again] [if handled] [where POINT <= POINT, ...]
+    NAME: set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     NAME: reply [ID] | fail FAILURE [ID] | wait POINT | give up | kill TASK | constrain POINT <= POINT, ... | bye
     lose NAME | garbage NAME | tree
 
@@ -11,6 +12,7 @@ A point is ``end achieving 3`` or ``start planning this``. A module's slots are 
 import re
 from typing import Any
 
+import msgspec
 from central.player import Player
 
 from tca_central.agenda import held_counts
@@ -39,7 +41,7 @@ class Transcript:
         else:
             raise ValueError(f"no such command: {command}")
         lines = [describe(fact) for entry in self.player.entries[self.shown :] for fact in entry.facts]
-        lines += [f"  -> {describe_header(header)}" for header in answers if not isinstance(header, headers.Deliver)]
+        lines += [f"  -> {describe_answer(answer)}" for answer in answers if not isinstance(answer, headers.Deliver)]
         return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
 
     def module(self, name: str, handles: str, capacity: str, pool: str, pending: str) -> None:
@@ -62,6 +64,19 @@ class Transcript:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)
         return self.player.send(name, message, constraints=constraints(where[1]) if where else (), **keywords)
+
+    def variable(self, name: str, what: str, variable: str, value: str) -> list[Any]:
+        if (name, variable) not in self.declared:
+            self.declared.add((name, variable))
+            self.player.declare(name, f"variable {variable}")
+        if what == "set":
+            return self.player.set_variable(name, variable, int(value))
+        if what == "swap":
+            answers = self.player.set_variable(name, variable, int(value), swap=True)
+        else:
+            answers = self.player.receive(name, headers.GetVariable(self.player.number(name), variable))
+        bodies = [body for header, body in self.player.inbox[name][-1:] if isinstance(header, headers.Answer)]
+        return [*answers, *(str(msgspec.msgpack.decode(body)) if body else "(never set)" for body in bodies)]
 
     def reply(self, name: str, delivery: str) -> list[Any]:
         return self.player.reply(name, int(delivery or 0))
@@ -104,6 +119,7 @@ NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
+    (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?", Transcript.reply),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
     (rf"{NAME}: wait (?P<point>.*)", Transcript.wait),
@@ -154,6 +170,11 @@ def describe(fact: facts.Fact) -> str:
             return f"handler of {fact.id} returned: {fact.outcome}"
         case _:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
+
+
+def describe_answer(answer: Any) -> str:
+    """A header in a line; or a value, of a variable."""
+    return f"value {answer}" if isinstance(answer, str) else describe_header(answer)
 
 
 def describe_header(header: Any) -> str:

@@ -18,6 +18,7 @@ PRINTED = {
     "04_constraints": "boil water\nlay table\npour\n",
     "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
     "06_testing_without_central": "passed\n",
+    "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
 }
 
 

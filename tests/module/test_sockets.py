@@ -3,6 +3,7 @@
 import json
 import threading
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -12,7 +13,7 @@ from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_central.core import Central
 from tca_central.server import Server
-from tca_module import CentralLost, MisuseError, Module, Outcome, Timeout, commands, connect
+from tca_module import CentralLost, MisuseError, Module, Outcome, Timeout, Variable, commands, connect
 from tca_module.transport import DealerTransport
 
 SOON = 10.0
@@ -125,6 +126,33 @@ def test_modules_and_messages(central: str) -> None:
         )
         names = [module["module"] for module in json.loads(ask(commands.modules, "--central", central, "--json")[1])]
         assert sorted(names) == ["legs", "user"]
+
+
+def test_variables(central: str) -> None:
+    assert ask(commands.variables, "--central", central) == (0, "no variables have been declared\n")
+    legs = Module("legs", central)
+    legs.handles(Variable("pose", Footfall))(lambda *_: None)
+    with legs.running(), connect("user", central) as user:
+        user.set_variable(Variable("mode", str), "walking")
+        user.set_variable(Variable("map", list[int]), list(range(500)))
+        code, text = ask(commands.variables, "--central", central)
+        assert code == 0
+        assert text == (
+            "variable  value         set by  watched by\n"
+            "map       (1119 bytes)  user    nobody\n"
+            'mode      "walking"     user    nobody\n'
+            "pose      (never set)   -       legs\n"
+        )
+        data = json.loads(ask(commands.variables, "--central", central, "--json")[1])
+        assert [variable["value"] for variable in data] == [None, "walking", None]
+
+
+def test_values_that_json_cannot_say(central: str) -> None:
+    with connect("user", central) as user:
+        user.set_variable(Variable("when", datetime), datetime(2024, 2, 3, tzinfo=UTC))
+        user.set_variable(Variable("raw", bytes), b"\x00")
+        data = json.loads(ask(commands.variables, "--central", central, "--json")[1])
+        assert [variable["value"] for variable in data] == ["b'\\x00'", "2024-02-03 00:00:00+00:00"]
 
 
 def test_without_central_the_answer_is_one_line(address: str) -> None:

@@ -21,7 +21,7 @@ from module.gait_messages import (
     Footfall,
 )
 
-from tca_module import Client, Constraint, Module, Outcome, PendingReply, Task, TaskFailed, TaskRef
+from tca_module import Client, Constraint, Module, Outcome, PendingReply, Task, TaskFailed, TaskRef, Variable
 
 MISTAKES = """
 from module.gait_messages import ALARM, COLLISION, MOVE_LEG, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall
@@ -67,6 +67,14 @@ def whatever_the_class(task: Task) -> None:
     assert_type(task.execute_if_handled(MOVE_LEG, 1), TaskRef[Footfall] | None)
     assert_type(task.execute_if_handled(TEMPERATURE), float | None)
     assert_type(task.execute_if_handled(ALARM, "stop"), bool)
+
+
+def variables(task: Task) -> None:
+    speed = Variable("speed", float)
+    assert_type(task.get_variable(speed), float)
+    assert_type(task.get_variable(speed, None), float | None)
+    assert_type(task.swap_variable(speed, 1.0), float | None)
+    assert_type(task.swap_variable(speed, 1.0, 0.0), float)
 
 
 def points(task: Task, leg: TaskRef[Footfall]) -> list[Constraint]:

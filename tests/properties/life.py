@@ -6,17 +6,18 @@ from hypothesis import strategies as st
 from tca_central.core import Central
 from tca_wire import headers
 from tca_wire.constraints import Flags
+from tca_wire.facts import Delivered, Received
 from tca_wire.points import Moment, TaskId
 
 MODULES = {
     "planner": ("goal walk", "goal step", "query where"),
     "legs": ("command move", "command lift", "inform note"),
-    "map": ("query where", "multi-query all", "broadcast pose"),
+    "map": ("query where", "multi-query all", "broadcast pose", "variable mode"),
 }
 MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
 small = st.integers(0, 1000)
 operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail", "kill", "constrain", "wait", "lose",
-                                       "join", "bye", "give up"]), small, small, small, small)  # fmt: skip
+                                       "join", "bye", "give up", "set"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -42,6 +43,11 @@ class Life:
         name = f"{module}{self.generation}"
         pending = (2, 0, 3, 1)[self.generation % 4]
         self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "", pending=pending)
+
+    def copies_of(self, message: str) -> set[int]:
+        """The deliveries of a message that goes to many."""
+        sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
+        return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         getattr(self, f"{name.replace(' ', '_')}_")(a, b, c, d)
@@ -90,6 +96,14 @@ class Life:
         if tasks:
             where = point(tasks[a % len(tasks)], list(Moment)[b % 6])
             self.player.receive("user", headers.WaitFor(self.player.number("user"), where))
+
+    def set_(self, a: int, b: int, c: int, *_: int) -> None:
+        senders = self.connections()
+        sender = senders[a % len(senders)]
+        if c % 4:
+            self.player.set_variable(sender, "mode", b, swap=c % 2 == 0)
+        else:
+            self.player.receive(sender, headers.GetVariable(self.player.number(sender), "mode"))
 
     def give_up_(self, a: int, *_: int) -> None:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))

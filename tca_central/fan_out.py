@@ -1,0 +1,26 @@
+"""One message to many handlers: a delivery of its own for each. Knows nothing of replies."""
+
+from tca_central.registry import Delivery, ModuleResource
+from tca_central.state import State
+from tca_wire import facts
+
+
+def copy_of(central: State, original: Delivery) -> Delivery:
+    """A delivery of the same message, for one of those who handle it."""
+    copy = Delivery(central.new_id(), original.message, original.body, original.sender)
+    copy.message_id, copy.priority = original.id, original.priority
+    return copy
+
+
+def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
+    """One delivery for each handler that has somebody to handle it."""
+    targets = [handler.resource for handler in original.message.handlers if handler.resource.capacity]
+    return [(copy_of(central, original), target) for target in targets]
+
+
+def route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
+    """Deliver or queue what nobody waits for; too much of it is dropped."""
+    if central.dispatcher.is_full(delivery.message, *targets):
+        central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
+    else:
+        central.dispatcher.route(delivery, *targets)
