@@ -11,7 +11,7 @@ and joining.py say what each message means to them, and this file decides when.
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import joining, requests, sharing
+from tca_central import availability, joining, requests, sharing
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
 from tca_central.registry import Connection
@@ -106,6 +106,7 @@ class Central(State):
             or agenda.withdrawn
             or dispatcher.freed
             or dispatcher.displaced
+            or dispatcher.changed
         ):
             while agenda.withdrawn:
                 self.dispatcher.withdraw(agenda.withdrawn.popleft())
@@ -113,16 +114,23 @@ class Central(State):
                 task = agenda.startable.popleft()
                 if task.requested and not task.killed:
                     self.dispatcher.route(task)
-            while dispatcher.displaced:
-                requests.displace(self, *dispatcher.displaced.popleft())
-            while agenda.ended:
-                self._ended(agenda.ended.popleft())
-            while agenda.met:
-                task, wait = agenda.met.popleft()
-                requests.answer_wait(self, wait, self.outcome(task))
+            if dispatcher.changed:
+                availability.tell_changes(self)
+            self._tell_who_waits()
             if dispatcher.freed and not (agenda.startable or agenda.withdrawn):
                 dispatcher.give_freed_slot()
             agenda.settle()
+
+    def _tell_who_waits(self) -> None:
+        """Tell those who wait for what gave way, has ended or was reached."""
+        agenda, displaced = self.agenda, self.dispatcher.displaced
+        while displaced:
+            requests.displace(self, *displaced.popleft())
+        while agenda.ended:
+            self._ended(agenda.ended.popleft())
+        while agenda.met:
+            task, wait = agenda.met.popleft()
+            requests.answer_wait(self, wait, self.outcome(task))
 
     def _ended(self, task: Task) -> None:
         outcome = self.outcome(task)
@@ -154,5 +162,6 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Bye: joining.on_bye,
     headers.GetVariable: sharing.on_get_variable,
     headers.SetVariable: sharing.on_set_variable,
+    headers.WaitUntilHandled: availability.on_wait_until_handled,
 }
 """One row per message: what happens when it arrives."""

@@ -24,6 +24,7 @@ class Dispatcher:
         self._deliver = deliver
         self._arrivals = 0
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+        self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
         self.freed: deque[Connection] = deque()  #: slots whose handlers have returned, to be given to the next
         self.displaced: deque[tuple[Delivery, str]] = (
             deque()
@@ -120,7 +121,7 @@ class Dispatcher:
         """A connection offers to handle messages for a resource."""
         slot.resource = resource
         if not resource.capacity:
-            self._serve(slot, +1)
+            self._serve_all(slot, +1)
         resource.add_slot(slot)
         self.freed.append(slot)
 
@@ -129,26 +130,30 @@ class Dispatcher:
         if slot.resource is not None:
             slot.resource.remove_slot(slot)
             if not slot.resource.capacity:
-                self._serve(slot, -1)
+                self._serve_all(slot, -1)
         orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
         for delivery in orphans:
             del self.attended[delivery.id]
             delivery.slot, delivery.nested = None, False
         return orphans
 
-    @staticmethod
-    def _serve(slot: Connection, change: int) -> None:
+    def _serve_all(self, slot: Connection, change: int) -> None:
         """The handlers of a slot's resource can be called from now on, or no longer."""
         for handler in slot.module.handlers.values():
             if handler.resource is slot.resource:
-                handler.message.serving += change
+                self._serve(handler.message, change)
+
+    def _serve(self, message: MessageType, change: int) -> None:
+        self.changed.setdefault(message, message.serving)
+        message.serving += change
 
     def handler_came(self, handler: Handler) -> None:
         """The newest handler takes over what waits for its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.handlers.append(handler)
-        message.serving += bool(handler.resource.capacity)
+        if handler.resource.capacity:
+            self._serve(message, +1)
         if handler.pending:
             handler.resource.limits[message.name] = PendingLimit(handler.pending)
         handler.module.handlers[message.name] = handler
@@ -162,7 +167,8 @@ class Dispatcher:
         message = handler.message
         queued = self._take_queued(message, handler.resource if message.fans_out else None)
         message.handlers.remove(handler)
-        message.serving -= bool(handler.resource.capacity)
+        if handler.resource.capacity:
+            self._serve(message, -1)
         handler.resource.limits.pop(message.name, None)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))

@@ -7,6 +7,7 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 from collections import Counter
 
 from tca_central.agenda import held_counts
+from tca_central.availability import HandledWait
 from tca_central.intervals import (
     END_ACHIEVING,
     END_PLANNING,
@@ -131,7 +132,17 @@ def _check_resources(central: State) -> None:
     for message in central.registry.messages.values():
         serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
         assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
+        for wait in message.awaited_by:
+            _check_handled_wait(wait)
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
+
+
+def _check_handled_wait(wait: HandledWait) -> None:
+    """Whoever waits for handlers is connected, and lacks one."""
+    missing = [message.name for message in wait.messages if not message.serving]
+    assert wait.missing == len(missing) > 0, f"'{wait.connection.module.name}' waits for {wait.missing} of {missing}"
+    assert all(wait in message.awaited_by for message in wait.messages), "a wait is known to some of its messages"
+    assert wait.connection.outstanding.get(wait.number) is wait, "a wait that nobody waits for"
 
 
 def _check_limits(resource: ModuleResource, name: str) -> None:

@@ -1,5 +1,6 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
+from tca_central import notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.registry import Connection, Handler, Module
@@ -9,6 +10,7 @@ from tca_central.state import State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, MessageClass, Refusal
+from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
 
 MODULE_LOST = "module lost"
 
@@ -26,6 +28,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process))
+        notices.tell(central, MODULE_JOINED, Arrival(module.name, header.process))
     session = f"{header.incarnation}/{header.connection}"
     connection = module.connections.get(session)
     if connection is not None:  # the same one, reconnected before its loss was noticed
@@ -81,6 +84,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         central.registry.forget_module(module)
         central.tree.forget_module(module.name)
         central.facts.append(facts.ModuleLeft(module.name, why))
+        notices.tell(central, MODULE_LEFT, Departure(module.name, why))
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             fail_delivery(central, delivery, MODULE_LOST, f"module '{module.name}' was lost: {why}", b"")

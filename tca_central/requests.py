@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from tca_central import status
+from tca_central.availability import HandledWait
 from tca_central.errors import RequestError
 from tca_central.fan_out import copies, route_or_drop
 from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND, SINGLE_MOMENTS
@@ -50,6 +51,8 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
         raise RequestError(Refusal.UNKNOWN, text)
     if message.message_class not in ROUTES:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
+    if message.is_notice:
+        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
     if not header.number and message.message_class.has_reply:
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
     if header.if_handled and not message.serving:
@@ -319,6 +322,8 @@ def give_up(central: State, connection: Connection, number: int) -> None:
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
+    elif isinstance(due, HandledWait):
+        due.end()
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)

@@ -3,6 +3,7 @@
 from typing import Any
 
 from tca_central.agenda import held_counts
+from tca_central.registry import Handler
 from tca_central.state import State
 from tca_wire.headers import MessageClass
 from tca_wire.points import Moment, describe_moments
@@ -61,12 +62,26 @@ def messages(central: State) -> list[dict[str, Any]]:
             "message": message.name,
             "class": str(message.message_class),
             "handlers": [handler.module.name for handler in reversed(message.handlers)],
+            "handled_by": [_handler(handler) for handler in reversed(message.handlers)],
+            "awaited_by": [wait.connection.module.name for wait in message.awaited_by],
             "waiting": len(message.waiting),
             "data": message.format.data,
             "reply": message.format.reply,
         }
         for message in central.registry.messages.values()
     ]
+
+
+def _handler(handler: Handler) -> dict[str, Any]:
+    resource = handler.resource
+    return {
+        "module": handler.module.name,
+        "resource": resource.name,
+        "pool": handler.pool,
+        "pending": handler.pending,
+        "capacity": resource.capacity,
+        "waiting": resource.waiting,
+    }
 
 
 def tree(central: State) -> list[dict[str, Any]]:

@@ -17,6 +17,7 @@ from tca_module.errors import (
     VariableNotSet,
 )
 from tca_module.module import Module
+from tca_module.presence import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.sender import PendingReply, Sender, TaskOptions
 from tca_module.task import Task
 from tca_module.task_ref import TaskRef
@@ -35,9 +36,14 @@ from tca_wire.declarations import (
 )
 from tca_wire.errors import BadFormat
 from tca_wire.headers import Outcome
+from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
 
 __all__ = [
+    "HANDLERS_CHANGED",
+    "MODULE_JOINED",
+    "MODULE_LEFT",
+    "Arrival",
     "BadData",
     "BadFormat",
     "Broadcast",
@@ -45,16 +51,20 @@ __all__ = [
     "Client",
     "Command",
     "Constraint",
+    "Departure",
     "Edge",
     "Failure",
     "FailureRaised",
     "FormatRefused",
     "Goal",
+    "HandlerCount",
+    "HandlerInfo",
     "Inform",
     "Interval",
     "Message",
     "MisuseError",
     "Module",
+    "ModuleInfo",
     "Moment",
     "MultiQuery",
     "Outcome",
@@ -63,6 +73,7 @@ __all__ = [
     "Query",
     "QueryFailed",
     "Refused",
+    "ResourceInfo",
     "Sender",
     "Stopped",
     "Task",

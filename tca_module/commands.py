@@ -45,7 +45,9 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
     overview = client.status("status")
-    waiting = [*_waiting_messages(client), *_waiting_resources(client), *_held_tasks(client)]
+    waiting = [
+        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client), *_held_tasks(client)
+    ]  # fmt: skip
     shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
     if waiting:
@@ -133,6 +135,13 @@ def _waiting_messages(client: Client) -> Iterator[list[str]]:
     for message in client.status("messages"):
         if message["waiting"]:
             yield [f"{message['waiting']} of {message['class']} '{message['message']}'", "a module that handles it"]
+
+
+def _waiting_modules(client: Client) -> Iterator[list[str]]:
+    for message in client.status("messages"):
+        if not any(handler["capacity"] for handler in message["handled_by"]):
+            for module in message["awaited_by"]:
+                yield [f"module '{module}'", f"a module that handles {message['class']} '{message['message']}'"]
 
 
 def _waiting_resources(client: Client) -> Iterator[list[str]]:

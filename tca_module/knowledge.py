@@ -1,11 +1,13 @@
 """What central keeps for all, and who is there: variables, the modules, the handlers of a message."""
 
+from collections.abc import Iterable
 from typing import Any, TypeVar, overload
 
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import MisuseError, Timeout, VariableNotSet
+from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.declarations import D, Message, Variable
-from tca_wire.headers import GetVariable, SetVariable, ToCentral
+from tca_wire.headers import Ask, GetVariable, SetVariable, ToCentral, WaitUntilHandled
 
 X = TypeVar("X")
 
@@ -78,6 +80,44 @@ class Knowledge:
         header = SetVariable(0, variable.name, self._origin, swap=True)
         before = _ask(connection, header, f"exchanging variable '{variable.name}'", body)
         return variable.decode_data(before) if before else default
+
+    # --- who is there ----------------------------------------------------------------------------------------------
+
+    def modules(self) -> list[ModuleInfo]:
+        """The modules that are connected, this one too."""
+        return modules_of(_ask(self._connection(), Ask(0, "modules"), "the question for modules"))
+
+    def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
+        """Who handles a message, the newest handler first: of several that share no pool it gets all."""
+        connection = self._declare(message)
+        return handlers_of(_ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
+
+    def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
+        """Wait until somebody handles each of the messages, all at the same time; *timeout* in seconds.
+
+        Raises Timeout, naming those that nobody handles. A handler may leave again at any time; a goal, command or
+        query then waits for the next.
+        """
+        connection = self._declare(*messages)
+        request = connection.request(wait_until_handled(messages), wants_answer=True)
+        if not connection.wait(request, timeout, "the wait for handlers"):
+            connection.abandon(request)
+            missing = ", ".join(self._unhandled(messages))
+            msg = f"not handled within {timeout:g} s: {missing}; start the module that does, see 'tca messages'"
+            raise Timeout(msg)
+
+    def _unhandled(self, messages: Iterable[Message[Any, Any]]) -> list[str]:
+        known = handlers_of(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
+        return [
+            f"{message.message_class} '{message.name}'"
+            for message in messages
+            if not any(handler.capacity for handler in known.get(message.name, ()))
+        ]
+
+
+def wait_until_handled(messages: Iterable[Message[Any, Any]]) -> WaitUntilHandled:
+    """The request that is answered when each of the messages is handled; central must know them."""
+    return WaitUntilHandled(0, [message.name for message in messages])
 
 
 def _check_variable(call: str, variable: Any) -> None:

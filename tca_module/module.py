@@ -5,7 +5,7 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, overload
 
@@ -13,12 +13,14 @@ from tca_module.client import CentralAddress, checked_module_name, hello, new_in
 from tca_module.connection import PATIENCE, Connection
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped, TcaError
 from tca_module.handlers import Handler
+from tca_module.knowledge import wait_until_handled
 from tca_module.sender import Sender
 from tca_module.slot import Slot
 from tca_module.task import Task
 from tca_wire.declarations import D, Message, R
 
 _TEND_PERIOD = 0.5
+_WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 
 
 class Module(Sender):
@@ -33,12 +35,19 @@ class Module(Sender):
 
         planner.run()
 
+    With *requires*, it begins to serve only when other modules (or its own handlers) handle all of these messages. Two
+    modules that require each other's messages wait for ever: 'tca status' shows who waits for what.
+
     While it runs, what the module itself sends (``planner.goal(...)``) comes from outside of handlers: it hangs under
     the root, and is for the thread that started it.
     """
 
-    def __init__(self, name: str, central: CentralAddress = None, *, capacity: int = 1) -> None:
+    def __init__(
+        self, name: str, central: CentralAddress = None, *, capacity: int = 1,
+        requires: Iterable[Message[Any, Any]] = (),
+    ) -> None:  # fmt: skip
         super().__init__()
+        self._required = _checked_messages(name, requires)
         self.name = checked_module_name(name)
         self.central = central
         self._resources = {name: _checked_capacity(name, capacity)}
@@ -149,6 +158,7 @@ class Module(Sender):
         greeting = hello(self.name, incarnation)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
         try:
+            self._wait_for_required(link)
             handlers = self._handlers.values()
             link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
             self._open_slots(incarnation, patience)
@@ -159,6 +169,21 @@ class Module(Sender):
             target=self._keep, args=(link, patience, reconnect), name=f"{self.name} keeper", daemon=True
         )
         self._keeper.start()
+
+    def _wait_for_required(self, link: Connection) -> None:
+        required = [message for message in self._required if message.name not in self._handlers]
+        if not required:
+            return
+        link.declare(*required)
+        request, since, warned = link.request(wait_until_handled(required), wants_answer=True), time.monotonic(), False
+        while not link.wait(request, _TEND_PERIOD, "the wait for required messages"):
+            if self._stop.is_set():
+                link.abandon(request)
+                raise Stopped(f"module '{self.name}' was told to end while it waited for what it requires")
+            if not warned and time.monotonic() - since > _WARN_AFTER:
+                warned = True
+                names = ", ".join(f"'{message.name}'" for message in required)
+                self._log.warning("waits until each of %s is handled, as it requires; see 'tca messages'", names)
 
     def _open_slots(self, incarnation: str, patience: float) -> None:
         names = [name for name, capacity in self._resources.items() for _ in range(capacity) if self._uses(name)]
@@ -210,6 +235,15 @@ class Module(Sender):
             msg = f"module '{self.name}' does not run: send within 'with module.running():' or from a handler"
             raise MisuseError(msg)
         return self._link
+
+
+def _checked_messages(module: str, messages: Iterable[Any]) -> list[Message[Any, Any]]:
+    required = list(messages) if isinstance(messages, Iterable) else [messages]
+    for message in required:
+        if not isinstance(message, Message):
+            msg = f"module '{module}' can't require {message!r}: requires= takes messages (Goal, Query, ...)"
+            raise MisuseError(msg)
+    return required
 
 
 def _checked_capacity(resource: str, capacity: int) -> int:

@@ -45,6 +45,14 @@ _ARE_YOU_THERE = Register(0, [], [])
 _REPLIES_KEPT = 8
 """Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
 
+_ASKED_AGAIN = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled
+"""What may be asked twice without harm."""
+
+_WITHOUT_TASKS = (
+    Register | headers.Unregister | headers.Ask | headers.GetVariable | SetVariable | headers.WaitUntilHandled
+)
+"""What any central understands, whatever it remembers."""
+
 Item = tuple[ToCentral, bytes]
 
 
@@ -191,7 +199,8 @@ class Session:
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
         for number, request in list(self._requests.items()):
-            if request.was_sent or refers_to_tasks(request.header):
+            is_new_to_it = not request.was_sent or isinstance(request.header, headers.WaitUntilHandled)
+            if not is_new_to_it or refers_to_tasks(request.header):
                 request.lost = "central was restarted meanwhile and has forgotten it"
                 request.is_over = True
                 del self._requests[number]
@@ -222,7 +231,7 @@ class Session:
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
         del self._requests[request.header.number]
-        if isinstance(request.header, headers.WaitFor | headers.Ask | headers.GetVariable):
+        if isinstance(request.header, _ASKED_AGAIN):
             self._number(request)
             self._send(request)
         else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
@@ -285,4 +294,4 @@ def refers_to_tasks(header: Any) -> bool:
     """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
     if isinstance(header, Send):
         return bool(header.parent or header.origin or header.constraints)
-    return not isinstance(header, Register | headers.Unregister | headers.Ask | headers.GetVariable | SetVariable)
+    return not isinstance(header, _WITHOUT_TASKS)

@@ -204,6 +204,13 @@ class SetVariable(_Header, frozen=True, tag=21):
     swap: bool = False
 
 
+class WaitUntilHandled(_Header, frozen=True, tag=22):
+    """Answer when each of these messages is handled by somebody, all at the same time."""
+
+    number: int
+    messages: list[str]
+
+
 # --- from central to a module -------------------------------------------------------------------------------------
 
 
@@ -273,7 +280,7 @@ class Closing(_Header, frozen=True, tag=41):
 
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
-    | GetVariable | SetVariable
+    | GetVariable | SetVariable | WaitUntilHandled
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing
 

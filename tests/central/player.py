@@ -11,6 +11,7 @@ from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Entry
 from tca_wire.headers import HandlerFormat, MessageClass, MessageFormat
+from tca_wire.notices import NOTICES
 from tca_wire.points import Moment, Point, TaskId
 
 ANY = '{"type":"integer"}'
@@ -70,6 +71,8 @@ class Player:
     @staticmethod
     def format(words: str) -> MessageFormat:
         message_class, name = words.split(" ", 1)
+        if name in NOTICES:
+            return NOTICES[name].format
         reply = ANY if message_class in ("query", "multi-query", "command") else ""
         return MessageFormat(name, MessageClass(message_class), ANY, reply)
 

@@ -2,6 +2,7 @@
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N]
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [again] [if handled] [where POINT <= POINT, ...]
+    NAME: await MESSAGE, ...
     NAME: set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     NAME: reply [ID] | fail FAILURE [ID] | wait POINT | give up | kill TASK | constrain POINT <= POINT, ... | bye
     lose NAME | garbage NAME | tree
@@ -15,6 +16,7 @@ from typing import Any
 import msgspec
 from central.player import Player
 
+from tca_central import notices
 from tca_central.agenda import held_counts
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint, Flags
@@ -44,9 +46,12 @@ class Transcript:
         lines += [f"  -> {describe_answer(answer)}" for answer in answers if not isinstance(answer, headers.Deliver)]
         return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
 
-    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str) -> None:
+    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
+        known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
         self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "", pending=int(pending or 0))
+        new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
+        return [header for header, _ in new if isinstance(header, headers.Answer)]
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
         message = what.split(" ", 1)[1]
@@ -64,6 +69,10 @@ class Transcript:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)
         return self.player.send(name, message, constraints=constraints(where[1]) if where else (), **keywords)
+
+    def await_(self, name: str, messages: str) -> list[Any]:
+        names = [message.strip() for message in messages.split(",")]
+        return self.player.receive(name, headers.WaitUntilHandled(self.player.number(name), names))
 
     def variable(self, name: str, what: str, variable: str, value: str) -> list[Any]:
         if (name, variable) not in self.declared:
@@ -119,6 +128,7 @@ NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
+    (rf"{NAME}: await (?P<messages>.*)", Transcript.await_),
     (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?", Transcript.reply),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
@@ -150,7 +160,8 @@ def describe(fact: facts.Fact) -> str:
         case facts.Received():
             under = f" under {fact.parent}" if fact.parent else ""
             held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
-            return f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{held}"
+            told = f": {msgspec.msgpack.decode(fact.body)}" if fact.sender == notices.SENDER else ""
+            return f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{told}{held}"
         case facts.Constrained():
             return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
         case facts.Reached():

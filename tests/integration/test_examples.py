@@ -19,6 +19,7 @@ PRINTED = {
     "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
     "06_testing_without_central": "passed\n",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
+    "21_start_up_order": "asked too early: None\n",
 }
 
 
@@ -39,6 +40,10 @@ def test_example(path: Path, tmp_path: Path) -> None:
         assert [line for line in diary if "mow" in line] == [f"mow row {row}" for row in range(4)]
         for row in range(2):
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
+    if path.stem == "21_start_up_order":
+        assert {
+            "'where' is handled by 1", "'route' is handled by 1", "route: 3 by planner", "map left: it said goodbye",
+        } <= set(done.stdout.splitlines())  # fmt: skip
     if path.stem == "05_failure":
         assert "terrain collision" in done.stdout
         assert "leg 1 met a rock" in done.stdout

@@ -7,17 +7,18 @@ from tca_central.core import Central
 from tca_wire import headers
 from tca_wire.constraints import Flags
 from tca_wire.facts import Delivered, Received
+from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
 from tca_wire.points import Moment, TaskId
 
 MODULES = {
-    "planner": ("goal walk", "goal step", "query where"),
-    "legs": ("command move", "command lift", "inform note"),
-    "map": ("query where", "multi-query all", "broadcast pose", "variable mode"),
+    "planner": ("goal walk", "goal step", "query where", f"broadcast {HANDLERS_CHANGED.name}"),
+    "legs": ("command move", "command lift", "inform note", f"broadcast {MODULE_LEFT.name}"),
+    "map": ("query where", "multi-query all", "broadcast pose", "variable mode", f"broadcast {MODULE_JOINED.name}"),
 }
 MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
 small = st.integers(0, 1000)
 operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail", "kill", "constrain", "wait", "lose",
-                                       "join", "bye", "give up", "set"]), small, small, small, small)  # fmt: skip
+                                       "join", "bye", "give up", "set", "await"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -104,6 +105,12 @@ class Life:
             self.player.set_variable(sender, "mode", b, swap=c % 2 == 0)
         else:
             self.player.receive(sender, headers.GetVariable(self.player.number(sender), "mode"))
+
+    def await_(self, a: int, b: int, c: int, *_: int) -> None:
+        names = [MESSAGES[number % len(MESSAGES)].split(" ", 1)[1] for number in (a, b)]
+        senders = self.connections()
+        sender = senders[c % len(senders)]
+        self.player.receive(sender, headers.WaitUntilHandled(self.player.number(sender), names))
 
     def give_up_(self, a: int, *_: int) -> None:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
