@@ -86,7 +86,9 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         central.facts.append(facts.ModuleLeft(module.name, why))
         notices.tell(central, MODULE_LEFT, Departure(module.name, why))
     for delivery in orphans:
-        if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
+        if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
+            central.facts.append(facts.Dropped(delivery.id, f"module '{module.name}' left before it began with it"))
+        elif lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             fail_delivery(central, delivery, MODULE_LOST, f"module '{module.name}' was lost: {why}", b"")
         else:
             central.dispatcher.route(delivery)

@@ -222,6 +222,8 @@ class History:
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
+        if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
+            self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
             message.dropped = fact.why

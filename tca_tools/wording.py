@@ -19,7 +19,7 @@ class Wording:
         """What a fact says, without its kind and body."""
         if isinstance(fact, facts.Received):
             self._names[fact.id] = fact.message
-        elif isinstance(fact, facts.Delivered):
+        elif isinstance(fact, facts.Delivered | facts.Queued):
             self._names.setdefault(fact.id, self._names.get(fact.message_id, "?"))
         say = _SAY.get(type(fact))
         return say(self, fact) if say else ""

@@ -104,6 +104,21 @@ def test_status_says_what_waits_for_what(central: str) -> None:
         go.set()
 
 
+def test_status_says_who_waits_for_a_handler(central: str) -> None:
+    planner = Module("planner", central, requires=[TEMPERATURE, STANCE])
+    starting = threading.Thread(target=planner.run)
+    starting.start()
+    with connect("user", central) as user:
+        user.wait_until_handled(timeout=SOON)
+        while not any(message["awaited_by"] for message in user.status("messages")):
+            user.status()
+        lines = [" ".join(line.split()) for line in ask(commands.status, "--central", central)[1].splitlines()]
+        assert "module 'planner' a module that handles query 'temperature'" in lines
+        assert "module 'planner' a module that handles query 'stance'" in lines
+    planner.stop()
+    starting.join(SOON)
+
+
 def test_modules_and_messages(central: str) -> None:
     legs = Module("legs", central)
     assert ask(commands.modules, "--central", central) == (0, "no modules are connected\n")

@@ -180,3 +180,10 @@ def test_data_that_is_none_or_odd() -> None:
 def test_walking_stays_as_it_is(tca: Tca, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "run")
     assert tca("log", "show", folder / "00000001.tcaj").stdout == tca("log", "show", folder).stdout
+
+
+def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path) -> None:
+    story = Story().module("map", "pose")
+    pose = story.received("pose", MessageClass.VARIABLE, "legs")
+    story.say(facts.Queued(9, pose, "map", "map"), facts.Dropped(9, "a newer one came"))
+    assert "dropped        pose {9}: a newer one came" in tca("log", "show", story.write(tmp_path / "run")).stdout
