@@ -49,7 +49,7 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
     if message is None:
         text = f"nobody has declared message '{header.message}': register it before it is sent"
         raise RequestError(Refusal.UNKNOWN, text)
-    if message.message_class not in ROUTES:
+    if message.message_class is MessageClass.VARIABLE:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
     if message.is_notice:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
