@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import control, failures, joining, monitors, requests, taps
+from tca_central import availability, control, failures, joining, monitors, requests, sharing, taps
 from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
@@ -41,6 +41,7 @@ class Central(State):
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
             (agenda.startable, self._start),
+            (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
             (agenda.met, self._met),
         )
 
@@ -118,11 +119,13 @@ class Central(State):
         """Let everything happen that may, until nothing moves."""
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
-        while agenda.is_busy or dispatcher.freed:
+        while agenda.is_busy or dispatcher.is_busy:
             for waiting, take in self._takers:
                 while waiting:
                     take(waiting.popleft())
-            if dispatcher.freed and not agenda.is_busy:
+            if dispatcher.changed:
+                availability.tell_changes(self)
+            if dispatcher.freed and not (agenda.is_busy or dispatcher.displaced):
                 dispatcher.give_freed_slot()
             agenda.settle()
 
@@ -191,6 +194,9 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Fire: monitors.on_fire,
     headers.EndMonitor: monitors.on_end_monitor,
     headers.Bye: joining.on_bye,
+    headers.GetVariable: sharing.on_get_variable,
+    headers.SetVariable: sharing.on_set_variable,
+    headers.WaitUntilHandled: availability.on_wait_until_handled,
 }
 """One row per message: what happens when it arrives."""
 

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
+from tca_central.resources import PendingLimit
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
-from tca_wire.headers import MessageClass
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -24,7 +24,16 @@ class Dispatcher:
         self._deliver = deliver
         self._arrivals = 0
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+        self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
         self.freed: deque[Connection] = deque()  #: slots whose handlers have returned, to be given to the next
+        self.displaced: deque[tuple[Delivery, str]] = (
+            deque()
+        )  #: gave way to newer ones (why): to be told who waits for them
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is to be done before the next event."""
+        return bool(self.freed or self.displaced or self.changed)
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
@@ -52,6 +61,18 @@ class Dispatcher:
             resource.queue(delivery)
         first = resources[0]
         self._facts.append(Queued(delivery.given_as, delivery.message_id, first.module, first.name))
+        for resource in resources:
+            if limit := resource.limits.get(delivery.message.name):
+                self._keep_within(limit, delivery, resource)
+
+    def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
+        """What has waited longest gives way where more wait than may."""
+        if (oldest := limit.queued(newest)) is not None:
+            self.withdraw(oldest)
+            why = (
+                f"at most {limit.most} of '{newest.message.name}' may wait for '{resource.name}', and a newer one came"
+            )
+            self.displaced.append((oldest, why))
 
     def _attend(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
@@ -105,6 +126,8 @@ class Dispatcher:
     def slot_came(self, slot: Connection, resource: ModuleResource) -> None:
         """A connection offers to handle messages for a resource."""
         slot.resource = resource
+        if not resource.capacity:
+            self._serve_all(slot, +1)
         resource.add_slot(slot)
         self.freed.append(slot)
 
@@ -112,17 +135,33 @@ class Dispatcher:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
         if slot.resource is not None:
             slot.resource.remove_slot(slot)
+            if not slot.resource.capacity:
+                self._serve_all(slot, -1)
         orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
         for delivery in orphans:
             del self.attended[delivery.given_as]
             delivery.slot, delivery.nested = None, False
         return orphans
 
+    def _serve_all(self, slot: Connection, change: int) -> None:
+        """The handlers of a slot's resource can be called from now on, or no longer."""
+        for handler in slot.module.handlers.values():
+            if handler.resource is slot.resource:
+                self._serve(handler.message, change)
+
+    def _serve(self, message: MessageType, change: int) -> None:
+        self.changed.setdefault(message, message.serving)
+        message.serving += change
+
     def handler_came(self, handler: Handler) -> None:
         """The newest handler takes over what waits for its message."""
         message = handler.message
         queued = [] if message.fans_out else self._take_queued(message)
         message.handlers.append(handler)
+        if handler.resource.capacity:
+            self._serve(message, +1)
+        if handler.pending:
+            handler.resource.limits[message.name] = PendingLimit(handler.pending)
         handler.module.handlers[message.name] = handler
         for delivery in queued:
             self.route(delivery)
@@ -134,6 +173,9 @@ class Dispatcher:
         message = handler.message
         queued = self._take_queued(message, handler.resource if message.fans_out else None)
         message.handlers.remove(handler)
+        if handler.resource.capacity:
+            self._serve(message, -1)
+        handler.resource.limits.pop(message.name, None)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         if message.fans_out:
@@ -160,7 +202,11 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
     itself (TCA 8.5: self-queries).
     """
     sender = delivery.sender
-    asks = delivery.message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
-    if not asks or sender is None or sender.resource is None or sender not in sender.resource.slots:
+    if (
+        not delivery.message.message_class.has_reply
+        or sender is None
+        or sender.resource is None
+        or sender not in sender.resource.slots
+    ):
         return None
     return sender if sender.resource in resources else None

@@ -133,26 +133,29 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
 
 def fail_task(central: State, task: Task, failure: Failure) -> None:
     """The handler of a task, which no handler has any more, ended with a failure."""
-    if task.killed or task.again:
-        central.facts.append(facts.Failed(task.id, failure.name, failure.text))
+    central.facts.append(facts.Failed(task.id, failure.name, failure.text))
     if task.killed:
         central.agenda.returned(task)
     elif task.again:
         central.agenda.retry(task)
     else:
-        handler = raise_failure(central, task, failure)
+        handler = _search(central, task, failure)
         if handler is None:
             central.agenda.returned(task)
         else:
             task.more.recovering = handler
 
 
-def raise_failure(central: State, task: Task, failure: Failure, below: Trouble | None = None) -> Task | None:
+def raise_failure(central: State, task: Task, failure: Failure) -> None:
+    """Raise a failure on a task beside its handler: who has the task goes on."""
+    central.facts.append(facts.Failed(task.id, failure.name, failure.text, is_beside=True))
+    _search(central, task, failure)
+
+
+def _search(central: State, task: Task, failure: Failure, below: Trouble | None = None) -> Task | None:
     """Let the nearest exception handler take care of a failure, the nearest after *below* where one could not; its
     task. None if there is none: then the top-level task is killed, and whoever waits for it is told.
     """
-    if below is None:
-        central.facts.append(facts.Failed(task.id, failure.name, failure.text))
     task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
     found = _find(central, task, failure, below)
     if found is None:
@@ -277,7 +280,7 @@ def _search_on(central: State, handler: Task) -> None:
     if failing.killed or failing.again:
         return
     is_deciding = failing.more.recovering is handler
-    following = raise_failure(central, failing, trouble.failure, trouble)
+    following = _search(central, failing, trouble.failure, trouble)
     if is_deciding:
         failing.more.recovering = following
         if following is None:

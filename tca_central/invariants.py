@@ -6,6 +6,7 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 
 from collections import Counter
 
+from tca_central.availability import HandledWait
 from tca_central.clock import Due
 from tca_central.holds import Release, held_counts
 from tca_central.intervals import (
@@ -21,6 +22,7 @@ from tca_central.intervals import (
 from tca_central.registry import ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
+from tca_wire.headers import MessageClass
 from tca_wire.points import ALL_MOMENTS, ROOT
 
 
@@ -39,6 +41,7 @@ def check_invariants(central: State) -> None:
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
     _check_resources(central)
     _check_connections(central)
+    _check_variables(central)
 
 
 def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
@@ -144,8 +147,29 @@ def _check_resources(central: State) -> None:
             assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
             assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
             assert not (resource.waiting and resource.free), f"{name}: messages wait while a slot is free"
+            _check_limits(resource, name)
     for message in central.registry.messages.values():
+        serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
+        assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
+        for wait in message.awaited_by:
+            _check_handled_wait(wait)
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
+
+
+def _check_handled_wait(wait: HandledWait) -> None:
+    """Whoever waits for handlers is connected, and lacks one."""
+    missing = [message.name for message in wait.messages if not message.serving]
+    assert wait.missing == len(missing) > 0, f"'{wait.connection.module.name}' waits for {wait.missing} of {missing}"
+    assert all(wait in message.awaited_by for message in wait.messages), "a wait is known to some of its messages"
+    assert wait.connection.outstanding.get(wait.number) is wait, "a wait that nobody waits for"
+
+
+def _check_limits(resource: ModuleResource, name: str) -> None:
+    """Of a message with a pending limit no more wait than may, and the limit counts what waits."""
+    for message, limit in resource.limits.items():
+        waiting = {delivery for delivery in resource.queued() if delivery.message.name == message}
+        assert limit.waiting.keys() == waiting, f"{name}: counts {len(limit.waiting)} of '{message}'"
+        assert len(waiting) <= limit.most, f"{name}: {len(waiting)} of '{message}' wait"
 
 
 def _check_connections(central: State) -> None:
@@ -155,3 +179,15 @@ def _check_connections(central: State) -> None:
         assert connection.module.connections.get(connection.session) is connection
     known = sum(len(module.connections) for module in registry.modules.values())
     assert known == len(registry.connections), "connections without a module"
+
+
+def _check_variables(central: State) -> None:
+    """Values belong to variables, and their size is known; of those that wait for a watcher only the newest does."""
+    held = central.variables
+    assert held.bytes == sum(len(value.body) for value in held.values.values()), f"variables hold {held.bytes} bytes?"
+    for name in held.values:
+        message = central.registry.messages[name]
+        assert message.message_class is MessageClass.VARIABLE, f"'{name}' has a value and is no variable"
+        assert not message.waiting, f"variable '{name}': waits for a handler"
+        for handler in message.handlers:
+            assert handler.resource.limits[name].most == 1, f"variable '{name}': older values may wait"

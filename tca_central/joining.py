@@ -1,14 +1,17 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
+from tca_central import notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.monitors import check_parts
-from tca_central.registry import Connection, Handler, Module
+from tca_central.registry import Connection, Delivery, Handler, Module
 from tca_central.requests import fail_delivery, give_up
+from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, Outcome, Refusal
+from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, MessageClass, Outcome, Refusal
+from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
 
 MODULE_LOST = "module lost"
 
@@ -26,6 +29,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process))
+        notices.tell(central, MODULE_JOINED, Arrival(module.name, header.process))
     session = f"{header.incarnation}/{header.connection}"
     connection = module.connections.get(session)
     if connection is not None:  # the same one, reconnected before its loss was noticed
@@ -81,15 +85,24 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         central.registry.forget_module(module)
         central.tree.forget_module(module.name)
         central.facts.append(facts.ModuleLeft(module.name, why))
+        notices.tell(central, MODULE_LEFT, Departure(module.name, why))
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
-            if isinstance(delivery, Task) and delivery.given_as != delivery.id:
-                central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
-            fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+            _lose(central, delivery, module, why, lost=lost)
         elif isinstance(delivery, Task):
             central.agenda.hand_back(delivery)
         else:
             central.dispatcher.route(delivery)
+
+
+def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
+    """What only that handler could have finished."""
+    if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
+        central.facts.append(facts.Dropped(delivery.id, f"module '{module.name}' left before it began with it"))
+        return
+    if isinstance(delivery, Task) and delivery.given_as != delivery.id:
+        central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
+    fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
 
 
 # --- messages and handlers -------------------------------------------------------------------------------------------
@@ -106,12 +119,16 @@ def on_register(central: State, connection: Connection, header: headers.Register
     for handled in header.handlers:
         if handled.message not in declared_now and handled.message not in registry.messages:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
+        if handled.pending < 0:
+            text = f"{handled.pending} of '{handled.message}' can't wait: the limit is 1 or more, or 0 for none"
+            raise RequestError(Refusal.PROTOCOL, text)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:
             central.facts.append(
                 facts.FormatDefined(message.name, message.message_class, declared.data, declared.reply, module.name)
             )
+            forget_unfit_value(central, message)
     for handled in header.handlers:
         _add_handler(central, module, handled)
     central.send(connection, header.number, Accepted(header.number))
@@ -123,7 +140,11 @@ def _add_handler(central: State, module: Module, handled: headers.HandlerFormat)
     resource = module.resource(handled.resource)
     central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
     message = central.registry.messages[handled.message]
-    central.dispatcher.handler_came(Handler(message, module, resource, handled.pool))
+    # Of a variable only the newest value is wanted.
+    pending = 1 if message.message_class is MessageClass.VARIABLE else handled.pending
+    handler = Handler(message, module, resource, handled.pool, pending)
+    central.dispatcher.handler_came(handler)
+    tell_new_watcher(central, handler)
 
 
 def on_unregister(central: State, connection: Connection, header: headers.Unregister, _: bytes) -> None:
@@ -135,8 +156,11 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
-    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails."""
+    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
     for handler in handlers:
         for delivery in central.dispatcher.handler_gone(handler):
-            text = f"module '{handler.module.name}' no longer handles it"
-            fail_delivery(central, delivery, Failure(MODULE_LOST, text))
+            why = f"module '{handler.module.name}' no longer handles it"
+            if delivery.message.message_class.has_reply:
+                fail_delivery(central, delivery, Failure(MODULE_LOST, why))
+            else:
+                central.facts.append(facts.Dropped(delivery.id, why))

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from tca_central.fan_out import route_statement
 from tca_central.intervals import REACHED_AT_BIRTH_BY_COMMAND
 from tca_central.registry import Delivery, MessageType
-from tca_central.routing import route_statement
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts
@@ -17,7 +17,7 @@ CENTRAL = "central"
 
 
 def make_task(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, cause: int = 0,
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: int = 0,
     context: Any = None,
 ) -> Task:  # fmt: skip
     """A new task under *parent* which waits for nothing above it, and which outlives the kill of *parent* where it
@@ -31,31 +31,31 @@ def make_task(
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
     birth = facts.Received(
         task.id, message.name, message.message_class, CENTRAL, TaskId(parent.id), 0, False, body, constraints, role,
-        cause or parent.id,
+        about or parent.id,
     )  # fmt: skip
     central.facts[mark:mark] = [birth, *at_birth(task)]
     return task
 
 
 def make_statement(
-    central: State, message: MessageType, body: bytes, role: Role, *, cause: int, context: Any = None
+    central: State, message: MessageType, body: bytes, role: Role, *, about: int, context: Any = None
 ) -> Delivery:
     """A new inform or broadcast, on its way to whoever handles it."""
     made = Delivery(central.new_id(), message, body, None)
     made.context = context
-    birth = facts.Received(made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, cause)
+    birth = facts.Received(made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, about)
     central.facts.append(birth)
     route_statement(central, made)
     return made
 
 
 def make(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, cause: int = 0, context: Any = None
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: int = 0, context: Any = None
 ) -> Delivery:
     """A new task under *parent* or, if the message is none, a new statement."""
     if message.message_class.is_task:
-        return make_task(central, message, body, parent, role, cause=cause, context=context)
-    return make_statement(central, message, body, role, cause=cause or parent.id, context=context)
+        return make_task(central, message, body, parent, role, about=about, context=context)
+    return make_statement(central, message, body, role, about=about or parent.id, context=context)
 
 
 def at_birth(task: Task) -> list[facts.Fact]:

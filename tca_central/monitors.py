@@ -149,9 +149,9 @@ def _test(central: State, watch: Watch) -> None:
     asked.context = watch
     watch.condition = asked
     central.asked[asked.id] = watch
-    role, cause = Role.CONDITION, task.id
+    role, about = Role.CONDITION, task.id
     made = facts.Received(
-        asked.id, query.name, query.message_class, CENTRAL, ROOT, 0, False, task.body, [], role, cause
+        asked.id, query.name, query.message_class, CENTRAL, ROOT, 0, False, task.body, [], role, about
     )
     central.facts.append(made)
     central.dispatcher.route(asked)

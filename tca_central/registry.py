@@ -5,20 +5,28 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
-from tca_central.resources import Resource
+from tca_central.resources import PendingLimit, Resource
 from tca_wire.formats import first_difference
 from tca_wire.headers import Condition, Limit, MessageClass, MessageFormat, Refusal, ToModule
+from tca_wire.notices import NOTICES, PREFIX
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
 
 REMEMBERED_CONNECTIONS = 256
+FANS_OUT = frozenset({MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE})
+"""Classes of messages that go to all who handle them."""
+
 MESSAGES = 10_000
 """Names of messages that may be declared."""
 
 
 class ModuleResource(Resource["Connection", "Delivery"]):
     """A resource of a module: its slots are connections, and deliveries wait for them."""
+
+    def __init__(self, module: str, name: str) -> None:
+        super().__init__(module, name)
+        self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
 
 
 class Connection:
@@ -64,13 +72,16 @@ class Module:
 class Handler:
     """That a module handles a message, in one of its resources."""
 
-    __slots__ = ("message", "module", "pool", "resource")
+    __slots__ = ("message", "module", "pending", "pool", "resource")
 
-    def __init__(self, message: "MessageType", module: Module, resource: ModuleResource, pool: str) -> None:
+    def __init__(
+        self, message: "MessageType", module: Module, resource: ModuleResource, pool: str, pending: int
+    ) -> None:
         self.message = message
         self.module = module
         self.resource = resource
         self.pool = pool  #: handlers of one pool share the messages
+        self.pending = pending  #: so many messages may wait for it (0: no limit of its own)
 
 
 class MessageType:
@@ -80,6 +91,8 @@ class MessageType:
         self.redefine(declared, by)
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
         self.handlers: list[Handler] = []  #: newest last
+        self.serving = 0  #: number of handlers that have a slot to be called in
+        self.awaited_by: dict[Any, None] = {}  #: waits until it is handled
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[Attached] = []  #: exception handlers of each of its tasks, newest last
         self.taps: list[Tap] = []  #: oldest first
@@ -92,7 +105,8 @@ class MessageType:
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
         self.is_aside = declared.message_class in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
-        self.fans_out = declared.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
+        self.is_notice = declared.name in NOTICES
+        self.fans_out = declared.message_class in FANS_OUT
         self.first_declared_by = by
 
     def candidates(self) -> Iterator[ModuleResource]:
@@ -162,6 +176,8 @@ class Delivery:
         """Leave the queues."""
         for resource in self.queues or ():
             resource.left_queue()
+            if limit := resource.limits.get(self.message.name):
+                limit.left(self)
         self.queues = None
         self.ticket += 1
 
@@ -213,20 +229,13 @@ class Registry:
             raise RequestError(
                 Refusal.OVERLOAD, f"{MESSAGES} messages have been declared: '{declared.name}' is too many"
             )
+        if declared.name.startswith(PREFIX):
+            _check_notice(declared, module)
         if known is None or known.format == declared:
             return
         if not known.declarers and known.message_class == declared.message_class:
             return
-        if known.message_class != declared.message_class:
-            difference = f"a {declared.message_class} here, a {known.message_class} there"
-        else:
-            what = "result" if declared.message_class is MessageClass.COMMAND else "reply"
-            data = first_difference(declared.data, known.format.data)
-            reply = first_difference(declared.reply, known.format.reply)
-            difference = f"data {data}" if data else f"{what} {reply}" if reply else ""
-        if difference:
-            sides = f"here = module '{module.name}', there = module '{known.first_declared_by}'"
-            raise RequestError(Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})")
+        _refuse_difference(declared, module, known.format, f"module '{known.first_declared_by}'")
 
     def declare(self, declared: MessageFormat, module: Module) -> tuple[MessageType, bool]:
         """The message of that name, and whether it, or its format, is new; ``check`` has passed."""
@@ -238,3 +247,26 @@ class Registry:
             message.redefine(declared, module.name)
         message.declarers[module.incarnation] = None
         return message, is_new
+
+
+def _check_notice(declared: MessageFormat, module: Module) -> None:
+    """Modules may handle central's notices, as they are, and declare nothing else that is called so."""
+    notice = NOTICES.get(declared.name)
+    if notice is None:
+        text = f"'{declared.name}': names that begin with '{PREFIX}' are central's own, and it sends no such notice"
+        raise RequestError(Refusal.PROTOCOL, text)
+    _refuse_difference(declared, module, notice.format, "central")
+
+
+def _refuse_difference(declared: MessageFormat, module: Module, known: MessageFormat, there: str) -> None:
+    """Raise RequestError where a declaration differs from what is known *there*."""
+    if known.message_class != declared.message_class:
+        difference = f"a {declared.message_class} here, a {known.message_class} there"
+    else:
+        what = "result" if declared.message_class is MessageClass.COMMAND else "reply"
+        data = first_difference(declared.data, known.data)
+        reply = first_difference(declared.reply, known.reply)
+        difference = f"data {data}" if data else f"{what} {reply}" if reply else ""
+    if difference:
+        sides = f"here = module '{module.name}', there = {there}"
+        raise RequestError(Refusal.FORMAT, f"two formats for message '{declared.name}': {difference} ({sides})")

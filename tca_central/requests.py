@@ -8,15 +8,16 @@ from typing import Any
 import msgspec
 
 from tca_central import status
+from tca_central.availability import HandledWait
 from tca_central.clock import checked_seconds
 from tca_central.control import keep_for_termination, set_deadline
 from tca_central.errors import RequestError
-from tca_central.failures import attach, check_attachments, fail_task, failure_of, reissue
+from tca_central.failures import attach, check_attachments, fail_task, failure_of, kill, reissue
+from tca_central.fan_out import copies, route_statement
 from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SENT, SINGLE_MOMENTS, SUCCESS
 from tca_central.making import at_birth
 from tca_central.monitors import prepare, tested
 from tca_central.registry import Connection, Delivery, MessageType
-from tca_central.routing import copies, route_statement
 from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
@@ -28,6 +29,7 @@ from tca_wire.points import ROOT, TaskId
 MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""
 
+OVERLOAD = "overload"
 NIL = b"\xc0"  # None as MessagePack
 
 
@@ -54,8 +56,16 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
     if message is None:
         text = f"nobody has declared message '{header.message}': register it before it is sent"
         raise RequestError(Refusal.UNKNOWN, text)
-    if not header.number and message.message_class in (MessageClass.QUERY, MessageClass.MULTI_QUERY):
+    if message.message_class is MessageClass.VARIABLE:
+        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
+    if message.is_notice:
+        raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
+    if not header.number and message.message_class.has_reply:
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    if header.if_handled and not message.serving:
+        if header.number:
+            central.send(connection, header.number, Accepted(header.number))
+        return
     ROUTES[message.message_class](central, connection, header, message, body)
 
 
@@ -102,16 +112,16 @@ def _route_multi_query(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     original = _make(central, connection, header, message, body)
-    copied = copies(central, original)
-    wanted = min(header.maximum, len(copied)) if header.maximum > 0 else len(copied)
+    for_each = copies(central, original)
+    wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
     collector = Collector(connection, header.number, original.id, wanted)
     connection.outstanding[header.number] = collector
-    for copy, _ in copied:
+    for copy, _ in for_each:
         collector.pending[copy.id] = copy
         central.collectors[copy.id] = collector
-    for copy, resource in copied:
+    for copy, resource in for_each:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, Failure("overload", "too many messages wait for its handler"))
+            fail_delivery(central, copy, Failure(OVERLOAD, "too many messages wait for its handler"))
         else:
             central.dispatcher.route(copy, resource)
     _end_if_complete(central, collector)
@@ -228,6 +238,16 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
         _answer_query(central, delivery, answer, failure.body)
 
 
+def displace(central: State, delivery: Delivery, why: str) -> None:
+    """A delivery that waited gave way to a newer one of its message: whoever waits for it is told."""
+    if isinstance(delivery, Task):
+        kill(central, delivery, f"{OVERLOAD}: {why}")
+    elif delivery.message.message_class.has_reply:
+        fail_delivery(central, delivery, Failure(OVERLOAD, why))
+    else:
+        central.facts.append(facts.Dropped(delivery.id, why))
+
+
 def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes) -> None:
     if (watch := central.asked.pop(delivery.id, None)) is not None:
         tested(central, watch, answer, body)
@@ -315,6 +335,8 @@ def give_up(central: State, connection: Connection, number: int) -> None:
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
+    elif isinstance(due, HandledWait):
+        due.end()
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)

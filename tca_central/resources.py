@@ -5,6 +5,7 @@ number of messages delivered and not yet completed, not the length of a queue).
 """
 
 import heapq
+from collections import OrderedDict
 from collections.abc import Iterator
 from typing import Generic, Protocol, TypeVar
 
@@ -22,6 +23,23 @@ VOID_ENTRIES = 64
 
 S = TypeVar("S")  # what stands for a slot
 Q = TypeVar("Q", bound=Queueable)
+
+
+class PendingLimit(Generic[Q]):
+    """At most *most* deliveries of one message wait for a resource (TCA 8.5: LimitPendingMessages)."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in the order in which they came
+
+    def queued(self, delivery: Q) -> Q | None:
+        """A delivery waits now; the one that must give way: it has waited longest, whatever its priority."""
+        self.waiting[delivery] = None
+        return next(iter(self.waiting)) if len(self.waiting) > self.most else None
+
+    def left(self, delivery: Q) -> None:
+        """A delivery waits no longer."""
+        self.waiting.pop(delivery, None)
 
 
 class Resource(Generic[S, Q]):

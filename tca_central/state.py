@@ -9,6 +9,7 @@ from tca_central.events import Effect, Transmit
 from tca_central.intervals import DELIVERED
 from tca_central.registry import Attached, Connection, Delivery, MessageType, Registry, Tap
 from tca_central.task_tree import Task, TaskTree
+from tca_central.variables import Variables
 from tca_wire import facts, headers
 from tca_wire.headers import MessageClass, MessageFormat, Outcome, ToModule
 from tca_wire.points import ROOT, TaskId
@@ -79,6 +80,7 @@ class State:
         self.taps: dict[int, Tap] = {}  #: all wiretaps, by id
         self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
         self.dispatcher = Dispatcher(self.facts, self.deliver)
+        self.variables = Variables()
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
         self.outcome_bytes = 0  #: size of what they hold

@@ -5,11 +5,14 @@ from collections.abc import Iterable
 from typing import Any
 
 from tca_central.holds import held_counts
+from tca_central.registry import Handler
 from tca_central.state import State
 from tca_central.task_tree import Task
+from tca_wire.headers import MessageClass
 from tca_wire.points import Moment, describe_moments
 
 SHOWN_TASKS = 10_000
+SHOWN_BYTES = 512  # of a variable's value
 
 
 def overview(central: State) -> dict[str, Any]:
@@ -21,6 +24,7 @@ def overview(central: State) -> dict[str, Any]:
         "modules": len(registry.modules),
         "connections": len(registry.connections),
         "messages": len(registry.messages),
+        "variables": len(central.variables.values),
         "tasks": len(central.tree.tasks),
         "being handled": len(central.dispatcher.attended),
         "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
@@ -61,12 +65,26 @@ def messages(central: State) -> list[dict[str, Any]]:
             "message": message.name,
             "class": str(message.message_class),
             "handlers": [handler.module.name for handler in reversed(message.handlers)],
+            "handled_by": [_handler(handler) for handler in reversed(message.handlers)],
+            "awaited_by": [wait.connection.module.name for wait in message.awaited_by],
             "waiting": len(message.waiting),
             "data": message.format.data,
             "reply": message.format.reply,
         }
         for message in central.registry.messages.values()
     ]
+
+
+def _handler(handler: Handler) -> dict[str, Any]:
+    resource = handler.resource
+    return {
+        "module": handler.module.name,
+        "resource": resource.name,
+        "pool": handler.pool,
+        "pending": handler.pending,
+        "capacity": resource.capacity,
+        "waiting": resource.waiting,
+    }
 
 
 def tree(central: State) -> list[dict[str, Any]]:
@@ -105,5 +123,26 @@ def relatives(central: State, task: Task, relation: str, message: str) -> list[d
     return [{**describe(one), "data": one.body} for one in itertools.islice(wanted, SHOWN_TASKS)]
 
 
-TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree}
+def variables(central: State) -> list[dict[str, Any]]:
+    """Each variable with its value as MessagePack (left out if it is long), who set it and who watches it."""
+    found = []
+    for message in central.registry.messages.values():
+        if message.message_class is not MessageClass.VARIABLE:
+            continue
+        value = central.variables.values.get(message.name)
+        found.append(
+            {
+                "variable": message.name,
+                "value": value.body if value and len(value.body) <= SHOWN_BYTES else b"",
+                "bytes": len(value.body) if value else 0,
+                "set_by": value.set_by if value else "",
+                "message": value.message_id if value else 0,
+                "watched_by": [handler.module.name for handler in message.handlers],
+                "data": message.format.data,
+            }
+        )
+    return found
+
+
+TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree, "variables": variables}
 """One row per topic that can be asked for."""

@@ -204,11 +204,11 @@ def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery |
         body = NIL
     context = Listening(tap.condition, tapped)
     if not message.message_class.is_task:
-        made = make_statement(central, message, body, Role.LISTENER, cause=tapped.message_id, context=context)
+        made = make_statement(central, message, body, Role.LISTENER, about=tapped.message_id, context=context)
     else:
         is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
         parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
-        made = make_task(central, message, body, parent, Role.LISTENER, cause=tapped.message_id, context=context)
+        made = make_task(central, message, body, parent, Role.LISTENER, about=tapped.message_id, context=context)
         if isinstance(tapped, Task) and tap.condition in _WHILE:
             tapped.more.listeners.append(made)
     central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))

@@ -15,9 +15,11 @@ from tca_module.errors import (
     TaskKilled,
     TcaError,
     Timeout,
+    VariableNotSet,
 )
 from tca_module.later import Later
 from tca_module.module import Module
+from tca_module.presence import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.replies import Notification, PendingReplies, PendingReply
 from tca_module.sender import Sender, TaskOptions
 from tca_module.task import Task
@@ -33,12 +35,18 @@ from tca_wire.declarations import (
     Message,
     MultiQuery,
     Query,
+    Variable,
 )
 from tca_wire.errors import BadFormat
 from tca_wire.headers import Outcome
+from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
 
 __all__ = [
+    "HANDLERS_CHANGED",
+    "MODULE_JOINED",
+    "MODULE_LEFT",
+    "Arrival",
     "BadData",
     "BadFormat",
     "Broadcast",
@@ -47,17 +55,21 @@ __all__ = [
     "Client",
     "Command",
     "Constraint",
+    "Departure",
     "Edge",
     "Failure",
     "FailureRaised",
     "FormatRefused",
     "Goal",
+    "HandlerCount",
+    "HandlerInfo",
     "Inform",
     "Interval",
     "Later",
     "Message",
     "MisuseError",
     "Module",
+    "ModuleInfo",
     "Moment",
     "MultiQuery",
     "Notification",
@@ -68,6 +80,7 @@ __all__ = [
     "Query",
     "QueryFailed",
     "Refused",
+    "ResourceInfo",
     "Sender",
     "Stopped",
     "Task",
@@ -77,6 +90,8 @@ __all__ = [
     "TaskRef",
     "TcaError",
     "Timeout",
+    "Variable",
+    "VariableNotSet",
     "connect",
     "this",
 ]

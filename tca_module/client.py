@@ -17,7 +17,7 @@ from tca_module.transport import DealerTransport, Transport
 from tca_wire.endpoint import default_endpoint
 from tca_wire.headers import PROTOCOL_VERSION, Ask, Hello
 
-Topic = Literal["status", "modules", "messages", "tree"]
+Topic = Literal["status", "modules", "messages", "tree", "variables"]
 
 
 class CentralNearby(Protocol):
@@ -86,7 +86,7 @@ class Client(Sender):
         return self._connection().address
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
-        """What central knows of a topic, as plain values: "status", "modules", "messages" or "tree".
+        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree" or "variables".
 
         Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
         """

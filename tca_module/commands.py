@@ -1,4 +1,4 @@
-"""The command line's questions to a running central: ``tca status``, ``tca modules`` and ``tca messages``."""
+"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages`` and ``variables``."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -9,9 +9,12 @@ import click
 from tca_module.client import Client, connect
 from tca_module.errors import CentralLost, MisuseError, TcaError
 from tca_wire.endpoint import VARIABLE
+from tca_wire.errors import BadData
+from tca_wire.formats import decode_untyped
 
 _PATIENCE = 2.0  # seconds that a person waits for central
 _SHOWN = 20  # lines about what waits
+_LONGEST_VALUE = 60  # characters of a variable's value in a table
 
 Rows = list[list[str]]
 
@@ -42,7 +45,9 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
     overview = client.status("status")
-    waiting = [*_waiting_messages(client), *_waiting_resources(client), *_held_tasks(client)]
+    waiting = [
+        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client), *_held_tasks(client)
+    ]  # fmt: skip
     shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
     if waiting:
@@ -85,6 +90,40 @@ def messages(client: Client) -> tuple[Any, str]:
     return known, text if rows else "no messages have been declared"
 
 
+@_question("variables")
+def variables(client: Client) -> tuple[Any, str]:
+    """List the shared variables: their values, who set them last and who watches them."""
+    known = sorted(client.status("variables"), key=lambda variable: str(variable["variable"]))
+    for variable in known:
+        variable["value"] = _plain(variable["value"])
+    rows = [
+        [
+            variable["variable"],
+            _shown_value(variable),
+            variable["set_by"] or "-",
+            ", ".join(variable["watched_by"]) or "nobody",
+        ]
+        for variable in known
+    ]
+    text = "\n".join(_table(["variable", "value", "set by", "watched by"], rows))
+    return known, text if rows else "no variables have been declared"
+
+
+def _plain(body: bytes) -> Any:
+    """A value as JSON can show it; None where there is none to show."""
+    try:
+        return json.loads(json.dumps(decode_untyped(body), default=str))
+    except (BadData, TypeError, ValueError):
+        return None
+
+
+def _shown_value(variable: dict[str, Any]) -> str:
+    if not variable["bytes"]:
+        return "(never set)"
+    text = json.dumps(variable["value"], ensure_ascii=False)
+    return f"({variable['bytes']} bytes)" if len(text) > _LONGEST_VALUE or variable["value"] is None else text
+
+
 def _about_resource(resource: dict[str, Any] | None) -> list[str]:
     if resource is None:
         return ["-", "", "", ""]
@@ -96,6 +135,13 @@ def _waiting_messages(client: Client) -> Iterator[list[str]]:
     for message in client.status("messages"):
         if message["waiting"]:
             yield [f"{message['waiting']} of {message['class']} '{message['message']}'", "a module that handles it"]
+
+
+def _waiting_modules(client: Client) -> Iterator[list[str]]:
+    for message in client.status("messages"):
+        if not any(handler["capacity"] for handler in message["handled_by"]):
+            for module in message["awaited_by"]:
+                yield [f"module '{module}'", f"a module that handles {message['class']} '{message['message']}'"]
 
 
 def _waiting_resources(client: Client) -> Iterator[list[str]]:

@@ -6,6 +6,7 @@ TcaError             do not raise this one; it groups the others
 │   └── FormatRefused    others use a message of that name with another format or class
 ├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
 ├── Stopped          the module was told to end while it waited for central
+├── VariableNotSet   a variable has no value yet (also a LookupError)
 ├── Timeout          the answer did not come in time (also a TimeoutError)
 ├── QueryFailed      the handler of a query failed
 ├── TaskFailed       a goal or command failed
@@ -58,6 +59,10 @@ class NoCentral(CentralLost, SystemExit):
 
 class Stopped(TcaError):
     """The module was told to end before central had welcomed it."""
+
+
+class VariableNotSet(TcaError, LookupError):
+    """A variable was never set."""
 
 
 class Timeout(TcaError, TimeoutError):
@@ -121,4 +126,5 @@ __all__ = [
     "TaskKilled",
     "TcaError",
     "Timeout",
+    "VariableNotSet",
 ]

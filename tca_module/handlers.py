@@ -10,9 +10,11 @@ from tca_module.failing import Misfit, failed
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
 from tca_module.task import Task
-from tca_wire.declarations import D, Message, R
+from tca_wire.declarations import D, Message, R, Variable
 from tca_wire.errors import BadData
 from tca_wire.headers import Fail, HandlerFormat, Reply
+
+_MOST_PENDING = 10_000  # what central keeps for one resource anyway
 
 Coming = Coroutine[Any, Any, R | Later[R]]
 """What calling an ``async def`` handler gives."""
@@ -59,7 +61,9 @@ Answer = tuple[Reply | Fail, bytes] | Later[Any]
 class Handler:
     """That a function handles a message, in a resource."""
 
-    def __init__(self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str) -> None:
+    def __init__(
+        self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None
+    ) -> None:
         if not isinstance(message, Message):
             msg = f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none"
             raise MisuseError(msg)
@@ -67,6 +71,7 @@ class Handler:
         self.function = function
         self.resource = resource
         self.pool = pool
+        self.pending = self._checked_pending(pending)
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
         self._arguments = self._checked_arguments()
@@ -74,7 +79,17 @@ class Handler:
     @property
     def format(self) -> HandlerFormat:
         """What central is told of this handler."""
-        return HandlerFormat(self.message.name, self.resource, self.pool)
+        return HandlerFormat(self.message.name, self.resource, self.pool, self.pending)
+
+    def _checked_pending(self, pending: int | None) -> int:
+        if pending is not None and (not isinstance(pending, int) or not 1 <= pending <= _MOST_PENDING):
+            allowed = f"1 to {_MOST_PENDING} may wait, or None"
+            msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
+            raise MisuseError(msg)
+        if isinstance(self.message, Variable) and pending not in (None, 1):
+            msg = f"variable '{self.message.name}' can't be handled with pending={pending}: only its newest value waits"
+            raise MisuseError(msg)
+        return pending or 0
 
     def _checked_arguments(self) -> int:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""

@@ -5,7 +5,7 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
@@ -14,12 +14,14 @@ from tca_module.client import CentralAddress, checked_module_name, hello, new_in
 from tca_module.connection import PATIENCE, Connection
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped, TcaError
 from tca_module.handlers import Declare, DeclareWithoutData, Handler
+from tca_module.knowledge import wait_until_handled
 from tca_module.sender import Sender
 from tca_module.slot import Slot
 from tca_module.slots import CALLBACKS, Slots
 from tca_wire.declarations import D, Message, R
 
 _TEND_PERIOD = 0.5
+_WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 
 F = TypeVar("F", bound=Callable[[Callback], object] | Callable[[], object])
 
@@ -36,12 +38,19 @@ class Module(Sender):
 
         planner.run()
 
+    With *requires*, it begins to serve only when other modules (or its own handlers) handle all of these messages. Two
+    modules that require each other's messages wait for ever: 'tca status' shows who waits for what.
+
     While it runs, what the module itself sends (``planner.goal(...)``) comes from outside of handlers: it hangs under
     the root, and is for the thread that started it.
     """
 
-    def __init__(self, name: str, central: CentralAddress = None, *, capacity: int = 1) -> None:
+    def __init__(
+        self, name: str, central: CentralAddress = None, *, capacity: int = 1,
+        requires: Iterable[Message[Any, Any]] = (),
+    ) -> None:  # fmt: skip
         super().__init__()
+        self._required = _checked_messages(name, requires)
         self.name = checked_module_name(name)
         self.central = central
         self._resources = {name: _checked_capacity(name, capacity)}
@@ -68,18 +77,26 @@ class Module(Sender):
         return name
 
     @overload
-    def handles(self, message: Message[None, R], *, resource: str = "", pool: str = "") -> DeclareWithoutData[R]: ...
+    def handles(
+        self, message: Message[None, R], *, resource: str = "", pool: str = "", pending: int | None = None
+    ) -> DeclareWithoutData[R]: ...
     @overload
-    def handles(self, message: Message[D, R], *, resource: str = "", pool: str = "") -> Declare[D, R]: ...
-    def handles(self, message: Message[Any, Any], *, resource: str = "", pool: str = "") -> Any:
+    def handles(
+        self, message: Message[D, R], *, resource: str = "", pool: str = "", pending: int | None = None
+    ) -> Declare[D, R]: ...
+    def handles(
+        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None
+    ) -> Any:
         """Declare the decorated function, plain or ``async def``, as this module's handler of *message*.
 
-        The newest module to declare a handler gets the messages; modules that name the same *pool* share them.
+        The newest module to declare a handler gets the messages; modules that name the same *pool* share them. With
+        *pending*, at most so many of them wait for this handler; when one more comes, the one that has waited longest
+        gives way: an inform or broadcast is dropped, a query fails with "overload", a goal or command is killed.
         """
         self._check_not_running("handles()")
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, resource or self.name, pool)
+            handler = Handler(message, function, resource or self.name, pool, pending)
             if known := self._handlers.get(message.name):
                 msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
                 raise MisuseError(msg)
@@ -189,6 +206,7 @@ class Module(Sender):
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)
         link.outside = self
         try:
+            self._wait_for_required(link)
             handlers = self._handlers.values()
             link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
             self._open_slots(incarnation, patience)
@@ -200,11 +218,27 @@ class Module(Sender):
         )
         self._keeper.start()
 
+    def _wait_for_required(self, link: Connection) -> None:
+        required = [message for message in self._required if message.name not in self._handlers]
+        if not required:
+            return
+        link.declare(*required)
+        request, since, warned = link.request(wait_until_handled(required), wants_answer=True), time.monotonic(), False
+        while not link.wait(request, _TEND_PERIOD, "the wait for required messages"):
+            if self._stop.is_set():
+                link.abandon(request)
+                raise Stopped(f"module '{self.name}' was told to end while it waited for what it requires")
+            if not warned and time.monotonic() - since > _WARN_AFTER:
+                warned = True
+                names = ", ".join(f"'{message.name}'" for message in required)
+                self._log.warning("waits until each of %s is handled, as it requires; see 'tca messages'", names)
+
     def _open_slots(self, incarnation: str, patience: float) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, incarnation, number, resource)
             return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop)
 
+        self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
         resources = self._resources.items()
         self._slots.open([name for name, capacity in resources for _ in range(capacity) if self._uses(name)], open_slot)
 
@@ -250,6 +284,15 @@ class Module(Sender):
             msg = f"module '{self.name}' does not run: send within 'with module.running():' or from a handler"
             raise MisuseError(msg)
         return self._link
+
+
+def _checked_messages(module: str, messages: Iterable[Any]) -> list[Message[Any, Any]]:
+    required = list(messages) if isinstance(messages, Iterable) else [messages]
+    for message in required:
+        if not isinstance(message, Message):
+            msg = f"module '{module}' can't require {message!r}: requires= takes messages (Goal, Query, ...)"
+            raise MisuseError(msg)
+    return required
 
 
 def _checked_capacity(resource: str, capacity: int) -> int:

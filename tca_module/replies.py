@@ -20,6 +20,13 @@ def name_of(message: Message[Any, Any]) -> str:
     return f"{message.message_class} '{message.name}'"
 
 
+def not_answered(message: Message[Any, Any], timeout: float | None) -> Timeout:
+    """The error that says that a query's reply did not come in time."""
+    msg = f"{name_of(message)} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
+'tca messages', or give timeout="
+    return Timeout(msg)
+
+
 class PendingReply(Generic[R]):
     """A query that was sent; its reply may be there already. In an async handler ``await`` gives the reply."""
 
@@ -37,9 +44,7 @@ class PendingReply(Generic[R]):
         what = self._checked_name()
         if not self.connection.wait(self.request, timeout, what):
             self.cancel()
-            msg = f"{what} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
-'tca messages', or give timeout="
-            raise Timeout(msg)
+            raise not_answered(self._message, timeout)
         return self._reply(*self.request.answers[-1])
 
     def __await__(self) -> Generator[Any, None, R]:

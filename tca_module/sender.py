@@ -2,16 +2,29 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack, overload
 
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError
+from tca_module.knowledge import Knowledge
 from tca_module.ordering import Ordering
-from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, name_of
+from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, name_of, not_answered
 from tca_module.session import Request
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.declarations import NOTHING, Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, R
+from tca_wire.declarations import (
+    NOTHING,
+    Broadcast,
+    Command,
+    D,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    R,
+    Variable,
+)
 from tca_wire.headers import Constrain, MessageClass, Send
 from tca_wire.points import ROOT, TaskId
 
@@ -35,7 +48,7 @@ class TaskOptions(TypedDict, total=False):
     """Others; ``this`` stands for the new task."""
 
 
-class Sender:
+class Sender(Knowledge):
     """Something that sends messages."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
@@ -43,15 +56,6 @@ class Sender:
         self._origin = origin
         self._ordering = Ordering(under_root=parent == ROOT)
         self._epoch = ""
-
-    def _connection(self) -> Connection:
-        """The connection of the calling thread."""
-        raise NotImplementedError
-
-    def _declare(self, message: Message[Any, Any]) -> Connection:
-        """The connection, on which central knows the message."""
-        self._connection().declare(message)
-        return self._connection()  # which may have lost its central meanwhile
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
@@ -73,6 +77,12 @@ class Sender:
         return self._task(message, data, options)
 
     def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
+        task = self._task_if(message, data, options, handled=False)
+        assert task is not None
+        return task
+
+    def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> TaskRef[R] | None:
+        """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
         _check_options(message, options)
         body = message.encode_data(data)
         connection = self._declare(message)
@@ -83,9 +93,11 @@ class Sender:
         flags |= _flags(options)
         header = Send(
             0, message.name, self._parent, self._origin, flags, [*constraints, *options.get("constraints", ())],
-            options.get("priority", 0),
+            options.get("priority", 0), if_handled=handled,
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
+        if not task_id:
+            return None
         self._ordering.add(task_id, sequential=sequential)
         return TaskRef(connection, message, task_id, self._origin)
 
@@ -155,7 +167,14 @@ class Sender:
         return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
 
     def _question(
-        self, message: Message[Any, Any], data: Any, *, priority: int = 0, blocking: bool = False, maximum: int = 0
+        self,
+        message: Message[Any, Any],
+        data: Any,
+        *,
+        priority: int = 0,
+        blocking: bool = False,
+        maximum: int = 0,
+        if_handled: bool = False,
     ) -> tuple[Connection, Request]:
         _check_priority(message, priority)
         body = message.encode_data(data)
@@ -168,6 +187,7 @@ class Sender:
             blocking=blocking,
             maximum=maximum,
             flags=Flags.NONE,
+            if_handled=if_handled,
         )
         return connection, connection.request(header, body, wants_answer=True)
 
@@ -212,6 +232,70 @@ class Sender:
         connection = self._declare(message)
         connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
 
+    # --- whatever the class ----------------------------------------------------------------------------------------
+
+    @overload
+    def execute(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None]: ...
+    @overload
+    def execute(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R]: ...
+    @overload
+    def execute(self, message: Query[D, R], data: D = NOTHING) -> R: ...
+    @overload
+    def execute(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R]: ...
+    @overload
+    def execute(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> None: ...
+    def execute(self, message: Any, data: Any = NOTHING) -> Any:
+        """Send a message as its class demands, with the usual options: what ``goal``, ``command``, ``query``,
+        ``multi_query``, ``inform`` or ``broadcast`` returns.
+
+        For code that is given messages without knowing their class (TCA 8.5: tcaExecute).
+        """
+        _check_executable(message)
+        if isinstance(message, Goal | Command):
+            return self._task(message, data, {})
+        if isinstance(message, Query):
+            return self.query(message, data)
+        if isinstance(message, MultiQuery):
+            return self.multi_query(message, data)
+        return self._tell(message, data)
+
+    @overload
+    def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None] | None: ...
+    @overload
+    def execute_if_handled(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Query[D, R], data: D = NOTHING) -> R | None: ...
+    @overload
+    def execute_if_handled(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> bool: ...
+    def execute_if_handled(self, message: Any, data: Any = NOTHING) -> Any:
+        """Send a message only if somebody handles it now; central decides that and sends it in one step.
+
+        Returns what ``execute`` does, or None if nobody handles the message: nothing was sent then. Of an inform or
+        broadcast: whether it was sent (TCA 8.5: tcaMaybeExecute). The handler may still be lost afterwards.
+        """
+        _check_executable(message)
+        if isinstance(message, Goal | Command):
+            return self._task_if(message, data, {}, handled=True)
+        if isinstance(message, Query | MultiQuery):
+            return self._ask_if_handled(message, data)
+        body = message.encode_data(data)
+        header = Send(0, message.name, origin=self._origin, flags=Flags.NONE, if_handled=True)
+        return bool(self._declare(message).call(header, name_of(message), body))
+
+    def _ask_if_handled(self, message: Query[D, R] | MultiQuery[D, R], data: D) -> R | list[R] | None:
+        connection, request = self._question(message, data, blocking=True, if_handled=True)
+        is_over = connection.wait(request, QUERY_TIMEOUT, name_of(message))
+        if request.accepted is not None:  # instead of answered: it was not sent
+            return None
+        if isinstance(message, MultiQuery):
+            return list(PendingReplies(connection, request, message, 0))
+        if not is_over:
+            connection.abandon(request)
+            raise not_answered(message, QUERY_TIMEOUT)
+        return PendingReply(connection, request, message).receive()
+
 
 def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
     unknown = sorted(options.keys() - TaskOptions.__annotations__.keys())
@@ -249,8 +333,16 @@ _CALLS = {
 }
 
 
+def _check_executable(message: Any) -> None:
+    if not isinstance(message, tuple(_CALLS)):
+        classes = ", ".join(kind.__name__ for kind in _CALLS)
+        msg = f"execute() takes messages to send ({classes}), and {message!r} is none"
+        raise MisuseError(msg)
+
+
 def _check_class(message: Any, wanted: type[Message[Any, Any]]) -> None:
     if not isinstance(message, wanted):
-        call = f": use {_CALLS[type(message)]}" if type(message) in _CALLS else ""
+        known = {**_CALLS, Variable: "set_variable()"}
+        call = f": use {known[type(message)]}" if type(message) in known else ""
         msg = f"{_CALLS[wanted]} takes messages of class {wanted.__name__}, and {message!r} is none{call}"
         raise MisuseError(msg)

@@ -25,6 +25,7 @@ from tca_wire.headers import (
     Register,
     Reply,
     Send,
+    SetVariable,
     ToCentral,
     ToModule,
 )
@@ -44,6 +45,14 @@ _ARE_YOU_THERE = Register(0, [], [])
 _REPLIES_KEPT = 8
 """Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
 
+_ASKED_AGAIN = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled
+"""What may be asked twice without harm."""
+
+_WITHOUT_TASKS = (
+    Register | headers.Unregister | headers.Ask | headers.GetVariable | SetVariable | headers.WaitUntilHandled
+)
+"""What any central understands, whatever it remembers."""
+
 Item = tuple[ToCentral, bytes]
 
 
@@ -51,7 +60,8 @@ class Request:
     """A numbered request and what has come back.
 
     It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
-    was refused (*refused*), or it was lost with central's memory (*lost* says how).
+    was refused (*refused*), or it was lost with central's memory (*lost* says how). A query is accepted with id 0 if it
+    was to be sent only if somebody handles it, and nobody does.
     """
 
     __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "refused", "repeated",
@@ -81,6 +91,7 @@ class Session:
         self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
         self._attended: dict[int, bool] = {}  #: deliveries being handled -> whether their task was killed
+        self._suspended: set[int] = set()  #: those of them whose task is suspended
         self._replies: list[Item] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
         self.heard = float("-inf")  #: when central last said anything
@@ -116,13 +127,14 @@ class Session:
     def post(self, header: ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
         if not self.is_welcome:
-            self.dropped += isinstance(header, Send)
+            self.dropped += isinstance(header, Send | SetVariable)
             return False
         self.outgoing.append((header, body))
         return True
 
     def reply(self, header: Reply | Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
+        self._suspended.discard(header.delivery)
         if self._attended.pop(header.delivery, None) is None:
             return
         self._replies.append((header, body))
@@ -148,6 +160,10 @@ class Session:
         """Whether the task of a delivery was killed while it was handled, or forgotten."""
         return self._attended.get(delivery, True)
 
+    def is_suspended(self, delivery: int) -> bool:
+        """Whether the task of a delivery that is handled is suspended."""
+        return delivery in self._suspended
+
     # --- the connection --------------------------------------------------------------------------------------------
 
     def tend(self, now: float, since: float) -> None:
@@ -160,7 +176,7 @@ class Session:
     def break_off(self) -> None:
         """The connection broke, or central no longer knows it: begin with Hello again."""
         self.is_welcome = False
-        self.dropped += sum(isinstance(header, Send) and not header.number for header, _ in self.outgoing)
+        self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
         for header, _ in self.outgoing:
             if (request := self._requests.get(getattr(header, "number", 0))) is not None:
                 request.was_sent = request.repeated
@@ -191,15 +207,18 @@ class Session:
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
         for request in list(self._requests.values()):
-            if request.was_sent or refers_to_tasks(request.header):
+            is_new_to_it = not request.was_sent or isinstance(request.header, headers.WaitUntilHandled)
+            if not is_new_to_it or refers_to_tasks(request.header):
                 self._lose(request, "central was restarted meanwhile and has forgotten it")
         self._replies.clear()
         self._attended.clear()
+        self._suspended.clear()
         self.deliveries.clear()
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
         request = self._requests.get(header.number)
-        if request is not None and not request.wants_answer:
+        was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
+        if request is not None and (was_not_sent or not request.wants_answer):
             request.accepted = header.id
             self._end(request)
 
@@ -218,11 +237,11 @@ class Session:
 
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
-        if isinstance(request.header, headers.WaitFor | headers.Ask):
+        if isinstance(request.header, _ASKED_AGAIN):
             del self._requests[request.header.number]
             self._number(request)
             self._send(request)
-        else:  # A query may have been answered already; to ask again is the caller's decision.
+        else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
             self._lose(request, "the connection to central broke before the answer came")
 
     def _lose(self, request: Request, why: str) -> None:
@@ -259,6 +278,12 @@ class Session:
         if header.delivery in self._attended:
             self._attended[header.delivery] = True
 
+    def _on_suspended(self, header: headers.Suspended, _: bytes) -> None:
+        if header.is_suspended:
+            self._suspended.add(header.delivery)
+        else:
+            self._suspended.discard(header.delivery)
+
     def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
         """It says nothing of replies: it may have been sent before central got them."""
 
@@ -278,6 +303,7 @@ class Session:
         headers.Answer: _on_answer,
         headers.Deliver: _on_deliver,
         headers.Cancelled: _on_cancelled,
+        headers.Suspended: _on_suspended,
         headers.Beat: _on_beat,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,
@@ -289,4 +315,4 @@ def refers_to_tasks(header: Any) -> bool:
     """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
     if isinstance(header, Send):
         return bool(header.parent or header.origin or header.constraints)
-    return not isinstance(header, Register | headers.Unregister | headers.Ask)
+    return not isinstance(header, _WITHOUT_TASKS)

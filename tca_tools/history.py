@@ -8,8 +8,8 @@ from typing import Any
 
 from tca_tools.records import Handling, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
-from tca_wire.headers import MessageClass, Outcome
-from tca_wire.points import MOMENTS, ROOT, Point, TaskId
+from tca_wire.headers import MessageClass, Outcome, Role
+from tca_wire.points import MOMENTS, ROOT, Moment, Point, TaskId
 
 UNKNOWN = "?"
 """The name of what was sent before the journal's first entry."""
@@ -133,6 +133,7 @@ class History:
             self._constrain(fact)
         else:
             self.messages[fact.id] = Message(*known)
+        self.messages[fact.id].role, self.messages[fact.id].about = fact.role, fact.about
         if fact.blocking and not fact.message_class.is_task:
             self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
@@ -140,7 +141,9 @@ class History:
         """Put a new task into the tree."""
         self.messages[task.id] = self.tasks[task.id] = task
         if task.parent != ROOT and 0 < task.parent < task.id:
-            self._task(task.parent).children.append(TaskId(task.id))
+            parent = self._task(task.parent)
+            parent.children.append(TaskId(task.id))
+            task.is_suspended = parent.is_suspended and not _outlives(task)
         else:
             task.parent = ROOT
             self.top.append(TaskId(task.id))
@@ -208,8 +211,9 @@ class History:
                 task.reached.setdefault(moment, self.time)
 
     def _fail(self, fact: facts.Failed) -> None:
-        self._unqueue(fact.id)
-        lost = self._finish(fact.id)  # of a module that was lost no handler returns
+        if not fact.is_beside:
+            self._unqueue(fact.id)
+        lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
         if lost:
             lost.outcome = Outcome.FAILED
         if message := self.messages.get(lost.message_id if lost else fact.id):
@@ -222,12 +226,47 @@ class History:
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
+        if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
+            self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
             message.dropped = fact.why
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
+
+    def _caught(self, fact: facts.Caught) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            task.caught_by.append(fact.handler)
+            task.is_recovering, task.is_dealt_with = True, False
+
+    def _unhandled(self, fact: facts.Unhandled) -> None:
+        if fact.task > 0:
+            self._task(fact.task).is_recovering = False
+
+    def _recovered(self, fact: facts.Recovered) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            task.is_recovering, task.is_dealt_with = False, True
+
+    def _retried(self, fact: facts.Retried) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            task.is_recovering, task.failure = False, ""
+            task.retries += 1
+            task.body = fact.body or task.body
+
+    def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
+        below = [fact.task] if fact.task > 0 else []
+        for task_id in below:  # grows while it is walked
+            task = self._task(task_id)
+            task.is_suspended = fact.is_suspended
+            below += [child for child in task.children if Moment.END_ACHIEVING not in self.tasks[child].reached]
+
+    def _timed_out(self, fact: facts.TimedOut) -> None:
+        if (held := fact.constraint.after.task) > 0:
+            self._task(held).timed_out.append(fact.constraint)
 
     def _wait_began(self, fact: facts.WaitBegan) -> None:
         moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
@@ -266,6 +305,11 @@ class History:
         return self.tasks[task]
 
 
+def _outlives(task: Task) -> bool:
+    """Whether it is not suspended with what is above it: it leaves things safe, or handles a failure there."""
+    return task.role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+
+
 # ruff: noqa: SLF001
 _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Opened: History._opened,
@@ -287,6 +331,12 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Killed: History._kill,
     facts.Dropped: History._drop,
     facts.Answered: History._answer,
+    facts.Caught: History._caught,
+    facts.Unhandled: History._unhandled,
+    facts.Recovered: History._recovered,
+    facts.Retried: History._retried,
+    facts.SuspendedOrResumed: History._suspended,
+    facts.TimedOut: History._timed_out,
     facts.WaitBegan: History._wait_began,
     facts.WaitEnded: History._wait_ended,
 }

@@ -11,7 +11,8 @@ import click
 from tca_tools.data import data_text, plain_data
 from tca_tools.logs import open_log
 from tca_tools.terminal import cut, line_width, printable
-from tca_wire.facts import Entry, Fact, fields_of, kind_of
+from tca_wire.constraints import Constraint
+from tca_wire.facts import Entry, Fact, TimedOut, fields_of, kind_of
 from tca_wire.points import Point, describe_moments
 from tca_wire.wording import Wording
 
@@ -85,13 +86,17 @@ def _plain_fields(fact: Fact) -> dict[str, Any]:
     """A fact's fields as values that JSON has, with its body decoded."""
     fields = dict(fields_of(fact))
     if "constraints" in fields:
-        fields["constraints"] = [
-            {"before": _plain_point(constraint.before), "after": _plain_point(constraint.after)}
-            for constraint in getattr(fact, "constraints", [])
-        ]
+        fields["constraints"] = [_plain_constraint(constraint) for constraint in getattr(fact, "constraints", [])]
+    if isinstance(fact, TimedOut):
+        fields["constraint"] = _plain_constraint(fact.constraint)
     if hasattr(fact, "body"):
         fields["data"] = plain_data(fact.body)
     return fields
+
+
+def _plain_constraint(constraint: Constraint) -> dict[str, Any]:
+    points = {"before": _plain_point(constraint.before), "after": _plain_point(constraint.after)}
+    return points | ({"delay": constraint.delay} if constraint.delay else {})
 
 
 def _plain_point(point: Point) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from tca_wire.constraints import Constraint
-from tca_wire.headers import MessageClass, Outcome
+from tca_wire.headers import MessageClass, Outcome, Role
 from tca_wire.points import ROOT, Moment, TaskId
 
 
@@ -18,6 +18,8 @@ class State(StrEnum):
     HANDLING = "handling"  # its handler runs and it is being achieved
     ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
     ACHIEVED = "achieved"
+    RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
+    SUSPENDED = "suspended"  # not begun, and nothing of it may be
     FAILED = "failed"
     KILLED = "killed"
 
@@ -76,6 +78,10 @@ class Message:
     """The failure raised on it, with its text; "" again when it is handled anew."""
     dropped: str = ""
     result: bytes = b""
+    role: Role = Role.NONE
+    """Why central made it; NONE if a module sent it."""
+    about: int = 0
+    """The message that it was made for: the failing, tapped, killed or monitoring one."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
@@ -102,6 +108,16 @@ class Task(Message):
     reached: dict[Moment, float] = field(default_factory=dict)
     killed: str | None = None
     """Why it was killed."""
+    caught_by: list[TaskId] = field(default_factory=list)
+    """The tasks of the exception handlers that were called for its failures."""
+    is_recovering: bool = False
+    """An exception handler decides what becomes of it."""
+    is_dealt_with: bool = False
+    """Its failure was dealt with."""
+    retries: int = 0
+    is_suspended: bool = False
+    timed_out: list[Constraint] = field(default_factory=list)
+    """Constraints whose delay is over."""
 
     @property
     def state(self) -> State:
@@ -109,15 +125,20 @@ class Task(Message):
         return self._end_state() or self._running_state()
 
     def _end_state(self) -> State | None:
-        if self.failure:
+        has_ended = Moment.END_ACHIEVING in self.reached
+        if self.is_recovering and not has_ended and self.killed is None:
+            return State.RECOVERING
+        if self.failure and not self.is_dealt_with:
             return State.FAILED
         if self.killed is not None:
             return State.KILLED
-        return State.ACHIEVED if Moment.END_ACHIEVING in self.reached else None
+        return State.ACHIEVED if has_ended else None
 
     def _running_state(self) -> State:
         if self.is_queued:
             return State.QUEUED
+        if self.is_suspended and Moment.START_HANDLING not in self.reached:
+            return State.SUSPENDED
         if Moment.START_HANDLING not in self.reached:
             return State.HELD
         is_achieving = Moment.START_ACHIEVING in self.reached

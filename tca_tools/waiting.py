@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 from tca_tools.history import History
 from tca_tools.records import State, Task
-from tca_wire.headers import MessageClass
-from tca_wire.points import Moment, Point, TaskId
+from tca_wire.constraints import Constraint
+from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.wording import place
 
 _CLAUSES = {
@@ -30,7 +30,7 @@ def why_waiting(history: History, task_id: TaskId) -> list[str]:
 
 
 def _of_held(history: History, task: Task) -> Iterator[str]:
-    first = Moment.START_ACHIEVING if task.message_class is MessageClass.COMMAND else Moment.START_PLANNING
+    first = Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING
     return _held_back(history, task, [Moment.START_HANDLING, first])
 
 
@@ -78,14 +78,22 @@ def _held_back(history: History, task: Task, moments: list[Moment]) -> Iterator[
     for moment in moments:  # grows while it is walked
         for constraint in task.constraints:
             before = constraint.before
-            if constraint.after.moment != moment or history.has_reached(before):
+            if constraint.after.moment != moment or _is_met(history, task, constraint):
                 continue
-            if before.task != task.id:
+            if before.task == ROOT:
+                yield f"until {constraint.delay:g} s"
+            elif constraint.delay and history.has_reached(before):
+                yield f"until {constraint.delay:g} s after {history.describe(before.task)} {_CLAUSES[before.moment]}"
+            elif before.task != task.id:
                 yield _until(history, before)
             elif before.moment not in moments:
                 moments.append(before.moment)
         if moment in _OF_FAMILY and not history.has_reached(Point(task.parent, moment)):
             yield f"until its parent {history.describe(task.parent)} {_CLAUSES[moment]}"
+
+
+def _is_met(history: History, task: Task, constraint: Constraint) -> bool:
+    return constraint in task.timed_out if constraint.delay else history.has_reached(constraint.before)
 
 
 def _until(history: History, point: Point) -> str:
@@ -97,8 +105,19 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
+def _of_suspended(_: History, task: Task) -> Iterator[str]:
+    yield f"until {task} is resumed"
+
+
+def _of_recovering(history: History, task: Task) -> Iterator[str]:
+    handlers = [str(history.tasks[handler]) for handler in task.caught_by[-1:] if handler in history.tasks]
+    yield f"until {_listed(handlers)} has dealt with its failure"
+
+
 _REASONS = {
     State.HELD: _of_held,
+    State.SUSPENDED: _of_suspended,
+    State.RECOVERING: _of_recovering,
     State.QUEUED: _of_queued,
     State.PLANNING: _of_planning,
     State.PLANNED: _of_planned,

@@ -172,6 +172,23 @@ class Command(Message[D, R]):
         super().__init__(name, data, result)
 
 
+class Variable(Message[D, None]):
+    """A value that central keeps for all; the newest wins, and it outlives the module that set it (TCA 7.7).
+
+    Whoever handles it watches it: the handler is called with the value there is, then with each new one, but of those
+    that come while it runs only with the newest. After a break it may be called with a value twice.
+    """
+
+    message_class = MessageClass.VARIABLE
+
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any) -> None:
+        super().__init__(name, data)
+
+
 class Failure(Generic[D]):
     """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``."""
 

@@ -98,7 +98,7 @@ class Received(_Fact, frozen=True, tag="received"):
     body: bytes
     constraints: list[Constraint]
     role: Role = Role.NONE
-    cause: int = 0
+    about: int = 0
     """Where central made it: the failing, tapped, killed or monitoring task."""
 
 
@@ -148,11 +148,14 @@ class Reached(_Fact, frozen=True, tag="reached"):
 
 
 class Failed(_Fact, frozen=True, tag="failed"):
-    """A failure was raised on a task or message. Of a module that was lost no handler returns: this ends its part."""
+    """A failure was raised on a task or message. Of a module that was lost no handler returns: this ends its part; but
+    a failure that is raised *beside* the handler changes nothing for the one that has the task.
+    """
 
     id: int
     failure: str
     text: str
+    is_beside: bool = False
 
 
 class Killed(_Fact, frozen=True, tag="killed"):

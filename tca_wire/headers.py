@@ -29,6 +29,7 @@ class MessageClass(StrEnum):
     POINT_MONITOR = "point monitor"
     POLLING_MONITOR = "polling monitor"
     DEMON_MONITOR = "demon monitor"
+    VARIABLE = "variable"
 
     @property
     def is_task(self) -> bool:
@@ -44,6 +45,11 @@ class MessageClass(StrEnum):
     def is_monitor(self) -> bool:
         """Whether central itself carries such a task out."""
         return self in _MONITORS
+
+    @property
+    def has_reply(self) -> bool:
+        """Whether the sender of such a message is answered by its handlers."""
+        return self in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
 
 
 _GOALS = frozenset((MessageClass.GOAL, MessageClass.EXCEPTION))
@@ -137,6 +143,8 @@ class HandlerFormat(_Header, frozen=True):
     message: str
     resource: str
     pool: str = ""
+    pending: int = 0
+    """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
 
 
 class Attachment(_Header, frozen=True):
@@ -224,6 +232,8 @@ class Send(_Header, frozen=True, tag=4):
     """How a monitor watches."""
     when_killed: bool = False
     """Not now, but when *parent* is killed after it has been started and before it is achieved."""
+    if_handled: bool = False
+    """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
 
 
 class Reply(_Header, frozen=True, tag=5):
@@ -280,7 +290,7 @@ class Ask(_Header, frozen=True, tag=11):
     """What central knows of a topic; answered with a MessagePack map as body."""
 
     number: int
-    topic: Literal["status", "modules", "messages", "tree"]
+    topic: Literal["status", "modules", "messages", "tree", "variables"]
 
 
 class Bye(_Header, frozen=True, tag=12):
@@ -377,6 +387,29 @@ class EndMonitor(_Header, frozen=True, tag=66):
 
     number: int
     monitor: TaskId
+
+
+class GetVariable(_Header, frozen=True, tag=20):
+    """What is the value of a variable? The body of the Answer is; it is empty if the variable was never set."""
+
+    number: int
+    variable: str
+
+
+class SetVariable(_Header, frozen=True, tag=21):
+    """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable was just before."""
+
+    number: int
+    variable: str
+    origin: int = 0
+    swap: bool = False
+
+
+class WaitUntilHandled(_Header, frozen=True, tag=22):
+    """Answer when each of these messages is handled by somebody, all at the same time."""
+
+    number: int
+    messages: list[str]
 
 
 # --- from central to a module -------------------------------------------------------------------------------------
@@ -494,6 +527,7 @@ class Suspended(_Header, frozen=True, tag=42):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
+    | GetVariable | SetVariable | WaitUntilHandled
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
 

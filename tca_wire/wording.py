@@ -6,7 +6,7 @@ from typing import Any
 
 from tca_wire import facts
 from tca_wire.constraints import Constraint
-from tca_wire.points import Point, describe_moments
+from tca_wire.points import ROOT, Point, describe_moments
 
 
 class Wording:
@@ -19,7 +19,7 @@ class Wording:
         """What a fact says, without its kind and body."""
         if isinstance(fact, facts.Received):
             self._names[fact.id] = fact.message
-        elif isinstance(fact, facts.Delivered):
+        elif isinstance(fact, facts.Delivered | facts.Queued):
             self._names.setdefault(fact.id, self._names.get(fact.message_id, "?"))
         say = _SAY.get(type(fact))
         return say(self, fact) if say else ""
@@ -28,10 +28,15 @@ class Wording:
         return f"{self._names.get(number, '?')} {{{number}}}"
 
     def _point(self, point: Point) -> str:
+        if point.task == ROOT:
+            return "the clock's 0"
         return f"{_moments(point.moment)} of {self._name(point.task)}"
 
     def _constraints(self, constraints: list[Constraint]) -> str:
-        return "; ".join(f"{self._point(c.before)} before {self._point(c.after)}" for c in constraints)
+        return "; ".join(f"{self._before(c)} before {self._point(c.after)}" for c in constraints)
+
+    def _before(self, constraint: Constraint) -> str:
+        return self._point(constraint.before) + (f" + {constraint.delay:g} s" if constraint.delay else "")
 
     def _opened(self, fact: facts.Opened) -> str:
         try:
@@ -68,7 +73,8 @@ class Wording:
         elif fact.origin:
             words += f" in {self._name(fact.origin)}"
         words += ", which waits" if fact.blocking else ""
-        after = [f"{_moments(c.after.moment)} after {self._point(c.before)}" for c in fact.constraints]
+        words += f", {fact.role} for {self._name(fact.about)}" if fact.role else ""
+        after = [f"{_moments(c.after.moment)} after {self._before(c)}" for c in fact.constraints]
         return "; ".join([words, *after])
 
     def _constrained(self, fact: facts.Constrained) -> str:
@@ -111,6 +117,44 @@ class Wording:
     def _waiter(self, fact: facts.WaitBegan | facts.WaitEnded) -> str:
         return f"{fact.module} in {self._name(fact.origin)}" if fact.origin else fact.module
 
+    def _attached(self, fact: facts.Attached) -> str:
+        at = f"all {fact.message}" if fact.message else self._name(fact.task) if fact.task else "all tasks"
+        most = f", at most {fact.maximum} times" if fact.maximum else ""
+        return f"{{{fact.id}}} {fact.handler} for {fact.failure or 'any failure'} of {at}{most}"
+
+    def _removed(self, fact: facts.Removed) -> str:
+        return f"{{{fact.id}}}"
+
+    def _tap(self, fact: facts.TapAdded) -> str:
+        at = self._name(fact.task) if fact.task else f"all {fact.message}"
+        return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}"
+
+    def _tap_fired(self, fact: facts.TapFired) -> str:
+        listener = self._name(fact.listener) if fact.listener else "nobody"
+        return f"{{{fact.tap}}} for {self._name(fact.tapped)}: {listener}"
+
+    def _tested(self, fact: facts.MonitorTested) -> str:
+        return f"{self._name(fact.monitor)}: {'holds' if fact.holds else 'does not hold'}"
+
+    def _monitor_ended(self, fact: facts.MonitorEnded) -> str:
+        return f"{self._name(fact.monitor)}: {fact.why}"
+
+    def _caught(self, fact: facts.Caught) -> str:
+        at = self._name(fact.at) if fact.at else "the root"
+        return f"{self._name(fact.task)} by {self._name(fact.handler)}, attached to {at}"
+
+    def _of_handler(self, fact: facts.Reissued) -> str:
+        return self._name(fact.handler)
+
+    def _of_task(self, fact: facts.Unhandled | facts.Recovered | facts.Retried) -> str:
+        return self._name(fact.task)
+
+    def _suspended(self, fact: facts.SuspendedOrResumed) -> str:
+        return self._name(fact.task) + ("" if fact.is_suspended else " is resumed")
+
+    def _timed_out(self, fact: facts.TimedOut) -> str:
+        return self._constraints([fact.constraint])
+
     def _refused(self, fact: facts.RequestRefused) -> str:
         return f"{fact.sender}: {fact.refusal}: {fact.text}"
 
@@ -147,5 +191,18 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Answered: Wording._answered,
     facts.WaitBegan: Wording._wait_began,
     facts.WaitEnded: Wording._wait_ended,
+    facts.Attached: Wording._attached,
+    facts.Removed: Wording._removed,
+    facts.TapAdded: Wording._tap,
+    facts.TapFired: Wording._tap_fired,
+    facts.MonitorTested: Wording._tested,
+    facts.MonitorEnded: Wording._monitor_ended,
+    facts.Caught: Wording._caught,
+    facts.Reissued: Wording._of_handler,
+    facts.Unhandled: Wording._of_task,
+    facts.Recovered: Wording._of_task,
+    facts.Retried: Wording._of_task,
+    facts.SuspendedOrResumed: Wording._suspended,
+    facts.TimedOut: Wording._timed_out,
     facts.RequestRefused: Wording._refused,
 }

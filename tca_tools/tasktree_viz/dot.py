@@ -14,7 +14,6 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
-from tca_wire.headers import MessageClass
 from tca_wire.points import Interval
 
 FILLS = {
@@ -25,6 +24,8 @@ FILLS = {
     State.HANDLING: "#ffcf70",
     State.ACHIEVING: "#ffe4b0",
     State.ACHIEVED: "#cfeccb",
+    State.RECOVERING: "#ffc9a3",
+    State.SUSPENDED: "#e6e6c8",
     State.FAILED: "#f28b82",
     State.KILLED: "#d5d5d5",
 }
@@ -89,7 +90,7 @@ def _node(history: History, row: Row, found: Arrows, with_data: bool) -> str:
         label = words.folded(row)
         return f'{_id(row)} [label="{label}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
     task, state = row.task, row.task.state
-    style = "filled,rounded" if task.message_class is MessageClass.GOAL else "filled"
+    style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if state is State.HELD else ""
     tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(history, task), words.data(task)]))
     label = "<br/>".join(_label_lines(history, task, found.own.get(task.id, []), with_data))

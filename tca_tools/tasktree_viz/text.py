@@ -20,6 +20,8 @@ COLOURS = {
     State.HANDLING: "cyan",
     State.ACHIEVING: "cyan",
     State.ACHIEVED: "green",
+    State.RECOVERING: "bright_red",
+    State.SUSPENDED: "yellow",
     State.FAILED: "red",
     State.KILLED: "red",
 }

@@ -8,7 +8,6 @@ from tca_tools.records import State, Task
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import printable
 from tca_tools.waiting import why_waiting
-from tca_wire.headers import MessageClass
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 
 
@@ -16,7 +15,7 @@ def span(task: Task, interval: Interval) -> tuple[float, float | None] | None:
     """From when until when (None: it goes on); None before. A command is a leaf: of its planning nothing is told."""
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
-    is_leaf = interval is Interval.PLANNING and task.message_class is MessageClass.COMMAND
+    is_leaf = interval is Interval.PLANNING and not task.message_class.is_goal
     if start is None or is_leaf or (start == end and task.killed is not None):
         return None  # the moments of what was killed count as reached, though it was never begun
     return start, end

@@ -11,6 +11,7 @@ from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Entry
 from tca_wire.headers import HandlerFormat, MessageClass, MessageFormat
+from tca_wire.notices import NOTICES
 from tca_wire.points import Moment, Point, TaskId
 
 ANY = '{"type":"integer"}'
@@ -58,11 +59,11 @@ class Player:
             ),
         )
 
-    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "") -> None:
+    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0) -> None:
         """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
         self.hello(name)
         messages = [self.format(words) for words in handles]
-        handlers = [HandlerFormat(message.name, name, pool) for message in messages]
+        handlers = [HandlerFormat(message.name, name, pool, pending) for message in messages]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
         for index in range(capacity if handles else 0):
             self.hello(f"{name}/{index + 1}", name, name)
@@ -71,6 +72,8 @@ class Player:
     def format(words: str) -> MessageFormat:
         message_class = max((one for one in MessageClass if words.startswith(f"{one} ")), key=len)
         name = words.removeprefix(f"{message_class} ")
+        if name in NOTICES:
+            return NOTICES[name].format
         reply = ANY if message_class in ("query", "multi-query", "command") else ""
         return MessageFormat(name, message_class, ANY, reply)
 
@@ -92,6 +95,10 @@ class Player:
             number, message, TaskId(under), options.pop("origin", under), flags, list(constraints), **options
         )
         return self.receive(connection, header, msgspec.msgpack.encode(7))
+
+    def set_variable(self, connection: str, variable: str, value: Any, *, swap: bool = False) -> list[Any]:
+        header = headers.SetVariable(self.number(connection), variable, swap=swap)
+        return self.receive(connection, header, msgspec.msgpack.encode(value))
 
     def task(self, connection: str, message: str, **options: Any) -> int:
         """Send a goal or command; its id."""

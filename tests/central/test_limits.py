@@ -101,3 +101,13 @@ def test_the_words_of_a_failure_are_bounded() -> None:
     assert len(failed.failure) == headers.Limit.NAME
     assert len(failed.text) < 20_000
     assert failed.text.endswith("the reason")
+
+
+def test_a_pending_limit_is_no_negative_number() -> None:
+    player = Player()
+    player.module("user")
+    player.declare("user", "query where")
+    handler = headers.HandlerFormat("where", "user", "", -1)
+    (answer,) = player.receive("user", headers.Register(player.number("user"), [], [handler]))
+    assert answer.text == "-1 of 'where' can't wait: the limit is 1 or more, or 0 for none"
+    assert player.facts_of("handler") == []

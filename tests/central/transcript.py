@@ -1,7 +1,7 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
-    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again]
+    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N]
+    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT | give up | bye
@@ -10,6 +10,7 @@
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
     NAME: tap CONDITION of TASK or MESSAGE with LISTENER | fire TASK | end monitor TASK
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
+    NAME: await MESSAGE, ... | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     lose NAME | garbage NAME | pass SECONDS | tree
 
 A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
@@ -19,6 +20,7 @@ later. Failures of no name ("any") are written ``any``. A module's slots are NAM
 import re
 from typing import Any
 
+import msgspec
 from central.player import ANY, Player
 
 from tca_central.holds import held_counts
@@ -26,6 +28,7 @@ from tca_wire import facts, headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import fields_of, kind_of
 from tca_wire.headers import MessageClass
+from tca_wire.notices import NOTICES
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
@@ -47,12 +50,15 @@ class Transcript:
         else:
             raise ValueError(f"no such command: {command}")
         lines = [describe(fact) for entry in self.player.entries[self.shown :] for fact in entry.facts]
-        lines += [f"  -> {describe_header(header)}" for header in answers if not isinstance(header, headers.Deliver)]
+        lines += [f"  -> {describe_answer(answer)}" for answer in answers if not isinstance(answer, headers.Deliver)]
         return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
 
-    def module(self, name: str, handles: str, capacity: str, pool: str) -> None:
+    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
-        self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "")
+        known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
+        self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "", pending=int(pending or 0))
+        new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
+        return [header for header, _ in new if isinstance(header, headers.Answer)]
 
     def send(self, name: str, what: str, options: str) -> list[Any]:
         message = what.rsplit(" ", 1)[1]
@@ -70,6 +76,8 @@ class Transcript:
             keywords["watch"] = read_watch(options)
         if "flags" in found:
             keywords["flags"] = Flags(sum(Flags[flag] for flag in found["flags"].split("|")))
+        if " if handled" in options:
+            keywords["if_handled"] = True
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)
@@ -94,6 +102,23 @@ class Transcript:
 
     def end_monitor(self, name: str, task: str) -> list[Any]:
         return self.player.receive(name, headers.EndMonitor(self.player.number(name), TaskId(int(task))))
+
+    def await_(self, name: str, messages: str) -> list[Any]:
+        names = [message.strip() for message in messages.split(",")]
+        return self.player.receive(name, headers.WaitUntilHandled(self.player.number(name), names))
+
+    def variable(self, name: str, what: str, variable: str, value: str) -> list[Any]:
+        if (name, variable) not in self.declared:
+            self.declared.add((name, variable))
+            self.player.declare(name, f"variable {variable}")
+        if what == "set":
+            return self.player.set_variable(name, variable, int(value))
+        if what == "swap":
+            answers = self.player.set_variable(name, variable, int(value), swap=True)
+        else:
+            answers = self.player.receive(name, headers.GetVariable(self.player.number(name), variable))
+        bodies = [body for header, body in self.player.inbox[name][-1:] if isinstance(header, headers.Answer)]
+        return [*answers, *(str(msgspec.msgpack.decode(body)) if body else "(never set)" for body in bodies)]
 
     def fail(self, name: str, failure: str, delivery: str) -> list[Any]:
         failure, *kinds = failure.split("<")
@@ -166,9 +191,11 @@ class Transcript:
 
 
 NAME = r"(?P<name>[\w/#]+)"
+OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?"
 COMMANDS: list[tuple[str, Any]] = [
-    (rf"module {NAME}(?: handles (?P<handles>.*?))?(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?",
-     Transcript.module),
+    (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
+    (rf"{NAME}: await (?P<messages>.*)", Transcript.await_),
+    (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
     (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),
     (rf"{NAME}: tap (?P<condition>[\w ]+) of (?P<place>\w+) with (?P<listener>\w+)", Transcript.tap),
@@ -228,14 +255,17 @@ def constraint(text: str) -> Constraint:
     return Constraint(read_point(before), read_point(after), float(delay or 0))
 
 
-def describe(fact: facts.Fact) -> str:
+def describe(fact: facts.Fact) -> str:  # noqa: PLR0912 - a row per kind of fact
     """A fact in a line; formats, and constraints that everyone sees, are left out."""
     match fact:
         case facts.Received():
             under = f" under {fact.parent}" if fact.parent else ""
             held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
             role = f" ({fact.role})" if fact.role else ""
-            return f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{role}{held}"
+            told = f": {msgspec.msgpack.decode(fact.body)}" if fact.message in NOTICES else ""
+            return (
+                f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{role}{told}{held}"
+            )
         case facts.Constrained():
             return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
         case facts.Reached():
@@ -245,6 +275,9 @@ def describe(fact: facts.Fact) -> str:
             return f"{fact.id}{what} delivered to {fact.module}"
         case facts.Queued():
             return f"{fact.id} waits for {fact.module or 'a handler'}"
+        case facts.Failed():
+            beside = ", beside its handler" if fact.is_beside else ""
+            return f"failed: id {fact.id}, failure {fact.failure}, text {fact.text}{beside}"
         case facts.Caught():
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
         case facts.SuspendedOrResumed():
@@ -274,6 +307,11 @@ def describe(fact: facts.Fact) -> str:
             return f"handler of {fact.id} returned: {fact.outcome}"
         case _:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
+
+
+def describe_answer(answer: Any) -> str:
+    """A header in a line; or a value, of a variable."""
+    return f"value {answer}" if isinstance(answer, str) else describe_header(answer)
 
 
 def describe_header(header: Any) -> str:

@@ -19,6 +19,8 @@ PRINTED = {
     "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
     "06_testing_without_central": "passed\n",
     "07_explore": "a careful robot: good, ",
+    "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
+    "21_start_up_order": "asked too early: None\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",
@@ -44,6 +46,10 @@ def test_example(path: Path, tmp_path: Path) -> None:
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
     if path.stem == "07_explore":
         assert "a hasty robot: NOT drive achieved before grasp begun" in done.stdout
+    if path.stem == "21_start_up_order":
+        assert {
+            "'where' is handled by 1", "'route' is handled by 1", "route: 3 by planner", "map left: it said goodbye",
+        } <= set(done.stdout.splitlines())  # fmt: skip
     if path.stem == "05_failure":
         assert "terrain collision" in done.stdout
         assert "leg 1 met a rock" in done.stdout

@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -26,6 +27,7 @@ from tca_module import (
     Outcome,
     Task,
     Timeout,
+    Variable,
     commands,
     connect,
 )
@@ -182,6 +184,21 @@ def test_status_says_what_waits_for_what(central: str) -> None:
         go.set()
 
 
+def test_status_says_who_waits_for_a_handler(central: str) -> None:
+    planner = Module("planner", central, requires=[TEMPERATURE, STANCE])
+    starting = threading.Thread(target=planner.run)
+    starting.start()
+    with connect("user", central) as user:
+        user.wait_until_handled(timeout=SOON)
+        while not any(message["awaited_by"] for message in user.status("messages")):
+            user.status()
+        lines = [" ".join(line.split()) for line in ask(commands.status, "--central", central)[1].splitlines()]
+        assert "module 'planner' a module that handles query 'temperature'" in lines
+        assert "module 'planner' a module that handles query 'stance'" in lines
+    planner.stop()
+    starting.join(SOON)
+
+
 def test_modules_and_messages(central: str) -> None:
     legs = Module("legs", central)
     assert ask(commands.modules, "--central", central) == (0, "no modules are connected\n")
@@ -204,6 +221,33 @@ def test_modules_and_messages(central: str) -> None:
         )
         names = [module["module"] for module in json.loads(ask(commands.modules, "--central", central, "--json")[1])]
         assert sorted(names) == ["legs", "user"]
+
+
+def test_variables(central: str) -> None:
+    assert ask(commands.variables, "--central", central) == (0, "no variables have been declared\n")
+    legs = Module("legs", central)
+    legs.handles(Variable("pose", Footfall))(lambda *_: None)
+    with legs.running(), connect("user", central) as user:
+        user.set_variable(Variable("mode", str), "walking")
+        user.set_variable(Variable("map", list[int]), list(range(500)))
+        code, text = ask(commands.variables, "--central", central)
+        assert code == 0
+        assert text == (
+            "variable  value         set by  watched by\n"
+            "map       (1119 bytes)  user    nobody\n"
+            'mode      "walking"     user    nobody\n'
+            "pose      (never set)   -       legs\n"
+        )
+        data = json.loads(ask(commands.variables, "--central", central, "--json")[1])
+        assert [variable["value"] for variable in data] == [None, "walking", None]
+
+
+def test_values_that_json_cannot_say(central: str) -> None:
+    with connect("user", central) as user:
+        user.set_variable(Variable("when", datetime), datetime(2024, 2, 3, tzinfo=UTC))
+        user.set_variable(Variable("raw", bytes), b"\x00")
+        data = json.loads(ask(commands.variables, "--central", central, "--json")[1])
+        assert [variable["value"] for variable in data] == ["b'\\x00'", "2024-02-03 00:00:00+00:00"]
 
 
 def test_without_central_the_answer_is_one_line(address: str) -> None:

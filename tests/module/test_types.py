@@ -9,7 +9,19 @@ from pathlib import Path
 from typing import Any, assert_type
 
 import pytest
-from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, WALK, Arc, Footfall
+from module.gait_messages import (
+    ALARM,
+    COLLISION,
+    HEALTH,
+    MOVE_LEG,
+    REST,
+    STANCE,
+    STOP,
+    TEMPERATURE,
+    WALK,
+    Arc,
+    Footfall,
+)
 
 from tca_module import (
     Callback,
@@ -23,6 +35,7 @@ from tca_module import (
     Task,
     TaskFailed,
     TaskRef,
+    Variable,
 )
 
 MISTAKES = """
@@ -71,6 +84,24 @@ def replies(task: Task, module: Module, client: Client) -> None:
         assert_type(sender.command(STOP), TaskRef[None])
         assert_type(sender.goal(WALK, Arc(1.0, 2), plan_first=True), TaskRef[None])
         assert_type(sender.goal(REST).wait(), Outcome)
+
+
+def whatever_the_class(task: Task) -> None:
+    assert_type(task.execute(REST), TaskRef[None])
+    assert_type(task.execute(MOVE_LEG, 1), TaskRef[Footfall])
+    assert_type(task.execute(STANCE, 1.0), list[int])
+    assert_type(task.execute(HEALTH), list[str])
+    assert_type(task.execute_if_handled(MOVE_LEG, 1), TaskRef[Footfall] | None)
+    assert_type(task.execute_if_handled(TEMPERATURE), float | None)
+    assert_type(task.execute_if_handled(ALARM, "stop"), bool)
+
+
+def variables(task: Task) -> None:
+    speed = Variable("speed", float)
+    assert_type(task.get_variable(speed), float)
+    assert_type(task.get_variable(speed, None), float | None)
+    assert_type(task.swap_variable(speed, 1.0), float | None)
+    assert_type(task.swap_variable(speed, 1.0, 0.0), float)
 
 
 def points(task: Task, leg: TaskRef[Footfall]) -> list[Constraint]:

@@ -9,13 +9,15 @@ from tca_central.core import Central
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Flags
+from tca_wire.facts import Delivered, Received
 from tca_wire.headers import MessageClass
+from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
 from tca_wire.points import Moment, TaskId
 
 MODULES = {
-    "planner": ("goal walk", "goal step", "query where"),
-    "legs": ("command move", "command lift", "inform note"),
-    "map": ("query where", "multi-query all", "broadcast pose"),
+    "planner": ("goal walk", "goal step", "query where", f"broadcast {HANDLERS_CHANGED.name}"),
+    "legs": ("command move", "command lift", "inform note", f"broadcast {MODULE_LEFT.name}"),
+    "map": ("query where", "multi-query all", "broadcast pose", "variable mode", f"broadcast {MODULE_JOINED.name}"),
     "expert": ("exception handler recover", "exception handler report"),
 }
 MESSAGES = [message for handled in MODULES.values() for message in handled] + ["command later"]
@@ -29,7 +31,7 @@ small = st.integers(0, 1000)
 operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
                                        "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
                                        "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor",
-                                       "monitor", "monitor"]), small, small, small, small)  # fmt: skip
+                                       "monitor", "monitor", "set", "await"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -56,7 +58,13 @@ class Life:
     def join(self, module: str) -> None:
         self.generation += 1
         name = f"{module}{self.generation}"
-        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "")
+        pending = (2, 0, 3, 1)[self.generation % 4]
+        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "", pending=pending)
+
+    def copies_of(self, message: str) -> set[int]:
+        """The deliveries of a message that goes to many."""
+        sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
+        return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         getattr(self, f"{name.replace(' ', '_')}_")(a, b, c, d)
@@ -73,10 +81,15 @@ class Life:
             if b % 5 == 0:
                 constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), d % 5))
         self.player.send(
-            senders[a % len(senders)], MESSAGES[b % len(MESSAGES)].rsplit(" ", 1)[1], under=tasks[c % len(tasks)],
+            senders[a % len(senders)], self.sent_name(b), under=tasks[c % len(tasks)],
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=d % 7 if a % 5 == 0 else 0, when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
+            if_handled=a % 5 == 0,
         )  # fmt: skip
+
+    @staticmethod
+    def sent_name(b: int) -> str:
+        return Player.format(MESSAGES[b % len(MESSAGES)]).name
 
     @staticmethod
     def attachment(a: int, b: int) -> headers.Attachment:
@@ -178,6 +191,20 @@ class Life:
         if tasks:
             where = point(tasks[a % len(tasks)], list(Moment)[b % 6])
             self.player.receive("user", headers.WaitFor(self.player.number("user"), where))
+
+    def set_(self, a: int, b: int, c: int, *_: int) -> None:
+        senders = self.connections()
+        sender = senders[a % len(senders)]
+        if c % 4:
+            self.player.set_variable(sender, "mode", b, swap=c % 2 == 0)
+        else:
+            self.player.receive(sender, headers.GetVariable(self.player.number(sender), "mode"))
+
+    def await_(self, a: int, b: int, c: int, *_: int) -> None:
+        names = [MESSAGES[number % len(MESSAGES)].split(" ", 1)[1] for number in (a, b)]
+        senders = self.connections()
+        sender = senders[c % len(senders)]
+        self.player.receive(sender, headers.WaitUntilHandled(self.player.number(sender), names))
 
     def give_up_(self, a: int, *_: int) -> None:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))

@@ -39,6 +39,7 @@ def live(operations: list[tuple[str, int, int, int, int]]) -> None:
     assert not life.central.collectors
     assert not any(connection.outstanding for connection in life.central.registry.connections.values())
     _check_ledger(life)
+    _check_watchers(life)
 
 
 def _end_everything(life: Life) -> None:
@@ -94,6 +95,16 @@ def _check_ledger(life: Life) -> None:
             if one.task != ROOT:
                 assert reached[one.task, one.moment] <= reached[other.task, other.moment], constraint
             assert times.get((one.task, one.moment), 0.0) + constraint.delay <= times[other.task, other.moment]
+
+
+def _check_watchers(life: Life) -> None:
+    """Whoever watches a variable has been given its newest value last."""
+    value = life.central.variables.values.get("mode")
+    newest = {
+        fact.module: fact.message_id for fact in life.player.facts(Delivered) if fact.id in life.copies_of("mode")
+    }
+    for handler in life.central.registry.messages["mode"].handlers:
+        assert newest.get(handler.module.name) == (value.message_id if value else None)
 
 
 @given(st.lists(st.integers(-3, 3), max_size=30), st.integers(1, 3))

@@ -299,3 +299,12 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
     assert lines[-8].startswith("[4992] └─ take steps {4993}")
     assert "take steps {5000}" in lines[-1]
     assert dot_source(history, rows, "deep").count(" -> ") == 4_999
+
+
+def test_a_copy_whose_listener_left_is_handled_no_longer() -> None:
+    story = Story().module("map", "pose")
+    pose = story.received("pose", MessageClass.BROADCAST, "legs")
+    story.say(facts.Delivered(9, pose, "map", "map")).at(1.0).say(facts.Dropped(9, "it left"))
+    history = story.fold()
+    assert history.running("map", "map") == []
+    assert [handling.end for handling in history.messages[pose].handlings] == [1.0]

@@ -14,8 +14,9 @@ from tools.story import Story, stumbling, walking
 from tca_tools.data import data_text, plain_data
 from tca_tools.log import KINDS
 from tca_wire import facts
-from tca_wire.headers import MessageClass, Outcome, Refusal
-from tca_wire.points import ALL_MOMENTS, Moment, TaskId
+from tca_wire.constraints import Constraint
+from tca_wire.headers import Condition, MessageClass, Outcome, Refusal
+from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
 
 Tca = Callable[..., Result]
 
@@ -39,8 +40,21 @@ def told_of_everything() -> Story:
     story.returned(goal, Outcome.FAILED).say(facts.Failed(goal, "slip", ""), facts.Killed(TaskId(goal), "slipped"))
     story.say(facts.Dropped(77, "nobody listens"), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
+    told_of_control(story, TaskId(goal))
     story.say(facts.RequestRefused("?", Refusal.PROTOCOL, "no hello\n"))
     return story.at(100.0).say(facts.Reached(TaskId(goal), ALL_MOMENTS), facts.Closed("interrupted"))
+
+
+def told_of_control(story: Story, task: TaskId) -> None:
+    """Failures that are handled, wiretaps, monitors, suspension and delays."""
+    story.say(facts.Attached(20, "slip", "recover", task, "", 3), facts.Attached(21, "", "report", ROOT, "walk", 0))
+    story.say(facts.Caught(task, TaskId(22), task, 20), facts.Reissued(TaskId(22)), facts.Unhandled(task))
+    story.say(facts.Retried(task, b""), facts.Recovered(task), facts.Removed(21))
+    story.say(facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT), facts.TapFired(23, task, 0))
+    story.say(facts.MonitorTested(task, holds=True), facts.MonitorEnded(task, "its end point is reached"))
+    story.say(facts.SuspendedOrResumed(task, is_suspended=True))
+    after = Point(task, Moment.START_ACHIEVING)
+    story.say(facts.TimedOut(Constraint(Point(ROOT, Moment.START_ACHIEVING), after, 2.5)))
 
 
 def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
@@ -78,6 +92,8 @@ def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
         "origin": 0,
         "blocking": False,
         "constraints": [],
+        "role": "",
+        "about": 0,
         "data": {"metres": 2.5},
     }
 
@@ -180,3 +196,10 @@ def test_data_that_is_none_or_odd() -> None:
 def test_walking_stays_as_it_is(tca: Tca, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "run")
     assert tca("log", "show", folder / "00000001.tcaj").stdout == tca("log", "show", folder).stdout
+
+
+def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path) -> None:
+    story = Story().module("map", "pose")
+    pose = story.received("pose", MessageClass.VARIABLE, "legs")
+    story.say(facts.Queued(9, pose, "map", "map"), facts.Dropped(9, "a newer one came"))
+    assert "dropped        pose {9}: a newer one came" in tca("log", "show", story.write(tmp_path / "run")).stdout

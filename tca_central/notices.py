@@ -1,0 +1,15 @@
+"""What central itself broadcasts about who is there. Nothing is sent, or recorded, that nobody listens to."""
+
+from tca_central.making import make_statement
+from tca_central.state import State
+from tca_wire.declarations import D
+from tca_wire.headers import Role
+from tca_wire.notices import Notice
+
+
+def tell(central: State, notice: Notice[D], data: D) -> None:
+    """Send a notice to all who handle it."""
+    message = central.registry.messages.get(notice.name)
+    if message is None or not message.serving:
+        return
+    make_statement(central, message, notice.encode_data(data), Role.NONE, about=0)

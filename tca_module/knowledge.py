@@ -1,0 +1,136 @@
+"""What central keeps for all, and who is there: variables, the modules, the handlers of a message."""
+
+from collections.abc import Iterable
+from typing import Any, TypeVar, overload
+
+from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.errors import MisuseError, Timeout, VariableNotSet
+from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
+from tca_wire.declarations import D, Message, Variable
+from tca_wire.headers import Ask, GetVariable, SetVariable, ToCentral, WaitUntilHandled
+
+X = TypeVar("X")
+
+_NO_DEFAULT: Any = object()
+
+
+class Knowledge:
+    """The part of a sender that asks central itself and no module."""
+
+    _origin: int
+
+    def _connection(self) -> Connection:
+        """The connection of the calling thread."""
+        raise NotImplementedError
+
+    def _declare(self, *messages: Message[Any, Any]) -> Connection:
+        """The connection, on which central knows the messages."""
+        self._connection().declare(*messages)
+        return self._connection()  # which may have lost its central meanwhile
+
+    # --- variables -------------------------------------------------------------------------------------------------
+
+    def set_variable(self, variable: Variable[D], value: D, *, wait: bool = True) -> None:
+        """Give a variable a new value, for all who get or watch it (TCA 7.7: SetVar).
+
+        Returns when central has it: whoever gets the variable from then on gets this value or a newer one. With *wait*
+        False returns at once: for values that come many times a second; one may be lost when central is away.
+        Raises BadData if *value* does not fit, Refused if the values of all variables would be too large.
+        """
+        _check_variable("set_variable", variable)
+        body = variable.encode_data(value)
+        connection = self._declare(variable)
+        header = SetVariable(0, variable.name, self._origin)
+        if wait:
+            connection.call(header, f"setting variable '{variable.name}'", body)
+        else:
+            connection.post(header, body)
+
+    @overload
+    def get_variable(self, variable: Variable[D]) -> D: ...
+    @overload
+    def get_variable(self, variable: Variable[D], default: X) -> D | X: ...
+    def get_variable(self, variable: Variable[D], default: Any = _NO_DEFAULT) -> Any:
+        """The newest value of a variable, whether or not who set it is still there (TCA 7.7: GetVar).
+
+        Of one that was never set: *default*; without a default raises VariableNotSet.
+        """
+        _check_variable("get_variable", variable)
+        connection = self._declare(variable)
+        body = _ask(connection, GetVariable(0, variable.name), f"variable '{variable.name}'")
+        if body:
+            return variable.decode_data(body)
+        if default is _NO_DEFAULT:
+            msg = f"variable '{variable.name}' was never set: set it first, watch it, or give a default"
+            raise VariableNotSet(msg)
+        return default
+
+    @overload
+    def swap_variable(self, variable: Variable[D], value: D) -> D | None: ...
+    @overload
+    def swap_variable(self, variable: Variable[D], value: D, default: X) -> D | X: ...
+    def swap_variable(self, variable: Variable[D], value: D, default: Any = None) -> Any:
+        """Give a variable a new value and return the one before, in one step (TCA 7.7: GetSetVar).
+
+        Of those who swap at the same time each gets what another has set. *default* if it was never set before.
+        """
+        _check_variable("swap_variable", variable)
+        body = variable.encode_data(value)
+        connection = self._declare(variable)
+        header = SetVariable(0, variable.name, self._origin, swap=True)
+        before = _ask(connection, header, f"exchanging variable '{variable.name}'", body)
+        return variable.decode_data(before) if before else default
+
+    # --- who is there ----------------------------------------------------------------------------------------------
+
+    def modules(self) -> list[ModuleInfo]:
+        """The modules that are connected, this one too."""
+        return modules_of(_ask(self._connection(), Ask(0, "modules"), "the question for modules"))
+
+    def handlers(self, message: Message[Any, Any]) -> list[HandlerInfo]:
+        """Who handles a message, the newest handler first: of several that share no pool it gets all."""
+        connection = self._declare(message)
+        return handlers_of(_ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
+
+    def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
+        """Wait until somebody handles each of the messages, all at the same time; *timeout* in seconds.
+
+        Raises Timeout, naming those that nobody handles. A handler may leave again at any time; a goal, command or
+        query then waits for the next.
+        """
+        connection = self._declare(*messages)
+        request = connection.request(wait_until_handled(messages), wants_answer=True)
+        if not connection.wait(request, timeout, "the wait for handlers"):
+            connection.abandon(request)
+            missing = ", ".join(self._unhandled(messages))
+            msg = f"not handled within {timeout:g} s: {missing}; start the module that does, see 'tca messages'"
+            raise Timeout(msg)
+
+    def _unhandled(self, messages: Iterable[Message[Any, Any]]) -> list[str]:
+        known = handlers_of(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
+        return [
+            f"{message.message_class} '{message.name}'"
+            for message in messages
+            if not any(handler.capacity for handler in known.get(message.name, ()))
+        ]
+
+
+def wait_until_handled(messages: Iterable[Message[Any, Any]]) -> WaitUntilHandled:
+    """The request that is answered when each of the messages is handled; central must know them."""
+    return WaitUntilHandled(0, [message.name for message in messages])
+
+
+def _check_variable(call: str, variable: Any) -> None:
+    if not isinstance(variable, Variable):
+        msg = f"{call}() takes a Variable, and {variable!r} is none"
+        raise MisuseError(msg)
+
+
+def _ask(connection: Connection, header: ToCentral, what: str, body: bytes = b"") -> bytes:
+    """The body of central's answer, which waits for nobody else."""
+    request = connection.request(header, body, wants_answer=True)
+    if not connection.wait(request, ACKNOWLEDGED_WITHIN, what):
+        connection.abandon(request)
+        msg = f"{what} was not answered within {ACKNOWLEDGED_WITHIN:g} s, though central is alive: it is overloaded"
+        raise Timeout(msg)
+    return request.answers[-1][1]

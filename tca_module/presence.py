@@ -1,0 +1,54 @@
+"""Who is there, as central tells it: modules, their resources, the handlers of a message. Plain records."""
+
+import msgspec
+
+
+class ResourceInfo(msgspec.Struct, frozen=True):
+    """A part of a module that handles *capacity* messages at a time."""
+
+    name: str = msgspec.field(name="resource")
+    capacity: int
+    handling: tuple[int, ...]
+    """What it handles now: ids as in the journal."""
+    waiting: int
+    """Number of messages that wait for it."""
+
+
+class ModuleInfo(msgspec.Struct, frozen=True):
+    """A module that is connected, a script too."""
+
+    name: str = msgspec.field(name="module")
+    process: str
+    """Where it runs: "host:pid"."""
+    handles: tuple[str, ...]
+    """Names of messages."""
+    resources: tuple[ResourceInfo, ...]
+
+
+class HandlerInfo(msgspec.Struct, frozen=True):
+    """That a module handles a message."""
+
+    module: str
+    resource: str
+    capacity: int
+    """How many messages its resource takes at a time; 0 while the module is about to come or go."""
+    pool: str
+    pending: int
+    """How many of the message may wait for it (0: no such limit)."""
+    waiting: int
+    """Number of messages that wait for its resource."""
+
+
+class _MessageInfo(msgspec.Struct, frozen=True):
+    message: str
+    handled_by: tuple[HandlerInfo, ...]
+
+
+def modules_of(answer: bytes) -> list[ModuleInfo]:
+    """From central's answer to the topic "modules"."""
+    return msgspec.msgpack.decode(answer, type=list[ModuleInfo])
+
+
+def handlers_of(answer: bytes) -> dict[str, list[HandlerInfo]]:
+    """By message name, newest first; from central's answer to the topic "messages"."""
+    return {info.message: list(info.handled_by) for info in msgspec.msgpack.decode(answer, type=list[_MessageInfo])}

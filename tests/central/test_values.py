@@ -1,0 +1,98 @@
+"""Bounds of shared variables, and what becomes of them when programs change."""
+
+import msgspec
+import pytest
+from central.player import Player
+
+from tca_central import variables
+from tca_wire import headers
+from tca_wire.facts import Dropped
+from tca_wire.headers import Answer, MessageClass, MessageFormat, Refusal
+
+
+def get(player: Player, module: str, variable: str) -> bytes:
+    answer, *_ = player.receive(module, headers.GetVariable(player.number(module), variable))
+    assert isinstance(answer, Answer), answer
+    return player.inbox[module][-1][1]
+
+
+def declare(player: Player, module: str, data: str) -> None:
+    formats = [MessageFormat("pose", MessageClass.VARIABLE, data)]
+    player.receive(module, headers.Register(player.number(module), formats))
+
+
+@pytest.fixture
+def player() -> Player:
+    player = Player()
+    player.module("user")
+    player.declare("user", "variable pose", "variable map")
+    return player
+
+
+def test_all_values_together_are_bounded(player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variables, "VARIABLE_BYTES", 20)
+    player.set_variable("user", "pose", "x" * 9)
+    player.set_variable("user", "map", "x" * 9)
+    (answer,) = player.set_variable("user", "map", "x" * 10)
+    assert answer.refusal is Refusal.OVERLOAD
+    assert answer.text == "with 11 bytes in 'map' all variables would hold 21: 20 are allowed"
+    assert get(player, "user", "map") == msgspec.msgpack.encode("x" * 9)
+    player.set_variable("user", "pose", 1)
+    player.set_variable("user", "map", "x" * 10)
+    assert get(player, "user", "map") == msgspec.msgpack.encode("x" * 10)
+
+
+@pytest.mark.parametrize(
+    ("data", "is_kept"),
+    [
+        ('{"type":"integer","description":"metres"}', True),
+        ('{"type":"string"}', False),
+    ],
+)
+def test_a_value_of_a_format_that_nobody_knows_any_more_is_forgotten(player: Player, data: str, is_kept: bool) -> None:
+    player.set_variable("user", "pose", 1)
+    player.receive("user", headers.Bye())
+    player.module("other")
+    declare(player, "other", data)
+    assert (get(player, "other", "pose") != b"") is is_kept
+    assert [fact.why for fact in player.facts(Dropped)] == (
+        [] if is_kept else ["its variable was declared anew with another format"]
+    )
+
+
+def test_what_is_no_value_is_refused(player: Player) -> None:
+    (answer,) = player.receive("user", headers.SetVariable(player.number("user"), "pose"))
+    assert answer.text == "variable 'pose' can't be set to nothing: give a value"
+    (answer,) = player.receive("user", headers.SetVariable(0, "pose", swap=True), b"\x01")
+    assert answer.text == "a question for variable 'pose' needs a request number"
+    (answer,) = player.receive("user", headers.GetVariable(0, "pose"))
+    assert answer.text == "a question for variable 'pose' needs a request number"
+    (answer,) = player.receive("user", headers.GetVariable(player.number("user"), "depth"))
+    assert answer.text == "nobody has declared variable 'depth': register it first"
+    assert get(player, "user", "pose") == b""
+
+
+def test_an_exchange_that_is_repeated_is_done_once(player: Player) -> None:
+    player.set_variable("user", "pose", 1)
+    player.set_variable("user", "pose", 2, swap=True)
+    again = headers.SetVariable(player.numbers["user"], "pose", swap=True)
+    for _ in range(2):
+        assert player.receive("user", again, b"\x02") == [Answer(again.number)]
+        assert player.inbox["user"][-1][1] == b"\x01"
+    assert get(player, "user", "pose") == b"\x02"
+
+
+def test_a_question_that_is_repeated_has_to_be_asked_anew(player: Player) -> None:
+    get(player, "user", "pose")
+    (answer,) = player.receive("user", headers.GetVariable(player.numbers["user"], "pose"))
+    assert answer.refusal is Refusal.TOO_LATE
+
+
+def test_status_shows_values_that_are_short(player: Player) -> None:
+    player.set_variable("user", "pose", 5)
+    player.module("view", "variable pose", "variable map")
+    player.set_variable("view", "map", "x" * 600)
+    player.receive("user", headers.Ask(player.number("user"), "variables"))
+    pose, map_ = msgspec.msgpack.decode(player.inbox["user"][-1][1])
+    assert (pose["variable"], pose["value"], pose["set_by"], pose["watched_by"]) == ("pose", b"\x05", "user", ["view"])
+    assert (map_["variable"], map_["value"], map_["bytes"], map_["set_by"]) == ("map", b"", 603, "view")

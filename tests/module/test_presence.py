@@ -1,0 +1,227 @@
+"""Who is there: asking, waiting for it, being told of changes."""
+
+import logging
+import queue
+import threading
+import time
+from typing import Any
+
+import pytest
+from module.gait_messages import ALARM, MOVE_LEG, POSITION, STANCE, TEMPERATURE, Footfall
+
+from tca_module import (
+    HANDLERS_CHANGED,
+    MODULE_JOINED,
+    MODULE_LEFT,
+    Arrival,
+    Client,
+    Departure,
+    FormatRefused,
+    HandlerCount,
+    HandlerInfo,
+    Inform,
+    MisuseError,
+    Module,
+    Refused,
+    Task,
+    TcaError,
+    Timeout,
+    module,
+)
+from tca_module.session import Session
+from tca_module.testing import LocalCentral
+from tca_wire import headers
+from tca_wire.facts import Received
+
+SOON = 5.0
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    legs = Module("legs", central, capacity=2)
+    legs.handles(MOVE_LEG, pending=3, pool="both")(lambda _, leg: Footfall(leg, 0.0))
+    legs.handles(TEMPERATURE, resource="thermometer")(lambda _: 36.6)
+    return legs
+
+
+class Started:
+    """A module that is run in the background, and may have to wait before it serves."""
+
+    def __init__(self, started: Module) -> None:
+        self.module, self.error = started, list[TcaError]()
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+
+    def _run(self) -> None:
+        try:
+            self.module.run()
+        except TcaError as error:
+            self.error.append(error)
+
+    def stop(self) -> None:
+        self.module.stop()
+        self.thread.join(SOON)
+        assert not self.thread.is_alive()
+
+
+# --- asking -------------------------------------------------------------------------------------------------------------
+
+
+def test_who_is_there_and_handles_what(legs: Module, user: Client) -> None:
+    with legs.running():
+        known = {info.name: info for info in user.modules()}
+        assert set(known) == {"legs", "user"}
+        assert known["legs"].handles == ("move leg", "temperature")
+        assert [(part.name, part.capacity) for part in known["legs"].resources] == [("legs", 2), ("thermometer", 1)]
+        assert known["user"].resources == ()
+        assert user.handlers(MOVE_LEG) == [HandlerInfo("legs", "legs", 2, "both", 3, 0)]
+        assert user.handlers(STANCE) == []
+        assert legs.modules() == user.modules()
+    assert user.handlers(MOVE_LEG) == []
+
+
+def test_a_handler_may_ask_as_well(central: LocalCentral, user: Client) -> None:
+    asked = Module("asked", central)
+    asked.handles(STANCE)(lambda task, _: [len(task.modules()), len(task.handlers(STANCE))])
+    with asked.running():
+        assert user.query(STANCE, 1.0) == [2, 1]
+
+
+# --- waiting ------------------------------------------------------------------------------------------------------------
+
+
+def test_waiting_until_messages_are_handled(legs: Module, user: Client) -> None:
+    later = threading.Timer(0.1, lambda: started.append(Started(legs)))
+    started: list[Started] = []
+    later.start()
+    user.wait_until_handled(MOVE_LEG, TEMPERATURE, timeout=SOON)
+    assert user.query(TEMPERATURE) == 36.6
+    later.join()
+    started[0].stop()
+    user.wait_until_handled(timeout=SOON)  # for nothing
+
+
+def test_what_is_not_handled_in_time_is_named(legs: Module, user: Client) -> None:
+    with legs.running(), pytest.raises(Timeout) as late:
+        user.wait_until_handled(MOVE_LEG, STANCE, ALARM, timeout=0.01)
+    assert str(late.value) == (
+        "not handled within 0.01 s: query 'stance', broadcast 'alarm'; start the module that does, see 'tca messages'"
+    )
+
+
+def test_a_module_serves_when_what_it_requires_is_handled(legs: Module, central: LocalCentral, user: Client) -> None:
+    planner = Module("planner", central, requires=[TEMPERATURE, MOVE_LEG])
+    planner.handles(STANCE)(lambda task, _: [int(task.query(TEMPERATURE))])
+    started = Started(planner)
+    assert user.execute_if_handled(STANCE, 1.0) is None
+    with legs.running():
+        user.wait_until_handled(STANCE, timeout=SOON)
+        assert user.query(STANCE, 1.0, timeout=SOON) == [36]
+    assert user.handlers(STANCE) != []  # it goes on serving
+    started.stop()
+    assert started.error == []
+
+
+def test_what_a_module_handles_itself_it_need_not_wait_for(central: LocalCentral) -> None:
+    planner = Module("planner", central, requires=(STANCE,))
+    planner.handles(STANCE)(lambda _, radius: [int(radius)])
+    with planner.running():
+        assert planner.handlers(STANCE)[0].module == "planner"
+
+
+def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
+    central: LocalCentral, user: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "_WARN_AFTER", 0.0)
+    monkeypatch.setattr(module, "_TEND_PERIOD", 0.01)
+    with caplog.at_level(logging.WARNING):
+        started = Started(Module("planner", central, requires=[STANCE, MOVE_LEG]))
+        deadline = time.monotonic() + SOON
+        while not caplog.records and time.monotonic() < deadline:
+            time.sleep(0.01)
+        awaited = {message["message"]: message["awaited_by"] for message in user.status("messages")}
+        assert awaited == {"stance": ["planner"], "move leg": ["planner"]}
+        started.stop()
+    assert [record.message for record in caplog.records] == [
+        "waits until each of 'stance', 'move leg' is handled, as it requires; see 'tca messages'"
+    ]
+    assert started.error == []
+    assert [info.name for info in user.modules()] == ["user"]
+
+
+def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: Module) -> None:
+    started = Started(Module("planner", central, requires=[TEMPERATURE]))
+    deadline = time.monotonic() + SOON
+    while "temperature" not in central.core.registry.messages and time.monotonic() < deadline:
+        time.sleep(0.01)
+    central.restart("second")
+    with legs.running():
+        while started.module._keeper is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert started.module._keeper is not None
+        started.stop()
+    assert started.error == []
+
+
+def test_a_wait_is_repeated_to_a_central_that_was_restarted() -> None:
+    session = Session(headers.Hello(0, 1, "user", "run"))
+    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
+    wait = session.request(headers.WaitUntilHandled(0, ["walk"]), wants_answer=True)
+    got = session.request(headers.GetVariable(0, "pose"), wants_answer=True)
+    session.outgoing.clear()
+    session.break_off()
+    session.receive(headers.Welcome(1, 1, "user", "second"), b"", 0.0)
+    assert got.lost
+    assert not wait.is_over
+    assert session.outgoing == [(wait.header, b"")]
+
+
+@pytest.mark.parametrize("wrong", [["stance"], "stance", STANCE.name, [None], 5])
+def test_only_messages_are_required(wrong: Any) -> None:
+    with pytest.raises(MisuseError, match=r"module 'planner' can't require .*: requires= takes messages \(Goal, Query"):
+        Module("planner", requires=wrong)
+
+
+# --- being told ---------------------------------------------------------------------------------------------------------
+
+
+def test_who_listens_is_told(legs: Module, central: LocalCentral, user: Client) -> None:
+    told: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    guard = Module("guard", central)
+
+    @guard.handles(MODULE_JOINED)
+    def joined(_: Task, who: Arrival) -> None:
+        told.put(who.module)
+
+    @guard.handles(MODULE_LEFT)
+    def left(_: Task, who: Departure) -> None:
+        told.put((who.module, who.why))
+
+    @guard.handles(HANDLERS_CHANGED)
+    def changed(_: Task, what: HandlerCount) -> None:
+        told.put((what.message, what.handlers))
+
+    with guard.running():
+        with legs.running():
+            pass
+        seen = {told.get(timeout=SOON) for _ in range(6)}
+    assert seen == {
+        "legs", ("move leg", 1), ("temperature", 1), ("move leg", 0), ("temperature", 0), ("legs", "it said goodbye"),
+    }  # fmt: skip
+
+
+def test_nothing_is_recorded_when_nobody_listens(legs: Module, central: LocalCentral) -> None:
+    with legs.running():
+        pass
+    assert [fact for fact in central.facts if isinstance(fact, Received)] == []
+
+
+def test_notices_are_central_s(user: Client) -> None:
+    sender: Any = user
+    with pytest.raises(MisuseError, match=r"broadcast\(\) takes messages of class Broadcast, and Notice\('tca: "):
+        sender.broadcast(MODULE_LEFT, Departure("legs", "a joke"))
+    with pytest.raises(Refused, match="names that begin with 'tca: ' are central's own"):
+        user.inform(Inform("tca: news", int), 5)
+    with pytest.raises(FormatRefused, match="a inform here, a broadcast there"):
+        user.inform(Inform("tca: module left", int), 5)
+    user.inform(POSITION, POSITION.data.kind(1.0, 1))

@@ -1,0 +1,156 @@
+"""Shared variables: set, got, exchanged and watched."""
+
+import queue
+import threading
+from typing import Any
+
+import pytest
+from module.gait_messages import POSITION, Arc
+
+from tca_module import BadData, Client, MisuseError, Module, Task, Variable, VariableNotSet, connect
+from tca_module.session import Session, refers_to_tasks
+from tca_module.testing import LocalCentral
+from tca_wire import headers
+from tca_wire.facts import Received
+
+SOON = 5.0
+
+POSE = Variable("pose", Arc)
+MODE = Variable("mode", str)
+
+
+def test_the_newest_value_is_there_for_all(central: LocalCentral, user: Client) -> None:
+    with connect("sensor", central) as sensor:
+        sensor.set_variable(POSE, Arc(1.0, 1))
+        sensor.set_variable(POSE, Arc(2.0, 2))
+        sensor.set_variable(POSE, Arc(3.0, 3), wait=False)
+        assert sensor.get_variable(POSE) == Arc(3.0, 3)
+    assert user.get_variable(POSE) == Arc(3.0, 3)
+
+
+def test_a_variable_that_was_never_set(user: Client) -> None:
+    with pytest.raises(VariableNotSet) as unset:
+        user.get_variable(MODE)
+    assert str(unset.value) == "variable 'mode' was never set: set it first, watch it, or give a default"
+    assert isinstance(unset.value, LookupError)
+    assert user.get_variable(MODE, None) is None
+    assert user.get_variable(MODE, "idle") == "idle"
+    assert user.swap_variable(MODE, "walking") is None
+    assert user.swap_variable(MODE, "idle", "?") == "walking"
+    assert user.get_variable(MODE) == "idle"
+
+
+def test_exchanging_at_the_same_time_loses_nothing(central: LocalCentral) -> None:
+    """A ticket counter: each value is got by one."""
+    counter, got = Variable("count", int), queue.SimpleQueue[int | None]()
+
+    def exchange(first: int) -> None:
+        with connect("user", central) as client:
+            for number in range(first, first + 50):
+                got.put(client.swap_variable(counter, number))
+
+    threads = [threading.Thread(target=exchange, args=(100 * number,)) for number in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(SOON)
+    values = [got.get(timeout=SOON) for _ in range(150)]
+    with connect("user", central) as client:
+        values.append(client.get_variable(counter))
+    assert len(set(values)) == 151
+
+
+def test_to_handle_a_variable_is_to_watch_it(central: LocalCentral, user: Client) -> None:
+    view, seen, go_on = Module("view", central), queue.SimpleQueue[Arc](), threading.Event()
+
+    @view.handles(POSE)
+    def on_pose(task: Task, pose: Arc) -> None:
+        seen.put(pose)
+        assert go_on.wait(SOON)
+
+    user.set_variable(POSE, Arc(0.0, 0))
+    with view.running():
+        assert seen.get(timeout=SOON) == Arc(0.0, 0)  # which was there before
+        for step in range(1, 6):
+            user.set_variable(POSE, Arc(0.0, step))
+        go_on.set()
+        assert seen.get(timeout=SOON) == Arc(0.0, 5)
+        user.set_variable(POSE, Arc(0.0, 6))
+        assert seen.get(timeout=SOON) == Arc(0.0, 6)
+
+
+def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(central: LocalCentral, user: Client) -> None:
+    view, seen = Module("view", central), queue.SimpleQueue[str]()
+    view.handles(MODE)(lambda _, mode: seen.put(mode))
+    with view.running():
+        user.set_variable(MODE, "idle")
+        assert seen.get(timeout=SOON) == "idle"
+        central.cut("view")
+        user.set_variable(MODE, "walking")
+        while (mode := seen.get(timeout=SOON)) != "walking":
+            assert mode == "idle"
+
+
+def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
+    legs, done = Module("legs", central), threading.Event()
+
+    @legs.handles(POSITION)
+    def on_position(task: Task, position: Arc) -> None:
+        task.set_variable(POSE, position)
+        task.set_variable(MODE, f"at {task.get_variable(POSE).steps}")
+        done.set()
+
+    with legs.running():
+        user.inform(POSITION, Arc(1.0, 7))
+        assert done.wait(SOON)
+        assert legs.get_variable(MODE) == "at 7"
+    received = [fact for fact in central.facts if isinstance(fact, Received)]
+    assert [(fact.message, fact.origin) for fact in received] == [("position", 0), ("pose", 1), ("mode", 1)]
+
+
+def test_misuse(central: LocalCentral) -> None:
+    user: Any = connect("user", central)
+    with pytest.raises(BadData, match="variable 'pose' wants data of type Arc"):
+        user.set_variable(POSE, "here")
+    for call in (user.set_variable, user.swap_variable):
+        with pytest.raises(MisuseError, match=r"_variable\(\) takes a Variable, and Inform\('position'.* is none"):
+            call(POSITION, Arc(1.0, 1))
+    with pytest.raises(MisuseError, match=r"inform\(\) takes messages of class Inform, .*: use set_variable\(\)"):
+        user.inform(POSE, Arc(1.0, 1))
+    with pytest.raises(MisuseError, match=r"'pose' can't be handled with pending=2: only its newest value waits"):
+        Module("view", central).handles(POSE, pending=2)(lambda *_: None)
+
+
+def test_what_a_break_does_to_requests() -> None:
+    session = Session(headers.Hello(0, 1, "user", "run"))
+    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
+    got = session.request(headers.GetVariable(0, "pose"), wants_answer=True)
+    swapped = session.request(headers.SetVariable(0, "pose", swap=True), b"1", wants_answer=True)
+    session.outgoing.clear()  # they have left
+    session.break_off()
+    assert not session.post(headers.SetVariable(0, "pose"), b"1")
+    assert session.dropped == 1
+    session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
+    for number in (2, 3):
+        session.receive(headers.Refused(number, headers.Refusal.TOO_LATE, "long ago"), b"", 0.0)
+    assert not got.is_over
+    assert got.header.number == 4  # asked anew
+    assert swapped.lost == "the connection to central broke before the answer came"
+
+
+def test_a_restart_of_central_loses_the_values(central: LocalCentral, user: Client) -> None:
+    user.set_variable(MODE, "walking")
+    central.restart("second")
+    assert user.get_variable(MODE, "unknown") == "unknown"
+
+
+@pytest.mark.parametrize(
+    ("header", "refers"),
+    [
+        (headers.GetVariable(1, "pose"), False),
+        (headers.SetVariable(1, "pose", 7), False),
+        (headers.Ask(1, "tree"), False),
+    ],
+)
+def test_variables_belong_to_no_task(header: Any, *, refers: bool) -> None:
+    assert refers_to_tasks(header) is refers
