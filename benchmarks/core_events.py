@@ -17,8 +17,9 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, Received
 from tca_wire import headers
 from tca_wire.constraints import Flags
-from tca_wire.headers import HandlerFormat, MessageClass, MessageFormat
+from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass
 
 PLANNER, SLOT, USER = ConnectionId(b"planner"), ConnectionId(b"slot"), ConnectionId(b"user")
 BODY = b"\x07"

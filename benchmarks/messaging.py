@@ -23,6 +23,7 @@ import zmq
 
 from tca_module import Goal, Module, Query, Task, connect
 from tca_wire import codec, headers
+from tca_wire.parts import HandlerFormat
 
 PING = Query("ping", bytes, reply=bytes)
 WALK = Goal("walk", bytes)
@@ -156,7 +157,7 @@ def serve_bare(address: str) -> None:
     for number, slot in enumerate(slots):
         slot.send(codec.pack_item(headers.Hello(1, 1, "bare", "bare", number, "bare" if number else "")))
         slot.recv()
-    messages, handlers = [PING.format], [headers.HandlerFormat("ping", "bare")]
+    messages, handlers = [PING.format], [HandlerFormat("ping", "bare")]
     slots[0].send(codec.pack_item(headers.Register(2, messages, handlers)))
     slots[0].recv()
     poller = zmq.Poller()

@@ -10,8 +10,9 @@ from tca_central.errors import RequestError
 from tca_central.registry import Connection, MessageType
 from tca_central.state import State
 from tca_wire import headers
-from tca_wire.headers import Answer, Refusal
+from tca_wire.headers import Answer
 from tca_wire.notices import HANDLERS_CHANGED, HandlerCount
+from tca_wire.vocabulary import Refusal
 
 MOST_AWAITED = 1000
 """Messages in one request."""

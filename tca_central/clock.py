@@ -5,7 +5,7 @@ import math
 from enum import StrEnum
 
 from tca_central.errors import RequestError
-from tca_wire.headers import Refusal
+from tca_wire.vocabulary import Refusal
 
 LONGEST = 3.2e8
 """Seconds, ten years: nothing can be asked for later than this."""

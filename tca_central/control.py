@@ -9,8 +9,9 @@ from tca_central.registry import Connection, MessageType
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_wire import headers
-from tca_wire.headers import Accepted, Refusal, Scope
+from tca_wire.headers import Accepted
 from tca_wire.points import ROOT, Point, describe_moments
+from tca_wire.vocabulary import Refusal, Scope
 
 MOST_PARTING = 100
 """Messages that may be kept for the termination of one task."""

@@ -20,7 +20,8 @@ from tca_central.registry import Connection
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import Accepted, Outcome, Refusal, Refused, Role
+from tca_wire.headers import Accepted, Refused
+from tca_wire.vocabulary import Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000
 REMEMBERED_BYTES = 64 << 20

@@ -4,7 +4,7 @@ RequestError         a module asked for something that can't be done: it is refu
 CentralError         central cannot start or go on: the address is taken, the journal can't be written
 """
 
-from tca_wire.headers import Refusal
+from tca_wire.vocabulary import Refusal
 
 
 class RequestError(Exception):

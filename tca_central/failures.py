@@ -13,14 +13,16 @@ from tca_central.errors import RequestError
 from tca_central.intervals import KILLED, START_HANDLING
 from tca_central.making import make_task, suspend
 from tca_central.registry import Attached, Connection, MessageType
-from tca_central.state import Failure, State, Trouble
+from tca_central.state import Failure, Recovery, State
 from tca_central.taps import happened
 from tca_central.taps import remove as remove_tap
 from tca_central.task_tree import Task
 from tca_central.watching import stop
 from tca_wire import facts, headers
-from tca_wire.headers import Accepted, Cancelled, Limit, MessageClass, Refusal, Role
+from tca_wire.headers import Accepted, Cancelled
+from tca_wire.parts import Attachment
 from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
+from tca_wire.vocabulary import Limit, MessageClass, Refusal, Role
 
 LONGEST_TEXT = 16_384
 """Characters of a failure's text that are kept: the last, where a traceback says what happened."""
@@ -65,7 +67,7 @@ def _task_message(central: State, name: str) -> MessageType:
     return message
 
 
-def check_attachments(central: State, wanted: list[headers.Attachment]) -> None:
+def check_attachments(central: State, wanted: list[Attachment]) -> None:
     """Raises RequestError if one of them can't be attached."""
     if len(wanted) > MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
@@ -76,7 +78,7 @@ def check_attachments(central: State, wanted: list[headers.Attachment]) -> None:
             raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
 
 
-def attach(central: State, wanted: headers.Attachment, place: Task | MessageType) -> Attached:
+def attach(central: State, wanted: Attachment, place: Task | MessageType) -> Attached:
     """Attach an exception handler as the newest; the same one attached before makes room for it."""
     check_attachments(central, [wanted])
     others = place.more.attached if isinstance(place, Task) else place.attached
@@ -152,7 +154,7 @@ def raise_failure(central: State, task: Task, failure: Failure) -> None:
     _search(central, task, failure)
 
 
-def _search(central: State, task: Task, failure: Failure, below: Trouble | None = None) -> Task | None:
+def _search(central: State, task: Task, failure: Failure, below: Recovery | None = None) -> Task | None:
     """Let the nearest exception handler take care of a failure, the nearest after *below* where one could not; its
     task. None if there is none: then the top-level task is killed, and whoever waits for it is told.
     """
@@ -164,13 +166,13 @@ def _search(central: State, task: Task, failure: Failure, below: Trouble | None 
     at, attached = found
     invocations = at.more.invocations
     invocations[attached.id] = invocations.get(attached.id, 0) + 1
-    trouble = Trouble(task, failure, at, attached)
+    trouble = Recovery(task, failure, at, attached)
     handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
     central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
     return handler
 
 
-def _find(central: State, task: Task, failure: Failure, below: Trouble | None) -> tuple[Task, Attached] | None:
+def _find(central: State, task: Task, failure: Failure, below: Recovery | None) -> tuple[Task, Attached] | None:
     """The nearest exception handler that may be called, and the task that it holds for. One that nobody handles is
     passed over.
     """
@@ -186,7 +188,7 @@ def _find(central: State, task: Task, failure: Failure, below: Trouble | None) -
     return None
 
 
-def _candidates(central: State, task: Task, below: Trouble | None) -> Iterator[tuple[Task, Attached]]:
+def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[tuple[Task, Attached]]:
     """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
     for at in (*task.lineage(), central.tree.root):
         own = at.rare.attached if at.rare else []
@@ -212,7 +214,7 @@ def _nested(task: Task) -> dict[int, int]:
     """For each attachment, how many of the tasks above are calls of it."""
     found: dict[int, int] = {}
     for above in task.lineage():
-        if isinstance(above.context, Trouble):
+        if isinstance(above.context, Recovery):
             attachment = above.context.attached.id
             found[attachment] = found.get(attachment, 0) + 1
     return found
@@ -275,7 +277,7 @@ def reissue(central: State, handler: Task) -> None:
 
 
 def _search_on(central: State, handler: Task) -> None:
-    trouble: Trouble = handler.context
+    trouble: Recovery = handler.context
     failing = trouble.failing
     if failing.killed or failing.again:
         return

@@ -3,7 +3,7 @@
 from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
 from tca_wire import facts
-from tca_wire.headers import MessageClass
+from tca_wire.vocabulary import MessageClass
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:

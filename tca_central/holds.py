@@ -27,8 +27,8 @@ from tca_wire.constraints import (
     sequential_planning,
 )
 from tca_wire.facts import Constrained
-from tca_wire.headers import Refusal
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId
+from tca_wire.vocabulary import Refusal
 
 _SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
 _PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)

@@ -22,8 +22,8 @@ from tca_central.intervals import (
 from tca_central.registry import ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
-from tca_wire.headers import MessageClass
 from tca_wire.points import ALL_MOMENTS, ROOT
+from tca_wire.vocabulary import MessageClass
 
 
 def check_invariants(central: State) -> None:

@@ -10,8 +10,10 @@ from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import PROTOCOL_VERSION, Accepted, Limit, MessageClass, Outcome, Refusal
+from tca_wire.headers import PROTOCOL_VERSION, Accepted
 from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
+from tca_wire.parts import HandlerFormat
+from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
 
 MODULE_LOST = "module lost"
 
@@ -134,7 +136,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
     central.send(connection, header.number, Accepted(header.number))
 
 
-def _add_handler(central: State, module: Module, handled: headers.HandlerFormat) -> None:
+def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
     resource = module.resource(handled.resource)

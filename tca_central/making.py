@@ -9,8 +9,9 @@ from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts
 from tca_wire.constraints import Flags
-from tca_wire.headers import Role, Suspended
+from tca_wire.headers import Suspended
 from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import Role
 
 CENTRAL = "central"
 """The sender of what central makes itself."""

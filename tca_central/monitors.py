@@ -15,8 +15,10 @@ from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_central.watching import Watch, end_watch
 from tca_wire import facts, headers
-from tca_wire.headers import Accepted, Answer, MessageClass, Outcome, Refusal, Role, WatchOptions
+from tca_wire.headers import Accepted, Answer
+from tca_wire.parts import MessageFormat, WatchOptions
 from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
 
 SHORTEST_PERIOD = 0.001
 """Seconds between two tests of a condition."""
@@ -31,7 +33,7 @@ _ACTS = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.INFORM, MessageCl
 # --- birth -----------------------------------------------------------------------------------------------------------
 
 
-def check_parts(central: State, declared: headers.MessageFormat, new: dict[str, MessageClass]) -> None:
+def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
     """Raises RequestError if the parts of a monitor are not what it needs; *new* are messages declared with it."""
     message_class = declared.message_class
     wanted = 3 if message_class is MessageClass.DEMON_MONITOR else 2 if message_class.is_monitor else 0

@@ -3,8 +3,8 @@
 from tca_central.making import make_statement
 from tca_central.state import State
 from tca_wire.declarations import D
-from tca_wire.headers import Role
 from tca_wire.notices import Notice
+from tca_wire.vocabulary import Role
 
 
 def tell(central: State, notice: Notice[D], data: D) -> None:

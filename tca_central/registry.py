@@ -7,8 +7,10 @@ from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.resources import PendingLimit, Resource
 from tca_wire.formats import first_difference
-from tca_wire.headers import Condition, Limit, MessageClass, MessageFormat, Refusal, ToModule
+from tca_wire.headers import ToModule
 from tca_wire.notices import NOTICES, PREFIX
+from tca_wire.parts import MessageFormat
+from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""

@@ -23,8 +23,9 @@ from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
-from tca_wire.headers import Accepted, Answer, Limit, MessageClass, Outcome, Refusal, Role
+from tca_wire.headers import Accepted, Answer
 from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 
 MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""

@@ -25,7 +25,8 @@ from tca_central.journal_writer import JournalWriter
 from tca_wire import codec, facts
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
-from tca_wire.headers import Beat, Closing, Limit, ToModule
+from tca_wire.headers import Beat, Closing, ToModule
+from tca_wire.vocabulary import Limit
 
 log = logging.getLogger("tca.central")
 

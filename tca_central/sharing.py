@@ -11,8 +11,9 @@ from tca_central.state import State
 from tca_central.variables import Value
 from tca_wire import facts, headers
 from tca_wire.formats import first_difference
-from tca_wire.headers import Accepted, Answer, MessageClass, Refusal
+from tca_wire.headers import Accepted, Answer
 from tca_wire.points import ROOT
+from tca_wire.vocabulary import MessageClass, Refusal
 
 NEVER_SET = b""
 """The body that says that a variable has no value; no value is empty."""

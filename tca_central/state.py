@@ -11,8 +11,10 @@ from tca_central.registry import Attached, Connection, Delivery, MessageType, Re
 from tca_central.task_tree import Task, TaskTree
 from tca_central.variables import Variables
 from tca_wire import facts, headers
-from tca_wire.headers import MessageClass, MessageFormat, Outcome, ToModule
+from tca_wire.headers import ToModule
+from tca_wire.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 class Collector:
@@ -34,7 +36,7 @@ class Failure(NamedTuple):
     kinds: tuple[str, ...] = ()  #: more general failures that it is a kind of
 
 
-class Trouble:
+class Recovery:
     """What an exception handler's task handles: the failure of a task, found at that task or above."""
 
     __slots__ = ("at", "attached", "failing", "failure")
@@ -43,19 +45,19 @@ class Trouble:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
 
     @property
-    def header(self) -> headers.Trouble:
+    def header(self) -> Trouble:
         """What the handler is told."""
         attempts = self.failing.more.attempts
         invocations = self.at.more.invocations.get(self.attached.id, 0)
         name, text, *_ = self.failure
-        return headers.Trouble(name, text, involved(self.failing), involved(self.at), attempts, invocations)
+        return Trouble(name, text, involved(self.failing), involved(self.at), attempts, invocations)
 
 
-def involved(delivery: Delivery) -> headers.Involved:
+def involved(delivery: Delivery) -> Involved:
     """A message as others are told of it; task 0 if it is none, or the root."""
     if not isinstance(delivery, Task):
-        return headers.Involved(ROOT, delivery.message.name)
-    return headers.Involved(TaskId(delivery.id), delivery.message.name if delivery.id else "")
+        return Involved(ROOT, delivery.message.name)
+    return Involved(TaskId(delivery.id), delivery.message.name if delivery.id else "")
 
 
 def deliver(delivery: Delivery) -> headers.Deliver:

@@ -8,8 +8,8 @@ from tca_central.holds import held_counts
 from tca_central.registry import Handler
 from tca_central.state import State
 from tca_central.task_tree import Task
-from tca_wire.headers import MessageClass
 from tca_wire.points import Moment, describe_moments
+from tca_wire.vocabulary import MessageClass
 
 SHOWN_TASKS = 10_000
 SHOWN_BYTES = 512  # of a variable's value

@@ -31,8 +31,10 @@ from tca_central.state import State, involved
 from tca_central.task_tree import Task, taps_of
 from tca_wire import facts, headers
 from tca_wire.formats import first_difference
-from tca_wire.headers import Accepted, Condition, MessageClass, Refusal, Role
+from tca_wire.headers import Accepted
+from tca_wire.parts import Tapped
 from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
 MOST_TAPS = 1000
 """Wiretaps of one message or task."""
@@ -93,9 +95,9 @@ class Listening:
         self.condition, self.tapped = condition, involved(tapped)
 
     @property
-    def header(self) -> headers.Tapped:
+    def header(self) -> Tapped:
         """What the listener's handler is told."""
-        return headers.Tapped(self.condition, self.tapped)
+        return Tapped(self.condition, self.tapped)
 
 
 # --- adding and removing ---------------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.registry import Attached, Connection, Delivery, MessageType, Tap
-from tca_wire.headers import Refusal, Role
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
+from tca_wire.vocabulary import Refusal, Role
 
 _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIEVING)
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from tca_central.errors import RequestError
-from tca_wire.headers import Refusal
+from tca_wire.vocabulary import Refusal
 
 VARIABLE_BYTES = 64 << 20
 """What the values of all variables may hold together. Their number is bounded by that of the messages."""

@@ -5,9 +5,10 @@ from tca_central.making import make
 from tca_central.registry import Delivery, MessageType
 from tca_central.state import State, involved
 from tca_central.task_tree import Task
-from tca_wire import facts, headers
-from tca_wire.headers import MessageClass, Role, WatchOptions
+from tca_wire import facts
+from tca_wire.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Role
 
 _CANCEL = 2  # which part of a demon monitor
 
@@ -34,9 +35,9 @@ class Watch:
         return self.began is not None and not self.is_over
 
     @property
-    def header(self) -> headers.Watching:
+    def header(self) -> Watching:
         """What the handlers of its messages are told."""
-        return headers.Watching(involved(self.task))
+        return Watching(involved(self.task))
 
     def met(self, central: State, _: Task) -> None:
         """The point at which it ends is reached."""

@@ -7,7 +7,7 @@ ExplorerError        do not raise or catch this one; it groups the others
 └── Refused          raised in a script: central refused what it asked for
 """
 
-from tca_wire.headers import Refusal
+from tca_wire.vocabulary import Refusal
 
 
 class ExplorerError(Exception):

@@ -24,8 +24,10 @@ from tca_wire import headers
 from tca_wire.declarations import Message
 from tca_wire.facts import Fact
 from tca_wire.facts import Received as Birth
-from tca_wire.headers import PROTOCOL_VERSION, MessageClass, MessageFormat, Outcome
+from tca_wire.headers import PROTOCOL_VERSION
+from tca_wire.parts import MessageFormat
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
 
 SOMEBODY = "somebody"
 """The module that kills what may be killed."""

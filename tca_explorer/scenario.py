@@ -8,7 +8,7 @@ from tca_explorer.errors import ScenarioError
 from tca_explorer.properties import Property
 from tca_explorer.script import Program
 from tca_wire.declarations import Message
-from tca_wire.headers import HandlerFormat
+from tca_wire.parts import HandlerFormat
 
 Function = Callable[..., Any]
 

@@ -31,8 +31,8 @@ from tca_explorer.steps import (
 )
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.declarations import Broadcast, Command, FailureRaised, Goal, Inform, Message, MultiQuery, Query
-from tca_wire.headers import Outcome, Refusal
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import Outcome, Refusal
 
 T = TypeVar("T")
 

@@ -10,8 +10,8 @@ import msgspec
 
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.declarations import Message
-from tca_wire.headers import Outcome, Refusal
 from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import Outcome, Refusal
 
 OWN = TaskId(-2)
 """The task that a script handles."""

@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from tca_wire import facts
 from tca_wire.constraints import Constraint
-from tca_wire.headers import MessageClass
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point
+from tca_wire.vocabulary import MessageClass
 
 _STARTS = int(Moment.START_PLANNING | Moment.START_ACHIEVING)
 _ENDS = (int(Moment.END_PLANNING), int(Moment.END_ACHIEVING))

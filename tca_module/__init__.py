@@ -38,9 +38,9 @@ from tca_wire.declarations import (
     Variable,
 )
 from tca_wire.errors import BadFormat
-from tca_wire.headers import Outcome
 from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
+from tca_wire.vocabulary import Outcome
 
 __all__ = [
     "HANDLERS_CHANGED",

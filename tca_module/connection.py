@@ -18,7 +18,9 @@ from tca_module.transport import Transport
 from tca_wire.codec import pack_item, unpack_to_module
 from tca_wire.declarations import Message
 from tca_wire.errors import ProtocolError
-from tca_wire.headers import Bye, Deliver, HandlerFormat, Limit, Refusal, Register, ToCentral, Unregister
+from tca_wire.headers import Bye, Deliver, Register, ToCentral, Unregister
+from tca_wire.parts import HandlerFormat
+from tca_wire.vocabulary import Limit, Refusal
 
 PATIENCE = 10.0
 """Seconds without a word from central after which a wait ends with CentralLost."""

@@ -19,7 +19,7 @@ from typing import Any
 from tca_wire.declarations import D, Failure
 from tca_wire.errors import BadData
 from tca_wire.formats import decode_untyped
-from tca_wire.headers import Refusal
+from tca_wire.vocabulary import Refusal
 
 
 class TcaError(Exception):

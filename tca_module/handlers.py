@@ -12,7 +12,8 @@ from tca_module.signatures import arguments_taken, is_async
 from tca_module.task import Task
 from tca_wire.declarations import D, Message, R, Variable
 from tca_wire.errors import BadData
-from tca_wire.headers import Fail, HandlerFormat, Reply
+from tca_wire.headers import Fail, Reply
+from tca_wire.parts import HandlerFormat
 
 _MOST_PENDING = 10_000  # what central keeps for one resource anyway
 

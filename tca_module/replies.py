@@ -9,7 +9,8 @@ from tca_module.connection import Connection
 from tca_module.errors import BadData, MisuseError, QueryFailed, TcaError, Timeout
 from tca_module.session import Request
 from tca_wire.declarations import Message, MultiQuery, Query, R
-from tca_wire.headers import Answer, Outcome
+from tca_wire.headers import Answer
+from tca_wire.vocabulary import Outcome
 
 QUERY_TIMEOUT = 30.0
 """Seconds that a query waits for its reply where nobody says otherwise."""

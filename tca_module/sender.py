@@ -25,8 +25,9 @@ from tca_wire.declarations import (
     R,
     Variable,
 )
-from tca_wire.headers import Constrain, MessageClass, Send
+from tca_wire.headers import Constrain, Send
 from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import MessageClass
 
 HIGHEST_PRIORITY = 1_000_000
 

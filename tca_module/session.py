@@ -16,19 +16,9 @@ from typing import Any, ClassVar
 import msgspec
 
 from tca_wire import headers
-from tca_wire.headers import (
-    Fail,
-    HandlerFormat,
-    Hello,
-    MessageFormat,
-    Refusal,
-    Register,
-    Reply,
-    Send,
-    SetVariable,
-    ToCentral,
-    ToModule,
-)
+from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
+from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.vocabulary import Refusal
 
 HELLO_NUMBER = 1
 """A connection's first request is its Hello; said again it keeps its number."""

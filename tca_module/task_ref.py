@@ -8,8 +8,9 @@ from tca_module.constraints import Intervals
 from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.session import Request
 from tca_wire.declarations import Message, R
-from tca_wire.headers import Answer, Kill, Outcome, WaitFor
+from tca_wire.headers import Answer, Kill, WaitFor
 from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import Outcome
 
 
 class TaskRef(Intervals, Generic[R]):

@@ -8,8 +8,8 @@ from typing import Any
 
 from tca_tools.records import Handling, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
-from tca_wire.headers import MessageClass, Outcome, Role
 from tca_wire.points import MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 UNKNOWN = "?"
 """The name of what was sent before the journal's first entry."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from tca_wire.constraints import Constraint
-from tca_wire.headers import MessageClass, Outcome, Role
 from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 
 class State(StrEnum):

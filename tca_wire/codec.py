@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from tca_wire.errors import ProtocolError
-from tca_wire.headers import Limit, ToCentral, ToModule
+from tca_wire.headers import ToCentral, ToModule
+from tca_wire.vocabulary import Limit
 
 _LENGTHS = struct.Struct(">II")
 _encode = msgspec.msgpack.Encoder().encode

@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Generic, TypeVar, overload
 
 from tca_wire.errors import BadData, BadFormat
 from tca_wire.formats import Format
-from tca_wire.headers import Limit, MessageClass, MessageFormat
+from tca_wire.parts import MessageFormat
+from tca_wire.vocabulary import Limit, MessageClass
 
 D = TypeVar("D")
 R = TypeVar("R")

@@ -8,8 +8,8 @@ one handler; its id is the message's own, except that each receiver of a broadca
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.headers import Condition, MessageClass, Outcome, Refusal, Role
 from tca_wire.points import TaskId, describe_moments
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
 

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar, get_args, get_origin
 import msgspec
 
 from tca_wire.errors import BadData, BadFormat
-from tca_wire.headers import Limit
+from tca_wire.vocabulary import Limit
 
 T = TypeVar("T")
 

@@ -5,173 +5,20 @@ the imperative are sent by a module, the others by central. ``number`` counts a 
 a request carries the same number, and 0 means that no answer is wanted. docs/protocol.md has the bytes.
 """
 
-from enum import IntEnum, StrEnum
 from typing import Literal
 
 import msgspec
 
 from tca_wire.constraints import Constraint, Flags
+from tca_wire.parts import Attachment, HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
 from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
 PROTOCOL_VERSION = 1
 
 
-class MessageClass(StrEnum):
-    """How a message is routed and whether it becomes a task (semantics: TCA 8.5, message classes)."""
-
-    INFORM = "inform"
-    QUERY = "query"
-    BROADCAST = "broadcast"
-    MULTI_QUERY = "multi-query"
-    GOAL = "goal"
-    COMMAND = "command"
-    EXCEPTION = "exception handler"
-    POINT_MONITOR = "point monitor"
-    POLLING_MONITOR = "polling monitor"
-    DEMON_MONITOR = "demon monitor"
-    VARIABLE = "variable"
-
-    @property
-    def is_task(self) -> bool:
-        """Whether such a message becomes a node of the task tree."""
-        return self in _TASKS
-
-    @property
-    def is_goal(self) -> bool:
-        """Whether such a task expands into others and is planned; other tasks only act."""
-        return self in _GOALS
-
-    @property
-    def is_monitor(self) -> bool:
-        """Whether central itself carries such a task out."""
-        return self in _MONITORS
-
-    @property
-    def has_reply(self) -> bool:
-        """Whether the sender of such a message is answered by its handlers."""
-        return self in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
-
-
-_GOALS = frozenset((MessageClass.GOAL, MessageClass.EXCEPTION))
-_MONITORS = frozenset((MessageClass.POINT_MONITOR, MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR))
-_TASKS = _GOALS | _MONITORS | {MessageClass.COMMAND}
-
-
-class Role(StrEnum):
-    """Why central made a message itself; "" for what a module sent."""
-
-    NONE = ""
-    EXCEPTION = "exception handler"  # handles the failure of another task
-    LISTENER = "listener"  # of a wiretap
-    TERMINATION = "termination"  # leaves things safe after a kill
-    CONDITION = "condition"  # of a monitor
-    ACTION = "action"
-    SET_UP = "set up"
-    CANCEL = "cancel"
-
-
-class Condition(StrEnum):
-    """When a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the tapped task's interval back until the
-    listener's has ended, *when* holds its end; *while* and *after* hold nothing.
-    """
-
-    WHEN_SENT = "when sent"
-    BEFORE_HANDLING = "before handling"
-    WHILE_HANDLING = "while handling"
-    AFTER_HANDLED = "after handled"
-    AFTER_REPLIED = "after replied"
-    AFTER_SUCCESS = "after success"
-    AFTER_FAILURE = "after failure"
-    WHEN_SUCCESS = "when success"
-    WHEN_FAILURE = "when failure"
-    BEFORE_PLANNING = "before planning"
-    WHILE_PLANNING = "while planning"
-    AFTER_PLANNED = "after planned"
-    WHEN_PLANNED = "when planned"
-    BEFORE_ACHIEVING = "before achieving"
-    WHILE_ACHIEVING = "while achieving"
-    AFTER_ACHIEVED = "after achieved"
-    WHEN_ACHIEVED = "when achieved"
-    WHEN_KILLED = "when killed"
-
-
-class Scope(StrEnum):
-    """What a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
-
-    TASK = "task"  # with everything under it
-    DESCENDANTS = "descendants"  # everything under it, not the task itself
-    SIBLINGS = "siblings"  # all other children of its parent, with everything under them
-
-
-class Outcome(StrEnum):
-    """How a message or task ended."""
-
-    DONE = "done"
-    FAILED = "failed"
-    KILLED = "killed"
-
-
-class Refusal(StrEnum):
-    """Why central refused a request."""
-
-    PROTOCOL = "protocol"  # illegal here: unknown version, not said hello, no such moment, ...
-    FORMAT = "format"  # the format or class of a message is not the one that others use
-    UNKNOWN = "unknown"  # no such message, task or resource
-    CYCLE = "cycle"  # the constraints could never be met
-    TOO_LATE = "too late"  # the point has been reached already
-    OVERLOAD = "overload"  # a bounded queue is full
-
-
 class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """What all headers share: an array on the wire, whose first element is the kind."""
-
-
-class MessageFormat(_Header, frozen=True):
-    """A message's name, class and formats (JSON Schema as text; "" where the class has no reply)."""
-
-    name: str
-    message_class: MessageClass
-    data: str
-    reply: str = ""
-    parts: list[str] = []
-    """Of a monitor, the messages that it sends: condition and action, or set-up, action and cancel ("" for none)."""
-
-
-class HandlerFormat(_Header, frozen=True):
-    """A message that a module handles, in which resource; handlers of one *pool* share the messages."""
-
-    message: str
-    resource: str
-    pool: str = ""
-    pending: int = 0
-    """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
-
-
-class Attachment(_Header, frozen=True):
-    """That an exception handler takes care of a failure, at most *maximum* times (0: any number of times)."""
-
-    failure: str
-    handler: str
-    maximum: int = 0
-
-
-class WatchOptions(_Header, frozen=True):
-    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
-
-    period: float = 0
-    """Of a polling monitor: from one test of the condition to the next."""
-    maximum: int = 0
-    """How many actions end it (0: any number)."""
-    fire_every: int = 1
-    """Every how many times that the condition holds, or that it is fired, an action is sent."""
-    initial_wait: bool = False
-    """Whether a polling monitor tests first after one period, not at once."""
-    duration: float = 0
-    """After how long it ends (0: not because of time)."""
-    until: Point | None = None
-    """The point at which it ends."""
-    for_ever: bool = False
-    """It goes on when all else under its parent has ended."""
 
 
 # --- from a module to central -------------------------------------------------------------------------------------
@@ -450,41 +297,6 @@ class Answer(_Header, frozen=True, tag=36):
     """Of a multi-query: further answers follow; the one without *more* is the end and has no body."""
 
 
-class Involved(_Header, frozen=True):
-    """A task that another one is about."""
-
-    task: TaskId
-    message: str
-
-
-class Trouble(_Header, frozen=True, tag="trouble"):
-    """What an exception handler is called for; the body of the delivery is the failure's data."""
-
-    failure: str
-    text: str
-    failing: Involved
-    attached: Involved
-    """The task that the exception handler is attached to (task 0: the root)."""
-    attempts: int
-    """How often the failing task has been handled."""
-    invocations: int
-    """How often this exception handler has been called for the task that it is attached to, this time included."""
-
-
-class Tapped(_Header, frozen=True, tag="tapped"):
-    """What a listener is sent for."""
-
-    condition: Condition
-    tapped: Involved
-    """The tapped task (task 0: the tapped message is none)."""
-
-
-class Watching(_Header, frozen=True, tag="watching"):
-    """The monitor that sent its set-up, condition, action or cancel message."""
-
-    monitor: Involved
-
-
 class Deliver(_Header, frozen=True, tag=37):
     """Handle this message and answer with Reply or Fail; the body is its data."""
 
@@ -530,11 +342,3 @@ ToCentral = (
     | GetVariable | SetVariable | WaitUntilHandled
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
-
-
-class Limit(IntEnum):
-    """Bounds of the protocol, in bytes or items."""
-
-    PACKET = 16 << 20
-    BODY = 8 << 20
-    NAME = 128

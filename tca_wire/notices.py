@@ -3,7 +3,7 @@
 import msgspec
 
 from tca_wire.declarations import D, Message
-from tca_wire.headers import MessageClass
+from tca_wire.vocabulary import MessageClass
 
 PREFIX = "tca: "
 """Names of messages that begin so are central's own."""

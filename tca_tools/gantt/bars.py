@@ -6,7 +6,7 @@ from itertools import chain
 
 from tca_tools.history import History
 from tca_tools.records import Handling, ModuleRecord, Queueing, Wait
-from tca_wire.headers import Outcome
+from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
 NO_HANDLER = "(no handler)"

@@ -10,9 +10,10 @@ from tca_central.invariants import check_invariants
 from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Entry
-from tca_wire.headers import HandlerFormat, MessageClass, MessageFormat
 from tca_wire.notices import NOTICES
+from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
 

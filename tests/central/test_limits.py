@@ -5,7 +5,9 @@ from central.player import Player, before, point
 
 from tca_central import dispatcher, registry
 from tca_wire import headers
+from tca_wire.parts import HandlerFormat
 from tca_wire.points import Moment
+from tca_wire.vocabulary import Limit, Refusal
 
 
 def test_a_request_holds_so_many_constraints_and_no_more() -> None:
@@ -44,7 +46,7 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest
     player.module("user")
     player.declare("user", "query where", "inform note")
     answers = [player.send("user", "where") for _ in range(3)]
-    assert answers[2][0].refusal is headers.Refusal.OVERLOAD
+    assert answers[2][0].refusal is Refusal.OVERLOAD
     for _ in range(3):
         player.send("user", "note")
     assert len(player.facts_of("dropped")) == 1
@@ -98,7 +100,7 @@ def test_the_words_of_a_failure_are_bounded() -> None:
     task = player.task("user", "move")
     player.receive("legs/1", headers.Fail(task, "x" * 1_000_000, "y" * 1_000_000 + "the reason"))
     (failed,) = player.facts_of("failed")
-    assert len(failed.failure) == headers.Limit.NAME
+    assert len(failed.failure) == Limit.NAME
     assert len(failed.text) < 20_000
     assert failed.text.endswith("the reason")
 
@@ -107,7 +109,7 @@ def test_a_pending_limit_is_no_negative_number() -> None:
     player = Player()
     player.module("user")
     player.declare("user", "query where")
-    handler = headers.HandlerFormat("where", "user", "", -1)
+    handler = HandlerFormat("where", "user", "", -1)
     (answer,) = player.receive("user", headers.Register(player.number("user"), [], [handler]))
     assert answer.text == "-1 of 'where' can't wait: the limit is 1 or more, or 0 for none"
     assert player.facts_of("handler") == []

@@ -7,7 +7,9 @@ from central.player import Player
 from tca_central import variables
 from tca_wire import headers
 from tca_wire.facts import Dropped
-from tca_wire.headers import Answer, MessageClass, MessageFormat, Refusal
+from tca_wire.headers import Answer
+from tca_wire.parts import MessageFormat
+from tca_wire.vocabulary import MessageClass, Refusal
 
 
 def get(player: Player, module: str, variable: str) -> bytes:

@@ -27,9 +27,10 @@ from tca_central.holds import held_counts
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import fields_of, kind_of
-from tca_wire.headers import MessageClass
 from tca_wire.notices import NOTICES
+from tca_wire.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
+from tca_wire.vocabulary import Condition, MessageClass, Scope
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
@@ -89,12 +90,12 @@ class Transcript:
     def declare(self, name: str, message_class: str, message: str, parts: str) -> list[Any]:
         names = ["" if part.strip() == "none" else part.strip() for part in parts.split(",")]
         reply = ANY if message_class == "query" else ""
-        declared = headers.MessageFormat(message, MessageClass(message_class), ANY, reply, names)
+        declared = MessageFormat(message, MessageClass(message_class), ANY, reply, names)
         return self.player.receive(name, headers.Register(self.player.number(name), [declared]))
 
     def tap(self, name: str, condition: str, place: str, listener: str) -> list[Any]:
         where = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
-        header = headers.Tap(self.player.number(name), headers.Condition(condition), listener, **where)  # type: ignore[arg-type]
+        header = headers.Tap(self.player.number(name), Condition(condition), listener, **where)
         return self.player.receive(name, header)
 
     def fire(self, name: str, task: str) -> list[Any]:
@@ -129,7 +130,7 @@ class Transcript:
 
     def attach(self, name: str, what: str, where: str) -> list[Any]:
         place = {"task": TaskId(int(where))} if where.isdigit() else {"message": where}
-        header = headers.Attach(self.player.number(name), read_attachment(what), **place)  # type: ignore[arg-type]
+        header = headers.Attach(self.player.number(name), read_attachment(what), **place)
         return self.player.receive(name, header)
 
     def remove(self, name: str, which: str) -> list[Any]:
@@ -164,7 +165,7 @@ class Transcript:
 
     def kill(self, name: str, scope: str, task: str, delay: str, after: str) -> list[Any]:
         point = read_point(after) if after else None
-        which = headers.Scope(scope or "task")
+        which = Scope(scope or "task")
         header = headers.Kill(self.player.number(name), TaskId(int(task)), "", which, point, float(delay or 0))
         return self.player.receive(name, header)
 
@@ -228,19 +229,19 @@ def read_point(text: str) -> Point:
     return Point(THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()])
 
 
-def read_watch(options: str) -> headers.WatchOptions:
+def read_watch(options: str) -> WatchOptions:
     found = dict(re.findall(r"(?<!fire )\b(every|duration|maximum) ([\d.]+)", options))
     fire_every = re.search(r"fire every (\d+)", options)
     until = re.search(r"until (\w+ \w+ \d+)", options)
-    return headers.WatchOptions(
+    return WatchOptions(
         float(found.get("every", 0)), int(found.get("maximum", 0)), int(fire_every[1]) if fire_every else 1,
         "at first" in options, float(found.get("duration", 0)), read_point(until[1]) if until else None, "for ever" in options,
     )  # fmt: skip
 
 
-def read_attachment(text: str) -> headers.Attachment:
+def read_attachment(text: str) -> Attachment:
     failure, handler, maximum = re.fullmatch(r"\s*(.+)->(\w+)(?:\*(\d+))?\s*", text).groups()  # type: ignore[union-attr]
-    return headers.Attachment("" if failure == "any" else failure, handler, int(maximum or 0))
+    return Attachment("" if failure == "any" else failure, handler, int(maximum or 0))
 
 
 def constraints(text: str) -> tuple[Constraint, ...]:

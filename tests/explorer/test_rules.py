@@ -8,6 +8,7 @@ from explorer.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, walking
 
 from tca_central.agenda import Agenda
 from tca_central.dispatcher import Dispatcher
+from tca_central.holds import Holds
 from tca_central.registry import ModuleResource
 from tca_central.task_tree import Task as LiveTask
 from tca_explorer import (
@@ -190,16 +191,16 @@ def test_without_its_legs_it_waits() -> None:
 
 def release_too_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """Followers are released by whatever their leader reaches."""
-    real = Agenda._release_followers
-    monkeypatch.setattr(Agenda, "_release_followers", lambda self, task, _: real(self, task, 63))
+    real = Holds.let_go
+    monkeypatch.setattr(Holds, "let_go", lambda self, task, _: real(self, task, 63))
 
 
 def release_nobody_who_was_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def release(self: Agenda, task: LiveTask, moments: int, real: Any = Agenda._release_followers) -> None:
-        if not task.killed:
-            real(self, task, moments)
+    def release(self: Holds, task: LiveTask, moments: int, real: Any = Holds.let_go) -> list[LiveTask]:
+        released: list[LiveTask] = [] if task.killed else real(self, task, moments)
+        return released
 
-    monkeypatch.setattr(Agenda, "_release_followers", release)
+    monkeypatch.setattr(Holds, "let_go", release)
 
 
 def give_slots_twice(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from tca_explorer import (
 )
 from tca_wire.constraints import sequential_achievement
 from tca_wire.declarations import Command, Goal
-from tca_wire.headers import Refusal
+from tca_wire.vocabulary import Refusal
 
 
 def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]) -> Scenario:

@@ -19,10 +19,7 @@ from tca_wire.headers import (
     Bye,
     Deliver,
     GiveUp,
-    HandlerFormat,
     Hello,
-    Limit,
-    Refusal,
     Register,
     Reply,
     Send,
@@ -32,7 +29,9 @@ from tca_wire.headers import (
     Unregister,
     Welcome,
 )
+from tca_wire.parts import HandlerFormat
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import Limit, Refusal
 
 WELCOME = Welcome(1, 1, "legs", "one")
 WALK = Goal("walk")

@@ -13,12 +13,7 @@ from tca_wire.headers import (
     Closing,
     Deliver,
     GiveUp,
-    HandlerFormat,
     Hello,
-    MessageClass,
-    MessageFormat,
-    Outcome,
-    Refusal,
     Refused,
     Register,
     Reply,
@@ -29,7 +24,9 @@ from tca_wire.headers import (
     WaitFor,
     Welcome,
 )
+from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Refusal
 
 HELLO = Hello(HELLO_NUMBER, 1, "legs", "run 1")
 A_GOAL = Send(0, "walk")

@@ -12,6 +12,7 @@ from tca_module.session import Session, refers_to_tasks
 from tca_module.testing import LocalCentral
 from tca_wire import headers
 from tca_wire.facts import Received
+from tca_wire.vocabulary import Refusal
 
 SOON = 5.0
 
@@ -132,7 +133,7 @@ def test_what_a_break_does_to_requests() -> None:
     assert session.dropped == 1
     session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
     for number in (2, 3):
-        session.receive(headers.Refused(number, headers.Refusal.TOO_LATE, "long ago"), b"", 0.0)
+        session.receive(headers.Refused(number, Refusal.TOO_LATE, "long ago"), b"", 0.0)
     assert not got.is_over
     assert got.header.number == 4  # asked anew
     assert swapped.lost == "the connection to central broke before the answer came"

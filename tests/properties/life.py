@@ -10,9 +10,10 @@ from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Flags
 from tca_wire.facts import Delivered, Received
-from tca_wire.headers import MessageClass
 from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
+from tca_wire.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Scope
 
 MODULES = {
     "planner": ("goal walk", "goal step", "query where", f"broadcast {HANDLERS_CHANGED.name}"),
@@ -45,7 +46,7 @@ class Life:
         for module in MODULES:
             self.join(module)
         for name, (message_class, parts) in MONITORS.items():
-            declared = headers.MessageFormat(name, MessageClass(message_class), ANY, "", parts)
+            declared = MessageFormat(name, MessageClass(message_class), ANY, "", parts)
             self.request(headers.Register, [declared])
 
     @property
@@ -77,7 +78,8 @@ class Life:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
             pair = [point(one, moment), point(-1, list(Moment)[a % 6])]
             delay = c % 5 if a % 4 == 0 else 0
-            constraints.append(before(*(pair if b % 2 else reversed(pair)), delay))
+            one_point, other = pair if b % 2 else reversed(pair)
+            constraints.append(before(one_point, other, delay))
             if b % 5 == 0:
                 constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), d % 5))
         self.player.send(
@@ -92,9 +94,9 @@ class Life:
         return Player.format(MESSAGES[b % len(MESSAGES)]).name
 
     @staticmethod
-    def attachment(a: int, b: int) -> headers.Attachment:
+    def attachment(a: int, b: int) -> Attachment:
         handler = "report" if a % 2 else "recover"
-        return headers.Attachment(FAILURES[b % len(FAILURES)], handler, b % 3)
+        return Attachment(FAILURES[b % len(FAILURES)], handler, b % 3)
 
     def reply_(self, a: int, *_: int) -> None:
         attended = list(self.central.dispatcher.attended.values())
@@ -124,7 +126,7 @@ class Life:
         if task := self.task(a):
             after = self.task(c) if d % 3 == 0 else None
             place = point(after, list(Moment)[d % 6]) if after else None
-            self.request(headers.Kill, task, "", list(headers.Scope)[b % 7 if b % 7 < 3 else 0], place, d % 4)
+            self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, d % 4)
 
     def attach_(self, a: int, b: int, c: int, d: int) -> None:
         task = self.task(a) or TaskId(0)
@@ -152,7 +154,7 @@ class Life:
             self.request(headers.Deadline, point(task, list(Moment)[b % 6]), c % 10)
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
-        conditions = list(headers.Condition)
+        conditions = list(Condition)
         message = ("", "move", "walk", "where", "lift", "watch")[c % 6]
         listener = ("note", "lift", "step", "pose")[b % 4]
         if message or self.task(d):
@@ -161,7 +163,7 @@ class Life:
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
         until = point(tasks[-1], list(Moment)[c % 6]) if b % 7 == 0 and len(tasks) > 1 else None
-        options = headers.WatchOptions(1 + c % 5, d % 3, 1 + a % 2, b % 2 == 0, 5 * (a % 3 == 0), until, d % 5 == 0)
+        options = WatchOptions(1 + c % 5, d % 3, 1 + a % 2, b % 2 == 0, 5 * (a % 3 == 0), until, d % 5 == 0)
         name = list(MONITORS)[a % 3]
         self.player.send("user", name, under=tasks[c % len(tasks)], flags=Flags(d % 2), watch=options)
 

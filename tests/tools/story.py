@@ -9,9 +9,9 @@ from tca_tools.history import History
 from tca_wire import facts
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
 from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.headers import MessageClass, Outcome
 from tca_wire.journal import record
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
 
 GOAL, COMMAND, QUERY = MessageClass.GOAL, MessageClass.COMMAND, MessageClass.QUERY
 PLANNING = Moment.START_HANDLING | Moment.START_PLANNING

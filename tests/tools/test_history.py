@@ -17,8 +17,8 @@ from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.waiting import why_waiting
 from tca_wire import facts
 from tca_wire.constraints import plan_first
-from tca_wire.headers import MessageClass, Outcome
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.wording import Wording
 
 

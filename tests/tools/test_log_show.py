@@ -15,8 +15,8 @@ from tca_tools.data import data_text, plain_data
 from tca_tools.log import KINDS
 from tca_wire import facts
 from tca_wire.constraints import Constraint
-from tca_wire.headers import Condition, MessageClass, Outcome, Refusal
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal
 
 Tca = Callable[..., Result]
 

@@ -1,0 +1,93 @@
+"""What travels inside of headers: formats, options, and what a delivery is about."""
+
+import msgspec
+
+from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import Condition, MessageClass
+
+
+class _Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """What all parts share: an array on the wire."""
+
+
+class MessageFormat(_Part, frozen=True):
+    """A message's name, class and formats (JSON Schema as text; "" where the class has no reply)."""
+
+    name: str
+    message_class: MessageClass
+    data: str
+    reply: str = ""
+    parts: list[str] = []
+    """Of a monitor, the messages that it sends: condition and action, or set-up, action and cancel ("" for none)."""
+
+
+class HandlerFormat(_Part, frozen=True):
+    """A message that a module handles, in which resource; handlers of one *pool* share the messages."""
+
+    message: str
+    resource: str
+    pool: str = ""
+    pending: int = 0
+    """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
+
+
+class Attachment(_Part, frozen=True):
+    """That an exception handler takes care of a failure, at most *maximum* times (0: any number of times)."""
+
+    failure: str
+    handler: str
+    maximum: int = 0
+
+
+class WatchOptions(_Part, frozen=True):
+    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
+
+    period: float = 0
+    """Of a polling monitor: from one test of the condition to the next."""
+    maximum: int = 0
+    """How many actions end it (0: any number)."""
+    fire_every: int = 1
+    """Every how many times that the condition holds, or that it is fired, an action is sent."""
+    initial_wait: bool = False
+    """Whether a polling monitor tests first after one period, not at once."""
+    duration: float = 0
+    """After how long it ends (0: not because of time)."""
+    until: Point | None = None
+    """The point at which it ends."""
+    for_ever: bool = False
+    """It goes on when all else under its parent has ended."""
+
+
+class Involved(_Part, frozen=True):
+    """A task that another one is about."""
+
+    task: TaskId
+    message: str
+
+
+class Trouble(_Part, frozen=True, tag="trouble"):
+    """What an exception handler is called for; the body of the delivery is the failure's data."""
+
+    failure: str
+    text: str
+    failing: Involved
+    attached: Involved
+    """The task that the exception handler is attached to (task 0: the root)."""
+    attempts: int
+    """How often the failing task has been handled."""
+    invocations: int
+    """How often this exception handler has been called for the task that it is attached to, this time included."""
+
+
+class Tapped(_Part, frozen=True, tag="tapped"):
+    """What a listener is sent for."""
+
+    condition: Condition
+    tapped: Involved
+    """The tapped task (task 0: the tapped message is none)."""
+
+
+class Watching(_Part, frozen=True, tag="watching"):
+    """The monitor that sent its set-up, condition, action or cancel message."""
+
+    monitor: Involved
