@@ -92,6 +92,8 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _lose(central, delivery, module, why, lost=lost)
         elif isinstance(delivery, Task):
+            if delivery.suspended or delivery.again:  # it will not be queued at once
+                central.facts.append(facts.Unqueued(delivery.given_as))
             central.agenda.hand_back(delivery)
         else:
             central.dispatcher.route(delivery)

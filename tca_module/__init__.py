@@ -3,6 +3,8 @@
 from tca_module.callbacks import Callback
 from tca_module.client import Client, connect
 from tca_module.constraints import this
+from tca_module.context import Heard, MonitorHandle, Trouble
+from tca_module.control import MonitorOptions
 from tca_module.errors import (
     BadData,
     CentralLost,
@@ -23,8 +25,10 @@ from tca_module.presence import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.replies import Notification, PendingReplies, PendingReply
 from tca_module.sender import Sender, TaskOptions
 from tca_module.task import Task
+from tca_module.task_handle import Attached, TaskHandle, TaskInfo
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint
+from tca_wire.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
 from tca_wire.declarations import (
     Broadcast,
     Command,
@@ -40,13 +44,14 @@ from tca_wire.declarations import (
 from tca_wire.errors import BadFormat
 from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import Condition, Outcome
 
 __all__ = [
     "HANDLERS_CHANGED",
     "MODULE_JOINED",
     "MODULE_LEFT",
     "Arrival",
+    "Attached",
     "BadData",
     "BadFormat",
     "Broadcast",
@@ -54,15 +59,19 @@ __all__ = [
     "CentralLost",
     "Client",
     "Command",
+    "Condition",
     "Constraint",
+    "DemonMonitor",
     "Departure",
     "Edge",
+    "ExceptionHandler",
     "Failure",
     "FailureRaised",
     "FormatRefused",
     "Goal",
     "HandlerCount",
     "HandlerInfo",
+    "Heard",
     "Inform",
     "Interval",
     "Later",
@@ -71,12 +80,16 @@ __all__ = [
     "Module",
     "ModuleInfo",
     "Moment",
+    "MonitorHandle",
+    "MonitorOptions",
     "MultiQuery",
     "Notification",
     "Outcome",
     "PendingReplies",
     "PendingReply",
     "Point",
+    "PointMonitor",
+    "PollingMonitor",
     "Query",
     "QueryFailed",
     "Refused",
@@ -85,11 +98,14 @@ __all__ = [
     "Stopped",
     "Task",
     "TaskFailed",
+    "TaskHandle",
+    "TaskInfo",
     "TaskKilled",
     "TaskOptions",
     "TaskRef",
     "TcaError",
     "Timeout",
+    "Trouble",
     "Variable",
     "VariableNotSet",
     "connect",

@@ -194,6 +194,13 @@ is alive: it is overloaded; whether it took the request is not known"
             self._catch_up()
             return self.session.is_cancelled(delivery)
 
+    def is_suspended(self, delivery: int) -> bool:
+        """Whether the task of a delivery that is being handled is suspended."""
+        self._check_thread()
+        with self._lock:
+            self._catch_up()
+            return self.session.is_suspended(delivery)
+
     # --- waiting ---------------------------------------------------------------------------------------------------
 
     def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:

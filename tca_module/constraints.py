@@ -19,8 +19,21 @@ class Order(Constraint, frozen=True):
         raise MisuseError(msg)
 
 
+class LaterPoint:
+    """So many seconds after a moment of a task."""
+
+    def __init__(self, point: Point, seconds: float) -> None:
+        self.point, self.seconds = point, seconds
+
+    def __le__(self, other: Point) -> Order:
+        return Order(self.point, other, self.seconds)
+
+
 class TaskPoint(Point, frozen=True):
-    """A moment of a task that can be compared with another to make a constraint."""
+    """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is 2.5 s later."""
+
+    def __add__(self, seconds: float) -> LaterPoint:
+        return LaterPoint(self, seconds)
 
     def __le__(self, other: Point) -> Order:
         return Order(self, other)

@@ -18,11 +18,17 @@ class Misfit(Exception):
     """Data that a handler was given, or what it returned, does not fit the declaration."""
 
 
+class Reissued(Exception):
+    """An exception handler cannot deal with its failure."""
+
+
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """What central is told of an error that ended a handler."""
     error = _sole(error)
     if isinstance(error, FailureRaised):
-        return Fail(delivery, error.name, error.text), error.body
+        return Fail(delivery, error.name, error.text, error.kinds), error.body
+    if isinstance(error, Reissued):
+        return Fail(delivery, "", reissue=True), b""
     if isinstance(error, Misfit):
         return Fail(delivery, BAD_DATA, str(error)), b""
     if isinstance(error, asyncio.CancelledError):

@@ -5,18 +5,21 @@ from contextlib import AbstractContextManager
 from typing import Any, TypedDict, Unpack, overload
 
 from tca_module.connection import Connection
+from tca_module.control import Control
 from tca_module.errors import MisuseError
-from tca_module.knowledge import Knowledge
 from tca_module.ordering import Ordering
 from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, name_of, not_answered
 from tca_module.session import Request
+from tca_module.task_handle import attachment
 from tca_module.task_ref import TaskRef
-from tca_wire.constraints import Constraint, Flags
+from tca_wire.constraints import Constraint, Flags, not_before
+from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import (
     NOTHING,
     Broadcast,
     Command,
     D,
+    Failure,
     Goal,
     Inform,
     Message,
@@ -26,7 +29,7 @@ from tca_wire.declarations import (
     Variable,
 )
 from tca_wire.headers import Constrain, Send
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ROOT, THIS, TaskId
 from tca_wire.vocabulary import MessageClass
 
 HIGHEST_PRIORITY = 1_000_000
@@ -47,9 +50,15 @@ class TaskOptions(TypedDict, total=False):
     """Higher goes first where several wait for one resource."""
     constraints: Sequence[Constraint]
     """Others; ``this`` stands for the new task."""
+    on_failure: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]
+    """Exception handlers of the new task, each newer than the one before it; None is any failure."""
+    deadline: float
+    """Seconds within which it must be achieved, or the failure "timeout" is raised on it."""
+    delay: float
+    """Seconds, from now, within which it is not started."""
 
 
-class Sender(Knowledge):
+class Sender(Control):
     """Something that sends messages."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
@@ -86,15 +95,19 @@ class Sender(Knowledge):
         """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
         _check_options(message, options)
         body = message.encode_data(data)
-        connection = self._declare(message)
+        handlers = [attachment(failure, handler, 0) for failure, handler in options.get("on_failure", ())]
+        connection = self._declare(message, *(handler for _, handler in options.get("on_failure", ())))
         self._forget_if_central_did(connection.session.epoch)
         sequential = options.get("sequential", True)
         is_goal = message.message_class is MessageClass.GOAL
         flags, constraints = self._ordering.place(is_goal=is_goal, sequential=sequential)
         flags |= _flags(options)
+        constraints += options.get("constraints", ())
+        if delay := options.get("delay"):
+            constraints.append(not_before(THIS, delay))
         header = Send(
-            0, message.name, self._parent, self._origin, flags, [*constraints, *options.get("constraints", ())],
-            options.get("priority", 0), if_handled=handled,
+            0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
+            attachments=handlers, deadline=options.get("deadline", 0), if_handled=handled,
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
         if not task_id:

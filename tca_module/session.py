@@ -258,6 +258,8 @@ class Session:
             return  # central repeats after a reconnect what it does not know to have arrived
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
         self._attended[header.delivery] = False
+        if header.suspended:
+            self._suspended.add(header.delivery)
         self.deliveries.append((header, body))
 
     def _said(self) -> list[tuple[Reply | Fail, bytes]]:

@@ -1,15 +1,19 @@
 """What a handler sees of the message that it handles, and sends from."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 from tca_module.connection import Connection
 from tca_module.constraints import Intervals, Span
+from tca_module.context import Heard, MonitorHandle, Trouble, context_of
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.later import Later
 from tca_module.sender import Sender
+from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message
 from tca_wire.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
+
+C = TypeVar("C")
 
 
 class Task(Sender, Intervals):
@@ -54,6 +58,41 @@ class Task(Sender, Intervals):
             return self._connection().is_cancelled(self._origin)
         except CentralLost:
             return True
+
+    @property
+    def suspended(self) -> bool:
+        """Whether the task is suspended: its handler may hold what it does, or finish it. Never waits."""
+        return self._connection().is_suspended(self._origin)
+
+    @property
+    def handle(self) -> TaskHandle:
+        """This task as others have it: to be killed, suspended, retried."""
+        if self._task_id == ROOT:
+            msg = f"'{self.message}' is no task of the tree"
+            raise MisuseError(msg)
+        return TaskHandle(self._connection(), self.message, self._task_id, self._origin)
+
+    @property
+    def trouble(self) -> Trouble:
+        """In an exception handler: the failure that it is called for."""
+        return self._context(Trouble, "exception handler")
+
+    @property
+    def heard(self) -> Heard:
+        """In a listener of a wiretap: what it listens to."""
+        return self._context(Heard, "listener of a wiretap")
+
+    @property
+    def monitor_handle(self) -> MonitorHandle[Any]:
+        """In what a monitor sent: that monitor."""
+        return self._context(MonitorHandle, "message of a monitor")
+
+    def _context(self, kind: type[C], what: str) -> C:
+        context = context_of(self._connection(), self._delivery)
+        if not isinstance(context, kind):
+            msg = f"'{self.message}' was not sent as {what}"
+            raise MisuseError(msg)
+        return context
 
     def reply_later(self) -> Later[Any]:
         """Let somebody else answer: the handler returns what this gives, and is done; the message is not.

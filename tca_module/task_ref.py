@@ -4,41 +4,25 @@ from collections.abc import Generator
 from typing import Any, Generic
 
 from tca_module.connection import Connection
-from tca_module.constraints import Intervals
-from tca_module.errors import NIL, BadData, CentralLost, MisuseError, TaskFailed, TaskKilled, Timeout
+from tca_module.errors import NIL, BadData, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.session import Request
+from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message, R
-from tca_wire.headers import Answer, Kill, WaitFor
+from tca_wire.headers import Answer, WaitFor
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Outcome
 
 
-class TaskRef(Intervals, Generic[R]):
-    """A goal or command that was sent. ``ref.achieving.end`` and the like are its points, for constraints.
+class TaskRef(TaskHandle, Generic[R]):
+    """A task that was sent. ``ref.achieving.end`` and the like are its points, for constraints.
 
     In an async handler ``await ref`` gives what ``ref.result()`` does, without a timeout (asyncio.timeout has one).
     """
 
     def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
-        super().__init__(task_id)
-        self._connection = connection
+        super().__init__(connection, message.name, task_id, origin)
         self._message = message
-        self._origin = origin
-        self._epoch = connection.session.epoch
         self._end: tuple[Answer, bytes] | None = None
-
-    def __repr__(self) -> str:
-        return f"task {self.id} '{self.message}'"
-
-    @property
-    def id(self) -> TaskId:
-        """The task's number, as in the journal."""
-        return self._task_id
-
-    @property
-    def message(self) -> str:
-        """The name of the message that the task is."""
-        return self._message.name
 
     def result(self, timeout: float | None = None) -> R:
         """What the task's handler returned; waits until the task has been achieved, at most *timeout* seconds.
@@ -59,6 +43,9 @@ class TaskRef(Intervals, Generic[R]):
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
+        if answer.failure and not body and self._message.reply.kind is not type(None):
+            text = f"{answer.text} (an exception handler dealt with it, so there is no result)"
+            raise TaskFailed(repr(self), answer.failure, text, b"")
         try:
             return self._message.decode_reply(body or NIL)
         except BadData as error:
@@ -77,11 +64,6 @@ class TaskRef(Intervals, Generic[R]):
         Returns how the point's task stands then: a task that is killed reaches all its points at once. Raises Timeout.
         """
         return self._reached(point, timeout)[0].outcome
-
-    def kill(self, why: str = "") -> None:
-        """End the task and everything under it. Handlers that run are told, and not interrupted."""
-        self._check_epoch()
-        self._connection.call(Kill(0, self.id, why), f"killing {self}")
 
     def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
         if self._end is None:
@@ -102,11 +84,6 @@ class TaskRef(Intervals, Generic[R]):
         point = _checked(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         return what, self._connection.request(WaitFor(0, point, self._origin), wants_answer=True)
-
-    def _check_epoch(self) -> None:
-        if self._epoch != self._connection.session.epoch:
-            msg = f"central was restarted and has forgotten {self}: send it again"
-            raise CentralLost(msg)
 
 
 def _checked(point: Any) -> Point:

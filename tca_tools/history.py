@@ -163,6 +163,7 @@ class History:
             self.messages[fact.id].queueing = queueing
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
+        self._finish(fact.id)  # its handler left, and it may not wait for the next yet
         self._unqueue(fact.id)
 
     def _unqueue(self, delivery: int) -> Queueing | None:

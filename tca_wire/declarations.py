@@ -7,6 +7,7 @@ Declared once, in the robot's own ``messages.py``::
     NEXT_STANCE = Query("next stance", Pose, reply=Stance)
 """
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar, overload
 
 from tca_wire.errors import BadData, BadFormat
@@ -191,22 +192,26 @@ class Variable(Message[D, None]):
 
 
 class Failure(Generic[D]):
-    """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``."""
+    """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``.
+
+    Of a failure that is a *kind_of* another the exception handlers of that other one take care, too.
+    """
 
     @overload
-    def __init__(self: "Failure[None]", name: str) -> None: ...
+    def __init__(self: "Failure[None]", name: str, *, kind_of: "Failure[Any] | None" = None) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D]) -> None: ...
+    def __init__(self, name: str, data: type[D], *, kind_of: "Failure[Any] | None" = None) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any) -> None: ...
-    def __init__(self, name: str, data: Any = None) -> None:
+    def __init__(self, name: str, data: Any, *, kind_of: "Failure[Any] | None" = None) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None) -> None:
         self.name = _checked_name(name)
         self.data: Format[D] = Format(type(None) if data is None else data)
+        self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
 
     def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":
         """The Python exception to raise. Raises BadData if *data* does not fit."""
         try:
-            return FailureRaised(self.name, text, self.data.encode(data))
+            return FailureRaised(self.name, text, self.data.encode(data), self.kinds)
         except BadData as error:
             msg = f"failure '{self.name}' wants data of type {self.data}: {error}"
             raise BadData(msg) from None
@@ -215,6 +220,6 @@ class Failure(Generic[D]):
 class FailureRaised(Exception):
     """A failure on its way from a handler to its task."""
 
-    def __init__(self, name: str, text: str, body: bytes) -> None:
+    def __init__(self, name: str, text: str, body: bytes, kinds: Sequence[str] = ()) -> None:
         super().__init__(f"{name}: {text}" if text else name)
-        self.name, self.text, self.body = name, text, body
+        self.name, self.text, self.body, self.kinds = name, text, body, list(kinds)

@@ -118,7 +118,9 @@ class Queued(_Fact, frozen=True, tag="queued"):
 
 
 class Unqueued(_Fact, frozen=True, tag="unqueued"):
-    """A delivery waits no longer and nobody was given it: its task is held again or killed, or its sender gave up."""
+    """A delivery waits no longer and nobody was given it: its task is held again, suspended or killed, its sender
+    gave up, or the handler that had it left.
+    """
 
     id: int
 

@@ -19,6 +19,8 @@ PRINTED = {
     "05_failure": "lift 0\nstep 0\nlift 1\nfailed: ",
     "06_testing_without_central": "passed\n",
     "07_explore": "a careful robot: good, ",
+    "08_recovery": "lift to 0.2: hit a rock at 0.3\nlift to 0.4: clear\ndone\n",
+    "09_monitors_and_taps": "checked 0.2\nmoved 0.2\nchecked 0.4\nmoved 0.4\n",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
     "21_start_up_order": "asked too early: None\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",

@@ -1,0 +1,106 @@
+"""Watching over what others do: exception handlers, wiretaps and monitors, from any sender."""
+
+from typing import Any, TypedDict, Unpack
+
+from tca_module.context import MonitorHandle
+from tca_module.errors import MisuseError
+from tca_module.knowledge import Knowledge
+from tca_module.task_handle import Attached, TaskHandle, attachment
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.controls import ExceptionHandler, Monitor, PointMonitor
+from tca_wire.declarations import NOTHING, D, Failure, Message
+from tca_wire.headers import Attach, Send, Tap
+from tca_wire.parts import WatchOptions
+from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.vocabulary import Condition
+
+
+class MonitorOptions(TypedDict, total=False):
+    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
+
+    period: float
+    """Of a polling monitor: from one test of its condition to the next."""
+    maximum: int
+    """It ends after so many actions."""
+    fire_every: int
+    """Only every so many times that the condition holds, or it is fired, an action is sent."""
+    initial_wait: bool
+    """A polling monitor tests first after one period, not at once."""
+    duration: float
+    """It ends after so many seconds."""
+    until: Point
+    """It ends when this point is reached."""
+    for_ever: bool
+    """It does not end with what it watches over: the other tasks under its parent."""
+    sequential: bool
+    """Of a point monitor: it tests after the sibling before it has been achieved; True unless said otherwise."""
+    constraints: list[Constraint]
+
+
+class Control(Knowledge):
+    """The part of a sender that watches over tasks."""
+
+    _parent: TaskId
+
+    def on_failure(
+        self,
+        failure: Failure[Any] | None,
+        handler: ExceptionHandler[Any],
+        *,
+        of: Message[Any, Any] | TaskHandle | None = None,
+        maximum: int = 0,
+    ) -> Attached:
+        """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
+        it, or (of=None) of all tasks.
+
+        It is called at most *maximum* times (0: any number) for each task that it is attached to; of several the newest
+        is called first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage).
+        """
+        if isinstance(of, TaskHandle):
+            return of.on_failure(failure, handler, maximum=maximum)
+        wanted = attachment(failure, handler, maximum)
+        connection = self._declare(handler, *([of] if of is not None else []))
+        where = f"all '{of.name}'" if of is not None else "the root"
+        header = Attach(0, wanted, ROOT, of.name if of is not None else "")
+        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"))
+
+    def tap(
+        self, condition: Condition, tapped: Message[Any, Any] | TaskHandle, listener: Message[Any, Any]
+    ) -> Attached:
+        """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
+
+        *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
+        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference).
+        """
+        is_task = isinstance(tapped, TaskHandle)
+        connection = self._declare(listener, *([] if isinstance(tapped, TaskHandle) else [tapped]))
+        name = "" if isinstance(tapped, TaskHandle) else tapped.name
+        header = Tap(0, condition, listener.name, name, tapped.id if isinstance(tapped, TaskHandle) else ROOT)
+        what = f"tapping {tapped if is_task else repr(name)} with '{listener.name}'"
+        return Attached(connection, connection.call(header, what))
+
+    def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
+        """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
+        ends when all else under its parent has ended.
+        """
+        if not isinstance(monitor, Monitor):
+            msg = f"monitor() takes monitors, and {monitor!r} is none"
+            raise MisuseError(msg)
+        unknown = sorted(options.keys() - MonitorOptions.__annotations__.keys())
+        if unknown:
+            msg = f"a monitor can't have {unknown[0]}=: the options are {', '.join(MonitorOptions.__annotations__)}"
+            raise MisuseError(msg)
+        body = monitor.encode_data(data)
+        connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
+        is_in_turn = isinstance(monitor, PointMonitor) and options.get("sequential", True)
+        watch = WatchOptions(
+            options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
+            options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
+            options.get("for_ever", False),
+        )  # fmt: skip
+        header = Send(
+            0, monitor.name, self._parent, self._origin, Flags.SEQ_ACH if is_in_turn else Flags.NONE,
+            options.get("constraints", []), watch=watch,
+        )  # fmt: skip
+        task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
+        return MonitorHandle(connection, monitor.name, task_id, self._origin)

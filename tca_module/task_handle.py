@@ -1,0 +1,194 @@
+"""What can be done to a task of the tree by anybody who knows its number."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import msgspec
+
+from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.constraints import Intervals
+from tca_module.errors import CentralLost, MisuseError, Timeout
+from tca_wire.controls import ExceptionHandler
+from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
+from tca_wire.headers import Attach, Deadline, Inspect, Kill, Raise, Remove, Retry, Send, Suspend
+from tca_wire.parts import Attachment
+from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import Scope
+
+
+class TaskInfo(NamedTuple):
+    """How a living task stands."""
+
+    id: TaskId
+    message: str
+    message_class: str
+    parent: TaskId
+    reached: list[str]
+    """Its moments that are past, in words."""
+    held: dict[str, int]
+    """The moments that constraints hold back, and how many of them."""
+    module: str
+    """Whose handler has it now."""
+    suspended: bool
+    killed: str
+    failure: str
+    data: bytes
+
+
+_ROW = "task", "message", "class", "parent", "reached", "held", "module", "suspended", "killed", "failure", "data"
+
+
+class Attached:
+    """An exception handler or wiretap that was attached; ``remove()`` takes it away."""
+
+    def __init__(self, connection: Connection, attachment_id: int) -> None:
+        self._connection = connection
+        self.id = attachment_id
+
+    def remove(self) -> None:
+        """Take it away; what it has sent stays."""
+        self._connection.call(Remove(0, self.id), f"removing {self.id}")
+
+
+def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int) -> Attachment:
+    """That *handler* takes care of *failure* (None: of any)."""
+    if not isinstance(handler, ExceptionHandler):
+        msg = f"{handler!r} is no ExceptionHandler: declare the message as one"
+        raise MisuseError(msg)
+    return Attachment(failure.name if failure is not None else "", handler.name, maximum)
+
+
+class TaskHandle(Intervals):
+    """A task of the tree: kill, suspend or retry it, raise a failure on it, look at its relatives."""
+
+    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
+        super().__init__(task_id)
+        self._connection = connection
+        self._name = message
+        self._origin = origin
+        self._epoch = connection.session.epoch
+
+    def __repr__(self) -> str:
+        return f"task {self.id} '{self.message}'"
+
+    @property
+    def id(self) -> TaskId:
+        """The task's number, as in the journal."""
+        return self._task_id
+
+    @property
+    def message(self) -> str:
+        """The name of the message that the task is."""
+        return self._name
+
+    # --- its end ---------------------------------------------------------------------------------------------------
+
+    def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> None:
+        """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
+        and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
+        """
+        self._call(Kill(0, self.id, why, scope, after, delay), f"killing {self}")
+
+    def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
+        """Send *message* when the task is killed after it was started: to leave things safe (TDL: ON TERMINATE).
+
+        What comes after the task waits until that has been done.
+        """
+        body = message.encode_data(data)
+        self._connection.declare(message)
+        self._call(Send(0, message.name, self.id, self._origin, when_killed=True), f"on termination of {self}", body)
+
+    def deadline(self, seconds: float, point: Point | None = None) -> None:
+        """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now."""
+        self._call(Deadline(0, point or self.achieving.end, seconds), f"a deadline of {self}")
+
+    # --- failures --------------------------------------------------------------------------------------------------
+
+    def on_failure(self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int = 0) -> Attached:
+        """Let *handler* take care of *failure* (None: of any) where it is raised on the task or below, *maximum* times
+        at most (0: any number). The newest of several is called first.
+        """
+        wanted = attachment(failure, handler, maximum)
+        self._connection.declare(handler)
+        return Attached(
+            self._connection, self._call(Attach(0, wanted, self.id), f"attaching '{handler.name}' to {self}")
+        )
+
+    def fail(self, failure: FailureRaised) -> None:
+        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on."""
+        header = Raise(0, self.id, failure.name, failure.text, failure.kinds)
+        self._call(header, f"raising '{failure.name}' on {self}", failure.body)
+
+    def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> None:
+        """Kill what is under the task, and let it be handled again when that, and the exception handler that asks for
+        it, has ended. With *message*, which it is, it gets new *data*.
+        """
+        if message is not None and message.name != self.message:
+            msg = f"{self} can't be retried with data of '{message.name}'"
+            raise MisuseError(msg)
+        body = message.encode_data(data) if message is not None else b""
+        self._call(Retry(0, self.id, message is not None), f"a retry of {self}", body)
+
+    # --- suspending ------------------------------------------------------------------------------------------------
+
+    def suspend(self) -> None:
+        """Start nothing of the task and what is under it from now on; handlers that run are told."""
+        self._call(Suspend(0, self.id), f"suspending {self}")
+
+    def resume(self) -> None:
+        """Let it go on."""
+        self._call(Suspend(0, self.id, resume=True), f"resuming {self}")
+
+    # --- relatives -------------------------------------------------------------------------------------------------
+
+    def info(self) -> TaskInfo | None:
+        """How the task stands; None if it has ended."""
+        return next((info for info, _ in self._relatives("self")), None)
+
+    def data(self, message: Message[D, Any]) -> D:
+        """The data with which the task is being done. Raises MisuseError if it has ended or is another message."""
+        info = self.info()
+        if info is None or info.message != message.name:
+            msg = f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
+            raise MisuseError(msg)
+        return message.decode_data(info.data)
+
+    def parent(self) -> "TaskHandle | None":
+        """The task that it is under; None at the top, or if it has ended."""
+        return next((handle for _, handle in self._relatives("parent")), None)
+
+    def children(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+        """Its living children, oldest first (those of one *message*)."""
+        return [handle for _, handle in self._relatives("children", message)]
+
+    def ancestors(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+        """The tasks above it, nearest first."""
+        return [handle for _, handle in self._relatives("ancestors", message)]
+
+    def descendants(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+        """The living tasks under it, parents first."""
+        return [handle for _, handle in self._relatives("descendants", message)]
+
+    def _relatives(
+        self, relation: Any, message: Message[Any, Any] | None = None
+    ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
+        self._check_epoch()
+        header = Inspect(0, self.id, relation, message.name if message is not None else "")
+        request = self._connection.request(header, wants_answer=True)
+        what = f"the {relation} of {self}"
+        if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
+            self._connection.abandon(request)
+            msg = f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s"
+            raise Timeout(msg)
+        for row in msgspec.msgpack.decode(request.answers[-1][1]):
+            info = TaskInfo(*(row[key] for key in _ROW))
+            yield info, TaskHandle(self._connection, info.message, info.id, self._origin)
+
+    def _call(self, header: Any, what: str, body: bytes = b"") -> int:
+        self._check_epoch()
+        return self._connection.call(header, what, body)
+
+    def _check_epoch(self) -> None:
+        if self._epoch != self._connection.session.epoch:
+            msg = f"central was restarted and has forgotten {self}: send it again"
+            raise CentralLost(msg)

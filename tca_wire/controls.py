@@ -1,0 +1,111 @@
+"""Declarations of what controls other tasks: exception handlers and monitors.
+
+::
+
+    TERRAIN_COLLISION = Failure("terrain collision", Contact)
+    HIGHER_SWING = ExceptionHandler("higher swing", Contact)
+    BATTERY = PollingMonitor("battery", condition=IS_LOW, action=GO_HOME)
+"""
+
+from typing import Any, overload
+
+import msgspec
+
+from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, Query
+from tca_wire.errors import BadFormat
+from tca_wire.parts import MessageFormat
+from tca_wire.vocabulary import MessageClass
+
+Action = Goal[Any] | Command[Any, Any] | Inform[Any] | Broadcast[Any]
+"""What a monitor may send."""
+
+
+class ExceptionHandler(Message[D, None]):
+    """A task that decides what becomes of another one that failed; it gets the failure's data, or none of it."""
+
+    message_class = MessageClass.EXCEPTION
+
+    @overload
+    def __init__(self: "ExceptionHandler[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+    def decode_data(self, data: bytes) -> D:
+        """The failure's data; one that is declared without any leaves them aside."""
+        nothing: Any = None
+        return nothing if self.data.kind is type(None) else super().decode_data(data)
+
+
+class Monitor(Message[D, None]):
+    """A task that watches, carried out by central. Use one of the subclasses."""
+
+    def __init__(self, name: str, data: Any, parts: "list[Message[Any, Any] | None]") -> None:
+        super().__init__(name, data)
+        self.parts = parts
+
+    @property
+    def format(self) -> MessageFormat:
+        """What central is told of this monitor."""
+        names = [part.name if part is not None else "" for part in self.parts]
+        return msgspec.structs.replace(super().format, parts=names)
+
+    def _check(self, what: str, message: "Message[Any, Any] | None", kinds: tuple[type, ...]) -> None:
+        if message is not None and not isinstance(message, kinds):
+            wanted = ", ".join(kind.__name__ for kind in kinds)
+            text = f"the {what} of {self.message_class} '{self.name}' can be of class {wanted}, and {message!r} is not"
+            raise BadFormat(text)
+
+
+_ACTIONS = (Goal, Command, Inform, Broadcast)
+
+
+class _Conditional(Monitor[D]):
+    """A monitor that asks a query: None and False say that the condition does not hold; any other reply is the data of
+    the action, except True, for which the action gets the monitor's own data.
+    """
+
+    def __init__(self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None) -> None:
+        super().__init__(name, data, [condition, action])
+        self._check("condition", condition, (Query,))
+        self._check("action", action, _ACTIONS)
+        if condition.data.schema != self.data.schema:
+            text = f"{self.message_class} '{name}' has data {self.data}, and its condition '{condition.name}' wants"
+            raise BadFormat(f"{text} {condition.data}: they must be the same")
+
+
+class PointMonitor(_Conditional[D]):
+    """Tests its condition once, when its turn among its siblings comes (TCA 8.5: RegisterPointMonitor)."""
+
+    message_class = MessageClass.POINT_MONITOR
+
+
+class PollingMonitor(_Conditional[D]):
+    """Tests its condition every period (TCA 8.5: RegisterPollingMonitor)."""
+
+    message_class = MessageClass.POLLING_MONITOR
+
+
+class DemonMonitor(Monitor[D]):
+    """Has something set up, is fired by a module, and has it cancelled (TCA 8.5: RegisterDemonMonitor). Set-up and
+    cancel message get the monitor's data, the action what it is fired with.
+    """
+
+    message_class = MessageClass.DEMON_MONITOR
+
+    def __init__(
+        self,
+        name: str,
+        data: Any = None,
+        *,
+        set_up: Action | None = None,
+        action: Action | None = None,
+        cancel: Action | None = None,
+    ) -> None:
+        super().__init__(name, data, [set_up, action, cancel])
+        self.action = action
+        for what, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
+            self._check(what, part, _ACTIONS)
