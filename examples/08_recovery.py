@@ -20,7 +20,7 @@ expert = Module("expert")
 
 
 @legs.handles(LIFT)
-def lift(task: Task, height: float) -> None:
+def lift(_: Task, height: float) -> None:
     if height < 0.3:
         print(f"lift to {height}: hit a rock at 0.3")
         raise COLLISION(0.3)

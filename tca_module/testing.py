@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Self
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record
+from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record, Tick
 from tca_module.transport import Waker
 from tca_wire.codec import pack_item, unpack_to_central
 from tca_wire.facts import Entry, Fact
@@ -37,6 +37,18 @@ class LocalCentral:
         self._numbers = itertools.count(1)
         self._connections: dict[ConnectionId, LocalTransport] = {}
         self._is_closed = False
+        self._due = threading.Condition(self._lock)
+        threading.Thread(target=self._tick, name="clock of the local central", daemon=True).start()
+
+    def _tick(self) -> None:
+        """Let time pass: what is due happens."""
+        with self._due:
+            while not self._is_closed:
+                due, now = self.core.clock.next, time.monotonic() - self._began
+                if due is not None and due <= now:
+                    self._handle(Tick(now))
+                else:
+                    self._due.wait(None if due is None else due - now)
 
     @property
     def facts(self) -> list[Fact]:
@@ -60,8 +72,9 @@ class LocalCentral:
 
     def close(self) -> None:
         """End: whoever still waits for an answer learns it."""
-        with self._lock:
+        with self._due:
             self._is_closed = True
+            self._due.notify()
 
     def __enter__(self) -> Self:
         return self

@@ -96,6 +96,16 @@ class DemonMonitor(Monitor[D]):
 
     message_class = MessageClass.DEMON_MONITOR
 
+    @overload
+    def __init__(
+        self: "DemonMonitor[None]", name: str, *, set_up: Action | None = ..., action: Action | None = ...,
+        cancel: Action | None = ...,
+    ) -> None: ...  # fmt: skip
+    @overload
+    def __init__(
+        self, name: str, data: Any, *, set_up: Action | None = ..., action: Action | None = ...,
+        cancel: Action | None = ...,
+    ) -> None: ...  # fmt: skip
     def __init__(
         self,
         name: str,
