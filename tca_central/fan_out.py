@@ -9,7 +9,8 @@ from tca_wire.vocabulary import MessageClass
 def copy_of(central: State, original: Delivery) -> Delivery:
     """A delivery of the same message, for one of those who handle it."""
     copy = Delivery(central.new_id(), original.message, original.body, original.sender)
-    copy.message_id, copy.priority, copy.context = original.id, original.priority, original.context
+    copy.message_id, copy.priority = original.id, original.priority
+    copy.role, copy.context = original.role, original.context
     return copy
 
 

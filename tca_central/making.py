@@ -43,7 +43,7 @@ def make_statement(
 ) -> Delivery:
     """A new inform or broadcast, on its way to whoever handles it."""
     made = Delivery(central.new_id(), message, body, None)
-    made.context = context
+    made.role, made.context = role, context
     birth = facts.Received(made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, about)
     central.facts.append(birth)
     route_statement(central, made)

@@ -10,7 +10,7 @@ from tca_wire.formats import first_difference
 from tca_wire.headers import ToModule
 from tca_wire.notices import NOTICES, PREFIX
 from tca_wire.parts import MessageFormat
-from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal
+from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal, Role
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
@@ -156,7 +156,7 @@ class Delivery:
     """One message on its way to one handler."""
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
-                 "priority", "queues", "sender", "slot", "ticket")  # fmt: skip
+                 "priority", "queues", "role", "sender", "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
@@ -164,6 +164,7 @@ class Delivery:
         self.message_id = delivery_id
         self.message = message
         self.body = body
+        self.role = Role.NONE  #: why central made it
         self.context: Any = None  #: what it is about, where central made it
         self.sender = sender  #: who wants the answer; None when it is gone
         self.number = 0  #: of the sender's request (0: no answer wanted)

@@ -43,13 +43,12 @@ class Task(Delivery):
 
     __slots__ = ("again", "children", "delayed", "failure", "followers", "had_others", "held", "is_dealt_with",
                  "is_free", "is_goal", "is_watcher", "killed", "last_child", "leaders", "parent", "rare", "reached",
-                 "requested", "result", "returned", "role", "survives", "suspended", "unplanned", "waiters",
+                 "requested", "result", "returned", "survives", "suspended", "unplanned", "waiters",
                  "watchers")  # fmt: skip
 
     def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
         super().__init__(task_id, message, body, sender)
         self.is_goal = message.is_goal
-        self.role = Role.NONE  #: why central made it
         self.is_free = False  #: may start before its parent does
         self.is_watcher = False  #: a monitor that ends when all else under its parent has
         self.watchers = 0  #: number of such children
@@ -198,11 +197,10 @@ class TaskTree:
 
 def taps_of(delivery: Delivery) -> list[Tap]:
     """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped."""
-    if isinstance(delivery, Task):
-        if delivery.role is Role.LISTENER:
-            return []
-        if delivery.rare and delivery.rare.taps:
-            return delivery.rare.taps + delivery.message.taps
+    if delivery.role is Role.LISTENER:
+        return []
+    if isinstance(delivery, Task) and delivery.rare and delivery.rare.taps:
+        return delivery.rare.taps + delivery.message.taps
     return delivery.message.taps
 
 

@@ -129,11 +129,10 @@ class History:
             return
         known = (fact.id, fact.message, fact.message_class, fact.sender, fact.origin, self.time, fact.body)
         if fact.message_class.is_task:
-            self._plant(Task(*known, parent=fact.parent))
+            self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent))
             self._constrain(fact)
         else:
-            self.messages[fact.id] = Message(*known)
-        self.messages[fact.id].role, self.messages[fact.id].about = fact.role, fact.about
+            self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about)
         if fact.blocking and not fact.message_class.is_task:
             self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
@@ -307,8 +306,8 @@ class History:
 
 
 def _outlives(task: Task) -> bool:
-    """Whether it is not suspended with what is above it: it leaves things safe, or handles a failure there."""
-    return task.role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+    """Whether it is not suspended with what is above it: it leaves things safe."""
+    return task.role in (Role.TERMINATION, Role.CANCEL)
 
 
 # ruff: noqa: SLF001

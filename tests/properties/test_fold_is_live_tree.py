@@ -29,6 +29,7 @@ def assert_same(life: Life, history: History) -> None:
         assert sum(folded.reached) == task.reached
         assert folded.parent == (task.parent.id if task.parent else ROOT)
         assert (folded.killed or "") == task.killed
+        assert task.killed or folded.is_suspended == task.suspended
         assert bool(folded.handling) == task.is_running
         assert folded.is_queued == (task.queues is not None)
         assert {child for child in folded.children if child in live} == set(task.children or {})
