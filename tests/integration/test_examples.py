@@ -21,6 +21,7 @@ PRINTED = {
     "07_explore": "a careful robot: good, ",
     "08_recovery": "lift to 0.2: hit a rock at 0.3\nlift to 0.4: clear\ndone\n",
     "09_monitors_and_taps": "checked 0.2\nmoved 0.2\nchecked 0.4\nmoved 0.4\n",
+    "10_cups": "fetch the blue cup\nfetch the red cup\nthe blue cup is gone: given up\nfetched the red cup\n",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
     "21_start_up_order": "asked too early: None\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
