@@ -38,14 +38,22 @@ def make_task(
     return task
 
 
-def make_statement(
+def make_delivery(
     central: State, message: MessageType, body: bytes, role: Role, *, about: int, context: Any = None
 ) -> Delivery:
-    """A new inform or broadcast, on its way to whoever handles it."""
+    """A new message that is no task, recorded but not on its way yet."""
     made = Delivery(central.new_id(), message, body, None)
     made.role, made.context = role, context
     birth = facts.Received(made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, about)
     central.facts.append(birth)
+    return made
+
+
+def make_statement(
+    central: State, message: MessageType, body: bytes, role: Role, *, about: int, context: Any = None
+) -> Delivery:
+    """A new inform or broadcast, on its way to whoever handles it."""
+    made = make_delivery(central, message, body, role, about=about, context=context)
     route_statement(central, made)
     return made
 

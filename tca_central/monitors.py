@@ -9,15 +9,15 @@ monitor ends after so many actions, so many seconds, at a point, or when all els
 from tca_central.clock import Due, checked_seconds
 from tca_central.errors import RequestError
 from tca_central.failures import fail_task, raise_failure
-from tca_central.making import CENTRAL, make
-from tca_central.registry import Connection, Delivery
+from tca_central.making import make, make_delivery
+from tca_central.registry import Connection
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_central.watching import Watch, end_watch
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import MessageFormat, WatchOptions
-from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
 
 SHORTEST_PERIOD = 0.001
@@ -146,16 +146,13 @@ def _test(central: State, watch: Watch) -> None:
     if task.message.message_class is MessageClass.POLLING_MONITOR:
         _test_later(central, watch)
     if central.dispatcher.is_full(query):
+        if task.message.message_class is MessageClass.POINT_MONITOR:  # it has no later test to wait for
+            watch.is_over = True
+            fail_task(central, task, Failure("overload", f"too many messages wait for the handler of '{query.name}'"))
         return
-    asked = Delivery(central.new_id(), query, task.body, None)
-    asked.context = watch
+    asked = make_delivery(central, query, task.body, Role.CONDITION, about=task.id, context=watch)
     watch.condition = asked
     central.asked[asked.id] = watch
-    role, about = Role.CONDITION, task.id
-    made = facts.Received(
-        asked.id, query.name, query.message_class, CENTRAL, ROOT, 0, False, task.body, [], role, about
-    )
-    central.facts.append(made)
     central.dispatcher.route(asked)
 
 

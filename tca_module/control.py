@@ -72,12 +72,12 @@ class Control(Knowledge):
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
         *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference).
         """
-        is_task = isinstance(tapped, TaskHandle)
-        connection = self._declare(listener, *([] if isinstance(tapped, TaskHandle) else [tapped]))
-        name = "" if isinstance(tapped, TaskHandle) else tapped.name
-        header = Tap(0, condition, listener.name, name, tapped.id if isinstance(tapped, TaskHandle) else ROOT)
-        what = f"tapping {tapped if is_task else repr(name)} with '{listener.name}'"
-        return Attached(connection, connection.call(header, what))
+        if isinstance(tapped, TaskHandle):
+            connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
+        else:
+            connection, name, task_id, where = self._declare(listener, tapped), tapped.name, ROOT, f"'{tapped.name}'"
+        header = Tap(0, condition, listener.name, name, task_id)
+        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"))
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
         """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)

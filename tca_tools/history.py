@@ -254,7 +254,6 @@ class History:
         if fact.task > 0:
             task = self._task(fact.task)
             task.is_recovering, task.failure = False, ""
-            task.retries += 1
             task.body = fact.body or task.body
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:

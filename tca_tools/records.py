@@ -114,7 +114,6 @@ class Task(Message):
     """An exception handler decides what becomes of it."""
     is_dealt_with: bool = False
     """Its failure was dealt with."""
-    retries: int = 0
     is_suspended: bool = False
     timed_out: list[Constraint] = field(default_factory=list)
     """Constraints whose delay is over."""

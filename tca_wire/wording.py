@@ -28,14 +28,14 @@ class Wording:
         return f"{self._names.get(number, '?')} {{{number}}}"
 
     def _point(self, point: Point) -> str:
-        if point.task == ROOT:
-            return "the clock's 0"
         return f"{_moments(point.moment)} of {self._name(point.task)}"
 
     def _constraints(self, constraints: list[Constraint]) -> str:
         return "; ".join(f"{self._before(c)} before {self._point(c.after)}" for c in constraints)
 
     def _before(self, constraint: Constraint) -> str:
+        if constraint.before.task == ROOT:
+            return f"{constraint.delay:g} s"
         return self._point(constraint.before) + (f" + {constraint.delay:g} s" if constraint.delay else "")
 
     def _opened(self, fact: facts.Opened) -> str:

@@ -1,13 +1,13 @@
 """Bounds that keep one module from stopping the others."""
 
 import pytest
-from central.player import Player, before, point
+from central.player import ANY, Player, before, point
 
 from tca_central import dispatcher, registry
 from tca_wire import headers
-from tca_wire.parts import HandlerFormat
+from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Limit, Refusal
+from tca_wire.vocabulary import Limit, MessageClass, Refusal
 
 
 def test_a_request_holds_so_many_constraints_and_no_more() -> None:
@@ -113,3 +113,16 @@ def test_a_pending_limit_is_no_negative_number() -> None:
     (answer,) = player.receive("user", headers.Register(player.number("user"), [], [handler]))
     assert answer.text == "-1 of 'where' can't wait: the limit is 1 or more, or 0 for none"
     assert player.facts_of("handler") == []
+
+
+def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    player = Player()
+    player.module("user")
+    player.declare("user", "query where", "command move")
+    declared = MessageFormat("check", MessageClass.POINT_MONITOR, ANY, "", ["where", "move"])
+    player.receive("user", headers.Register(player.number("user"), [declared]))
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 0)
+    player.task("user", "check")
+    (failed,) = player.facts_of("failed")
+    assert (failed.failure, failed.text) == ("overload", "too many messages wait for the handler of 'where'")
+    assert not player.central.tree.tasks

@@ -256,7 +256,7 @@ def constraint(text: str) -> Constraint:
     return Constraint(read_point(before), read_point(after), float(delay or 0))
 
 
-def describe(fact: facts.Fact) -> str:  # noqa: PLR0912 - a row per kind of fact
+def describe(fact: facts.Fact) -> str:
     """A fact in a line; formats, and constraints that everyone sees, are left out."""
     match fact:
         case facts.Received():
@@ -279,6 +279,21 @@ def describe(fact: facts.Fact) -> str:  # noqa: PLR0912 - a row per kind of fact
         case facts.Failed():
             beside = ", beside its handler" if fact.is_beside else ""
             return f"failed: id {fact.id}, failure {fact.failure}, text {fact.text}{beside}"
+        case facts.FormatDefined() | facts.ResourceChanged() | facts.RequestRefused():
+            return ""
+        case facts.ModuleJoined():
+            return f"module {fact.module} joined"
+        case facts.HandlerAdded() | facts.HandlerRemoved():
+            return f"module {fact.module} {'handles' if kind_of(fact) == 'handler' else 'no longer handles'} {fact.message}"
+        case facts.Returned():
+            return f"handler of {fact.id} returned: {fact.outcome}"
+        case _:
+            return describe_control(fact)
+
+
+def describe_control(fact: facts.Fact) -> str:
+    """Facts of what some tasks do to others; all that have no words of their own, by their fields."""
+    match fact:
         case facts.Caught():
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
         case facts.SuspendedOrResumed():
@@ -298,14 +313,6 @@ def describe(fact: facts.Fact) -> str:  # noqa: PLR0912 - a row per kind of fact
         case facts.Attached():
             place = fact.message or f"task {fact.task}"
             return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
-        case facts.FormatDefined() | facts.ResourceChanged() | facts.RequestRefused():
-            return ""
-        case facts.ModuleJoined():
-            return f"module {fact.module} joined"
-        case facts.HandlerAdded() | facts.HandlerRemoved():
-            return f"module {fact.module} {'handles' if kind_of(fact) == 'handler' else 'no longer handles'} {fact.message}"
-        case facts.Returned():
-            return f"handler of {fact.id} returned: {fact.outcome}"
         case _:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from module.robot import Robot
 
-from tca_module import Client, connect
+from tca_module import Client, Module, connect
 from tca_module.testing import LocalCentral
 
 
@@ -26,3 +26,13 @@ def user(central: LocalCentral) -> Iterator[Client]:
 def robot(central: LocalCentral) -> Robot:
     """A planner and legs that do not run yet."""
     return Robot(central)
+
+
+@pytest.fixture
+def legs(central: LocalCentral) -> Module:
+    return Module("legs", central)
+
+
+@pytest.fixture
+def eyes(central: LocalCentral) -> Module:
+    return Module("eyes", central)

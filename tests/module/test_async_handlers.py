@@ -16,16 +16,6 @@ from tca_wire.facts import Failed, Received, Returned
 SOON = 5.0
 
 
-@pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
-@pytest.fixture
-def eyes(central: LocalCentral) -> Module:
-    return Module("eyes", central)
-
-
 def test_a_coroutine_replies(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:

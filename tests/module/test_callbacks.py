@@ -18,11 +18,6 @@ SOON = 5.0
 
 
 @pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
-@pytest.fixture
 def line() -> Iterator[tuple[socket.socket, socket.socket]]:
     """The two ends of a line: ours and the device's."""
     near, far = socket.socketpair()

@@ -210,15 +210,13 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
 
 
 @contextmanager
-def walking(central: LocalCentral, user: Client) -> Iterator[None]:
+def walking(central: LocalCentral) -> Iterator[None]:
     planner = Module("planner", central=central)
-    done = threading.Event()
 
     @planner.handles(WALK)
     def walk(task: Task, height: float) -> None:
         task.command(MOVE, height)
         task.command(MOVE, height, delay=100.0)
-        done.set()
 
     with planner.running():
         yield
@@ -228,7 +226,7 @@ def test_relatives_of_a_task(robot: tuple[Robot, Client]) -> None:
     them, user = robot
     central = them.legs.central
     assert isinstance(central, LocalCentral)
-    with walking(central, user):
+    with walking(central):
         walk = user.goal(WALK, 0.5)
         walk.wait_for(walk.handling.end, timeout=5)
         (waiting,) = walk.descendants(MOVE)

@@ -7,14 +7,8 @@ import pytest
 from module.gait_messages import REST, STANCE, TEMPERATURE
 
 from tca_module import Client, MisuseError, Module, Task
-from tca_module.testing import LocalCentral
 
 SOON = 5.0
-
-
-@pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
 
 
 def nothing() -> list[int]:

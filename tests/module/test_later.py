@@ -15,11 +15,6 @@ SOON = 5.0
 
 
 @pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
-@pytest.fixture
 def owed(legs: Module) -> "queue.Queue[Later[Footfall]]":
     """What the handler of "move leg" leaves to others."""
     owed = queue.Queue[Later[Footfall]]()

@@ -16,11 +16,6 @@ from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received
 SOON = 5.0
 
 
-@pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
 class Busy:
     """A handler that is busy until it is released."""
 

@@ -14,11 +14,6 @@ from tca_wire.facts import Dropped, Received
 SOON = 5.0
 
 
-@pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
 def test_a_query_gets_its_reply(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:

@@ -16,16 +16,6 @@ from tca_wire.headers import Beat
 SOON = 5.0
 
 
-@pytest.fixture
-def legs(central: LocalCentral) -> Module:
-    return Module("legs", central)
-
-
-@pytest.fixture
-def eyes(central: LocalCentral) -> Module:
-    return Module("eyes", central)
-
-
 # --- replies that call --------------------------------------------------------------------------------------------------
 
 
