@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from explorer.ambler import walk
+from explorer.ambler_walk import walk
 
 from robots.ambler_sim.messages import ACHIEVED_POSITION, MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, TRAVERSE_ARC, Bend
 from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from explorer.ambler import walk
+from explorer.ambler_walk import walk
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 
 from tca_central.core import Central
