@@ -22,6 +22,7 @@ class Due(StrEnum):
     KILL = "kill"  # a task shall end
     TEST = "test"  # a polling monitor asks its condition
     WATCHED = "watched"  # a monitor has watched long enough
+    CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 
 class Timer:

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import availability, control, failures, joining, monitors, requests, sharing, taps
+from tca_central import availability, claims, control, failures, joining, monitors, requests, sharing, taps
 from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
@@ -42,6 +42,7 @@ class Central(State):
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
             (agenda.startable, self._start),
+            (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
             (agenda.met, self._met),
         )
@@ -146,12 +147,14 @@ class Central(State):
             task.given_as = self.new_id()
             task.more.attempts += 1
             task.more.recovering = None
+            claims.end_with(self, task)
         if task.message.message_class.is_monitor:
             monitors.start(self, task)
         else:
             self.dispatcher.route(task)
 
     def _ended(self, task: Task) -> None:
+        claims.end_with(self, task)
         if task.rare is not None:
             control.forget_timers(self, task)
             failures.forget_task(self, task)
@@ -198,6 +201,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.GetVariable: sharing.on_get_variable,
     headers.SetVariable: sharing.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,
+    headers.Lock: claims.on_lock,
+    headers.Unlock: claims.on_unlock,
 }
 """One row per message: what happens when it arrives."""
 
@@ -208,5 +213,6 @@ TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.KILL: lambda central, ending: ending.now(central),
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,
+    Due.CLAIM: claims.on_time_out,
 }
 """One row per kind of timer: what happens when it is due."""

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
-from tca_central.resources import PendingLimit
+from tca_central.resources import Claim, PendingLimit, Resource
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
 
 QUEUE_LIMIT = 10_000
@@ -25,7 +25,10 @@ class Dispatcher:
         self._arrivals = 0
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
-        self.freed: deque[Connection] = deque()  #: slots whose handlers have returned, to be given to the next
+        self.freed: deque[tuple[Resource[Connection, Delivery], Connection | None]] = (
+            deque()
+        )  #: slots whose handlers have returned, to be given to the next; resources that may let in others than before
+        self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
         self.displaced: deque[tuple[Delivery, str]] = (
             deque()
         )  #: gave way to newer ones (why): to be told who waits for them
@@ -33,19 +36,17 @@ class Dispatcher:
     @property
     def is_busy(self) -> bool:
         """Whether something is to be done before the next event."""
-        return bool(self.freed or self.displaced or self.changed)
+        return bool(self.freed or self.displaced or self.changed or self.granted)
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
 
         *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
         """
-        if not delivery.arrival:
-            self._arrivals += 1
-            delivery.arrival = self._arrivals
+        delivery.arrival = delivery.arrival or self._arrival()
         resources = targets or tuple(delivery.message.candidates())
         for resource in resources:
-            if slot := resource.take_slot():
+            if slot := resource.slot_for(delivery):
                 self._attend(delivery, slot)
                 return
         if (slot := own_slot(delivery, resources)) is not None:
@@ -64,6 +65,10 @@ class Dispatcher:
         for resource in resources:
             if limit := resource.limits.get(delivery.message.name):
                 self._keep_within(limit, delivery, resource)
+
+    def _arrival(self) -> int:
+        self._arrivals += 1
+        return self._arrivals
 
     def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
         """What has waited longest gives way where more wait than may."""
@@ -87,21 +92,35 @@ class Dispatcher:
         slot, delivery.slot = delivery.slot, None
         if delivery.nested:
             delivery.nested = False
-        elif slot is not None:
-            self.freed.append(slot)
+        elif slot is not None and slot.resource is not None:
+            self.freed.append((slot.resource, slot))
 
     def give_freed_slot(self) -> None:
-        """Let the slot that was freed first take the next message of its resource, if one waits."""
-        slot = self.freed.popleft()
-        resource = slot.resource
-        if resource is None or slot not in resource.slots:
-            return
-        following = resource.next_queued()
-        if following is None:
+        """Let what was freed first take the next message of its resource, or grant the next claim on it."""
+        resource, slot = self.freed.popleft()
+        if slot is not None and slot in resource.slots:
             resource.free_slot(slot)
-        else:
-            following.withdraw()
-            self._attend(following, slot)
+        following = resource.next_queued()
+        if isinstance(following, Claim):
+            resource.grant(following)
+            self.granted.append(following)
+            self.freed.append((resource, None))
+        elif following is not None and resource.free:
+            self._leave_queues(following)
+            self._attend(following, resource.take_slot())
+            if resource.free:
+                self.freed.append((resource, None))
+
+    def claim(self, claim: Claim[Connection]) -> None:
+        """Let a claim wait for its turn."""
+        claim.arrival = self._arrival()
+        claim.resource.add_claim(claim)
+        self.freed.append((claim.resource, None))
+
+    def end_claim(self, claim: Claim[Connection]) -> None:
+        """A claim is given up, or what it got is released: others may get in."""
+        claim.resource.end_claim(claim)
+        self.freed.append((claim.resource, None))
 
     def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
         """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later."""
@@ -112,6 +131,11 @@ class Dispatcher:
         if not keep_place:
             delivery.arrival = 0
         self._facts.append(Unqueued(delivery.given_as))
+        self._leave_queues(delivery)
+
+    def _leave_queues(self, delivery: Delivery) -> None:
+        """A delivery waits no longer; a claim that was behind it may be the next now."""
+        self.freed.extend((resource, None) for resource in delivery.queues or () if resource.claims)
         delivery.withdraw()
 
     @staticmethod
@@ -129,12 +153,13 @@ class Dispatcher:
         if not resource.capacity:
             self._serve_all(slot, +1)
         resource.add_slot(slot)
-        self.freed.append(slot)
+        self.freed.append((resource, slot))
 
     def slot_gone(self, slot: Connection) -> list[Delivery]:
         """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
         if slot.resource is not None:
             slot.resource.remove_slot(slot)
+            self.freed.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
         orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
@@ -184,8 +209,7 @@ class Dispatcher:
             self.route(delivery)
         return []
 
-    @staticmethod
-    def _take_queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
+    def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""
         resources = [only] if only else {handler.resource: None for handler in message.handlers}
         found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
@@ -193,13 +217,13 @@ class Dispatcher:
         message.waiting.clear()
         queued = sorted(found.values(), key=lambda delivery: delivery.arrival)
         for delivery in queued:
-            delivery.withdraw()
+            self._leave_queues(delivery)
         return queued
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """The sender's own slot, if it blocks for this answer there: such a message ignores capacity, or it would wait for
-    itself (TCA 8.5: self-queries).
+    """The sender's own slot, if it blocks for this answer there: such a message ignores capacity and reservations, or
+    it would wait for itself (TCA 8.5: self-queries). A lock keeps out whoever has it, too.
     """
     sender = delivery.sender
     if (
@@ -209,4 +233,6 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
         or sender not in sender.resource.slots
     ):
         return None
-    return sender if sender.resource in resources else None
+    held_by = sender.resource.held_by
+    is_locked = held_by is not None and not held_by.admits_owner
+    return sender if sender.resource in resources and not is_locked else None

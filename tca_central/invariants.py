@@ -19,10 +19,10 @@ from tca_central.intervals import (
     START_PLANNING,
     delivered_at,
 )
-from tca_central.registry import ModuleResource
+from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
-from tca_wire.points import ALL_MOMENTS, ROOT
+from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
 from tca_wire.vocabulary import MessageClass
 
 
@@ -40,6 +40,10 @@ def check_invariants(central: State) -> None:
     root_children = tree.root.children or {}
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
     _check_resources(central)
+    for holder, claims in central.claimed_for.items():
+        assert claims, f"{holder}: no claims"
+        is_there = holder.given_as in central.dispatcher.attended or central.tree.tasks.get(TaskId(holder.id)) is holder
+        assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
     _check_connections(central)
     _check_variables(central)
 
@@ -146,14 +150,32 @@ def _check_resources(central: State) -> None:
             name = f"resource '{resource.name}' of '{module.name}'"
             assert attending[resource] + resource.free == resource.capacity, f"{name}: {attending[resource]} attending"
             assert resource.waiting == len({delivery.id for delivery in resource.queued()}), f"{name}: waiting"
-            assert not (resource.waiting and resource.free), f"{name}: messages wait while a slot is free"
+            following = resource.next_queued()
+            is_message = isinstance(following, Delivery)
+            assert following is None or (is_message and not resource.free), f"{name}: {following} waits, it could go on"
             _check_limits(resource, name)
+            _check_claims(central, resource, name)
     for message in central.registry.messages.values():
         serving = sum(bool(handler.resource.capacity) for handler in message.handlers)
         assert message.serving == serving, f"message '{message.name}': {message.serving} serving, counted {serving}"
         for wait in message.awaited_by:
             _check_handled_wait(wait)
         assert not (message.waiting and message.handlers), f"message '{message.name}': waits for a handler it has"
+
+
+def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
+    """While a resource is locked nobody is in it but who locked it; while it is reserved, only what its owner sent."""
+    for claim in resource.claims:
+        assert central.claims.get((claim.slot, claim.number)) is claim, f"{name}: claim {claim.id} is not known"
+        assert claim.slot.outstanding.get(claim.number) is claim, f"{name}: claim {claim.id} waits for nobody"
+    if (held_by := resource.held_by) is None:
+        return
+    assert central.claims.get((held_by.slot, held_by.number)) is held_by, f"{name}: held by what is not known"
+    assert central.registry.connections.get(held_by.slot.id) is held_by.slot, f"{name}: held by who has gone"
+    for delivery in central.dispatcher.attended.values():
+        if delivery.slot in resource.slots and delivery.slot is not held_by.slot and not delivery.nested:
+            is_let_in = held_by.admits_owner and delivery.sent_by is held_by.owner
+            assert is_let_in, f"{name}: {delivery.message.name} {delivery.id} is in it, but others have it"
 
 
 def _check_handled_wait(wait: HandledWait) -> None:

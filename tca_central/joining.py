@@ -1,6 +1,6 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
-from tca_central import notices
+from tca_central import claims, notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.monitors import check_parts
@@ -76,6 +76,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     central.registry.forget_connection(connection)
     for number in list(connection.outstanding):
         give_up(central, connection, number)
+    claims.end_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
     orphans = central.dispatcher.slot_gone(connection)
@@ -84,6 +85,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
     if not module.connections:
         remove_handlers(central, list(module.handlers.values()))
+        claims.end_on_module(central, module, why)
         central.registry.forget_module(module)
         central.tree.forget_module(module.name)
         central.facts.append(facts.ModuleLeft(module.name, why))

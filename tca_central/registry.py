@@ -175,14 +175,19 @@ class Delivery:
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
 
+    @property
+    def sent_by(self) -> object:
+        """The module that sent it; None: central."""
+        return self.sender.module if self.sender is not None else None
+
     def withdraw(self) -> None:
         """Leave the queues."""
+        self.ticket += 1
         for resource in self.queues or ():
-            resource.left_queue()
+            resource.left_queue(self)
             if limit := resource.limits.get(self.message.name):
                 limit.left(self)
         self.queues = None
-        self.ticket += 1
 
 
 class Registry:

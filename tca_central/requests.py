@@ -9,6 +9,7 @@ import msgspec
 
 from tca_central import status
 from tca_central.availability import HandledWait
+from tca_central.claims import end_with, give_up_claim
 from tca_central.clock import checked_seconds
 from tca_central.control import keep_for_termination, set_deadline
 from tca_central.errors import RequestError
@@ -18,6 +19,7 @@ from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SEN
 from tca_central.making import at_birth
 from tca_central.monitors import prepare, tested
 from tca_central.registry import Connection, Delivery, MessageType
+from tca_central.resources import Claim
 from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
@@ -200,6 +202,7 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     central.dispatcher.complete(delivery)
     happened(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
+        end_with(central, delivery)
         happened(central, delivery, REPLIED, body)
         _answer_query(central, delivery, Answer(delivery.number), body)
     elif delivery.again and not delivery.killed:
@@ -234,6 +237,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
     if isinstance(delivery, Task):
         fail_task(central, delivery, failure)
     else:
+        end_with(central, delivery)
         central.facts.append(facts.Failed(delivery.id, failure.name, failure.text))
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
         _answer_query(central, delivery, answer, failure.body)
@@ -338,6 +342,8 @@ def give_up(central: State, connection: Connection, number: int) -> None:
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
     elif isinstance(due, HandledWait):
         due.end()
+    elif due is None or isinstance(due, Claim):
+        give_up_claim(central, connection, number)
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)

@@ -1,13 +1,17 @@
-"""Resources: how many messages a part of a module takes at a time, and who is next.
+"""Resources: how many messages a part of a module takes at a time, who is next, and who has it for himself.
 
 Knows capacity and order; knows nothing of constraints, messages' meaning or sockets (TCA 8.5: res.c; capacity is the
 number of messages delivered and not yet completed, not the length of a queue).
+
+Theory of operation. Messages and claims (requests to lock or reserve) wait in one order: higher priority first, then
+arrival. A claim whose turn has come holds back all behind it until nobody is in the resource; then it is granted. While
+a lock is held nobody is let in, while a reservation is, only what its owner sends.
 """
 
 import heapq
 from collections import OrderedDict
 from collections.abc import Iterator
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 
 class Queueable(Protocol):
@@ -17,9 +21,16 @@ class Queueable(Protocol):
     priority: int
     arrival: int
 
+    @property
+    def sent_by(self) -> object:
+        """Whoever sent it, as a reservation knows him."""
+
 
 VOID_ENTRIES = 64
 """Void entries that a queue may hold beyond as many as it has valid ones."""
+
+INSIDE = 1 << 62
+"""Higher than any priority: of who claims a resource from inside it."""
 
 S = TypeVar("S")  # what stands for a slot
 Q = TypeVar("Q", bound=Queueable)
@@ -42,16 +53,86 @@ class PendingLimit(Generic[Q]):
         self.waiting.pop(delivery, None)
 
 
+class Queue(Generic[Q]):
+    """What waits, in its order: higher priority first, then arrival."""
+
+    def __init__(self) -> None:
+        self.waiting = 0  #: number of valid entries
+        self._heap: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, what waits)
+
+    def put(self, one: Q) -> None:
+        """Let one more wait."""
+        self.waiting += 1
+        heapq.heappush(self._heap, (-one.priority, one.arrival, one.ticket, one))
+
+    def left(self) -> None:
+        """An entry became void."""
+        self.waiting -= 1
+        if len(self._heap) > 2 * self.waiting + VOID_ENTRIES:
+            self._heap = [entry for entry in self._heap if entry[3].ticket == entry[2]]
+            heapq.heapify(self._heap)
+
+    def first(self) -> Q | None:
+        """Whose turn it is; it stays until it is withdrawn."""
+        while self._heap:
+            _, _, ticket, one = self._heap[0]
+            if one.ticket == ticket:
+                return one
+            heapq.heappop(self._heap)
+        return None
+
+    def __iter__(self) -> Iterator[Q]:
+        """All that wait, in no particular order."""
+        return (one for _, _, ticket, one in self._heap if one.ticket == ticket)
+
+
+class Claim(Generic[S]):
+    """That somebody wants a resource for himself, or has it: a lock, or a reservation."""
+
+    __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource", "slot",
+                 "ticket", "timer")  # fmt: skip
+
+    def __init__(self, resource: "Resource[S, Any]", slot: S, owner: object, *, admits_owner: bool) -> None:
+        self.resource = resource
+        self.slot = slot  #: who asks; a slot of the resource does not wait for itself
+        self.owner = owner  #: whose messages a reservation lets in
+        self.admits_owner = admits_owner  #: it is a reservation
+        self.holder: Any = None  #: the delivery at whose end it ends; None: it ends with its connection
+        self.id = 0
+        self.number = 0  #: of the request
+        self.timer: Any = None  #: when it has waited long enough
+        self.priority = 0
+        self.arrival = 0
+        self.ticket = 0
+
+    @property
+    def sent_by(self) -> object:
+        """Nobody: a claim is not let in by a reservation."""
+        return self
+
+    @property
+    def is_granted(self) -> bool:
+        """Whether it has the resource."""
+        return self.resource.held_by is self
+
+
 class Resource(Generic[S, Q]):
-    """Slots that handle one message each, and the queue of those that wait: higher priority first, then arrival."""
+    """Slots that handle one message each, and those that wait for one."""
 
     def __init__(self, module: str, name: str) -> None:
         self.module = module
         self.name = name
         self.slots: dict[S, None] = {}
-        self.waiting = 0  #: number of valid entries in the queue
+        self.held_by: Claim[S] | None = None  #: the lock or reservation in force
+        self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
         self._free: dict[S, None] = {}
-        self._queue: list[tuple[int, int, int, Q]] = []  #: (-priority, arrival, ticket, delivery), a heap
+        self._queue: Queue[Q | Claim[S]] = Queue()
+        self._sent_by: dict[object, Queue[Q]] = {}  #: the same messages, by sender
+
+    @property
+    def waiting(self) -> int:
+        """Number of messages that wait."""
+        return self._queue.waiting - len(self.claims)
 
     @property
     def capacity(self) -> int:
@@ -72,10 +153,30 @@ class Resource(Generic[S, Q]):
         self.slots.pop(slot, None)
         self._free.pop(slot, None)
 
-    def take_slot(self) -> S | None:
-        """The slot that has been free longest, no longer free; None if all are busy."""
-        if not self._free:
+    def is_free(self, slot: S) -> bool:
+        """Whether a slot handles nothing."""
+        return slot in self._free
+
+    def slot_for(self, message: Q) -> S | None:
+        """A free slot for a message that has just come, no longer free; None if it must wait."""
+        if not self._free or not self.admits(message) or self._is_claimed_before(message):
             return None
+        return self.take_slot()
+
+    def admits(self, message: Q) -> bool:
+        """Whether neither a lock nor a reservation keeps a message out."""
+        held_by = self.held_by
+        return held_by is None or (held_by.admits_owner and message.sent_by is held_by.owner)
+
+    def _is_claimed_before(self, message: Q) -> bool:
+        """Whether a claim waits that goes first."""
+        if not self.claims or self.held_by is not None:
+            return False
+        first = self._queue.first()
+        return first is not None and (-first.priority, first.arrival) < (-message.priority, message.arrival)
+
+    def take_slot(self) -> S:
+        """The slot that has been free longest, no longer free."""
         longest_free = next(iter(self._free))
         del self._free[longest_free]
         return longest_free
@@ -84,27 +185,68 @@ class Resource(Generic[S, Q]):
         """That slot's message is completed."""
         self._free[slot] = None
 
-    def queue(self, delivery: Q) -> None:
-        """Let a delivery wait its turn."""
-        self.waiting += 1
-        heapq.heappush(self._queue, (-delivery.priority, delivery.arrival, delivery.ticket, delivery))
+    # --- those that wait -------------------------------------------------------------------------------------------
 
-    def left_queue(self) -> None:
-        """An entry became void."""
-        self.waiting -= 1
-        if len(self._queue) > 2 * self.waiting + VOID_ENTRIES:
-            self._queue = [entry for entry in self._queue if entry[3].ticket == entry[2]]
-            heapq.heapify(self._queue)
+    def queue(self, one: Q) -> None:
+        """Let a message wait its turn."""
+        self._queue.put(one)
+        if one.sent_by not in self._sent_by:
+            self._sent_by[one.sent_by] = Queue()
+        self._sent_by[one.sent_by].put(one)
+
+    def left_queue(self, one: Q) -> None:
+        """A message waits no longer; its entries have become void."""
+        self._queue.left()
+        of_sender = self._sent_by[one.sent_by]
+        of_sender.left()
+        if not of_sender.waiting:
+            del self._sent_by[one.sent_by]
 
     def queued(self) -> Iterator[Q]:
-        """The deliveries that wait, in no particular order."""
-        return (delivery for _, _, ticket, delivery in self._queue if delivery.ticket == ticket)
+        """The messages that wait, in no particular order."""
+        return (one for one in self._queue if not isinstance(one, Claim))
 
-    def next_queued(self) -> Q | None:
-        """The delivery whose turn it is; it stays in its queues until it is withdrawn from them."""
-        while self._queue:
-            _, _, ticket, delivery = self._queue[0]
-            if delivery.ticket == ticket:
-                return delivery
-            heapq.heappop(self._queue)
-        return None
+    def in_line(self) -> list[Q | Claim[S]]:
+        """Messages and claims that wait, in their order."""
+        return sorted(self._queue, key=lambda one: (-one.priority, one.arrival))
+
+    def next_queued(self) -> Q | Claim[S] | None:
+        """Who may have what is free, if anybody may: a message, or a claim that is to be granted now."""
+        if self.held_by is not None:
+            mine = self._sent_by.get(self.held_by.owner) if self.held_by.admits_owner else None
+            return mine.first() if mine is not None else None
+        first = self._queue.first()
+        if isinstance(first, Claim) and not self.is_idle_but_for(first.slot):
+            return None
+        return first
+
+    # --- claims ----------------------------------------------------------------------------------------------------
+
+    def is_idle_but_for(self, slot: S) -> bool:
+        """Whether nobody is in the resource, or only that slot."""
+        busy = len(self.slots) - len(self._free)
+        return not busy or (busy == 1 and slot in self.slots and slot not in self._free)
+
+    def add_claim(self, claim: Claim[S]) -> None:
+        """Somebody wants the resource. Who is in it goes first: it will not be idle before he has returned."""
+        if claim.slot in self.slots and claim.slot not in self._free:
+            claim.priority = INSIDE
+        self.claims[claim] = None
+        self._queue.put(claim)
+
+    def end_claim(self, claim: Claim[S]) -> None:
+        """Somebody wants the resource no more."""
+        if self.held_by is claim:
+            self.held_by = None
+        else:
+            self._leave_queue(claim)
+
+    def grant(self, claim: Claim[S]) -> None:
+        """Nobody else gets in from now on."""
+        self._leave_queue(claim)
+        self.held_by = claim
+
+    def _leave_queue(self, claim: Claim[S]) -> None:
+        del self.claims[claim]
+        claim.ticket += 1
+        self._queue.left()

@@ -8,6 +8,7 @@ from tca_central.dispatcher import Dispatcher
 from tca_central.events import Effect, Transmit
 from tca_central.intervals import DELIVERED
 from tca_central.registry import Attached, Connection, Delivery, MessageType, Registry, Tap
+from tca_central.resources import Claim
 from tca_central.task_tree import Task, TaskTree
 from tca_central.variables import Variables
 from tca_wire import facts, headers
@@ -83,6 +84,8 @@ class State:
         self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
         self.dispatcher = Dispatcher(self.facts, self.deliver)
         self.variables = Variables()
+        self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by who asked, and the request's number
+        self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
         self.collectors: dict[int, Collector] = {}  #: by delivery, of multi-queries under way
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
         self.outcome_bytes = 0  #: size of what they hold

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from tca_central.holds import held_counts
-from tca_central.registry import Handler
+from tca_central.registry import Handler, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire.points import Moment, describe_moments
@@ -50,12 +50,25 @@ def modules(central: State) -> list[dict[str, Any]]:
                     "capacity": resource.capacity,
                     "handling": busy.get((module.name, resource.name), []),
                     "waiting": resource.waiting,
+                    **_claims(resource),
                 }
                 for resource in module.resources.values()
             ],
         }
         for module in central.registry.modules.values()
     ]
+
+
+def _claims(resource: ModuleResource) -> dict[str, Any]:
+    """Who has or wants a resource for himself."""
+    held_by = resource.held_by
+    owner = held_by.slot.module.name if held_by is not None else ""
+    is_reserved = held_by is not None and held_by.admits_owner
+    return {
+        "locked_by": "" if is_reserved else owner,
+        "reserved_by": owner if is_reserved else "",
+        "claims": len(resource.claims),
+    }
 
 
 def messages(central: State) -> list[dict[str, Any]]:

@@ -41,6 +41,8 @@ IGNORED = {
     "Delivery": {"ticket"},  # marks void entries of the queue, which are left out
     "Task": {"parent"},  # met as a child of it
     "Agenda": {"_facts"},
+    "Resource": {"_sent_by"},  # the same queue in other words
+    "Claim": {"id", "number", "ticket", "arrival", "timer"},  # its place in the queue shows
     "Dispatcher": {"_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
@@ -177,7 +179,7 @@ class _Walk:
         self.add(failure and (failure[0], failure[2]))  # the text names ids, and scripts do not see it
 
     def add_queue(self, resource: Any, _: object) -> None:
-        self.add(sorted(resource.queued(), key=lambda delivery: (-delivery.priority, delivery.arrival)))
+        self.add(resource.in_line())
 
     def digest(self) -> bytes:
         for ranks in self._ranks.values():

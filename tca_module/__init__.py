@@ -1,6 +1,7 @@
 """The library that a robot module imports: declare messages, handle them, send them."""
 
 from tca_module.callbacks import Callback
+from tca_module.claim import Claim
 from tca_module.client import Client, connect
 from tca_module.constraints import this
 from tca_module.context import Heard, MonitorHandle, Trouble
@@ -8,6 +9,7 @@ from tca_module.control import MonitorOptions
 from tca_module.errors import (
     BadData,
     CentralLost,
+    Deadlock,
     FormatRefused,
     MisuseError,
     QueryFailed,
@@ -57,10 +59,12 @@ __all__ = [
     "Broadcast",
     "Callback",
     "CentralLost",
+    "Claim",
     "Client",
     "Command",
     "Condition",
     "Constraint",
+    "Deadlock",
     "DemonMonitor",
     "Departure",
     "Edge",

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
-from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Stopped, Timeout
+from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
 from tca_module.session import Request, Session, refers_to_tasks
 from tca_module.transport import Transport
 from tca_wire.codec import pack_item, unpack_to_module
@@ -37,6 +37,7 @@ STALL = 2.0
 _SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _FOR_EVER = float("inf")
+_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
 
 class Connection:
@@ -337,7 +338,7 @@ opened it: a handler sends with its task, other threads open a connection of the
 
 def _check(request: Request, what: str) -> None:
     if request.refused is not None:
-        kind = FormatRefused if request.refused.refusal is Refusal.FORMAT else Refused
+        kind = _KINDS.get(request.refused.refusal, Refused)
         raise kind(what, request.refused.refusal, request.refused.text)
     if request.lost:
         msg = f"{what} is lost: {request.lost}; ask again"

@@ -3,7 +3,8 @@
 TcaError             do not raise this one; it groups the others
 ├── MisuseError      the caller: a call that can't be right, whatever the robot does
 ├── Refused          central refused a request; nothing of it remains
-│   └── FormatRefused    others use a message of that name with another format or class
+│   ├── FormatRefused    others use a message of that name with another format or class
+│   └── Deadlock         whoever asked would wait for ever: what he waits for waits for him
 ├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
 ├── Stopped          the module was told to end while it waited for central
 ├── VariableNotSet   a variable has no value yet (also a LookupError)
@@ -41,6 +42,12 @@ class Refused(TcaError):
 
 class FormatRefused(Refused):
     """A message is declared with another format, or class, than others use."""
+
+
+class Deadlock(Refused):
+    """A wait that would never end: what is waited for waits, in the end, for the one who waits. The text names the
+    circle. If a handler lets it pass, it is the failure "deadlock" of its task.
+    """
 
 
 class CentralLost(TcaError):
@@ -116,6 +123,7 @@ __all__ = [
     "NIL",
     "BadData",
     "CentralLost",
+    "Deadlock",
     "FormatRefused",
     "MisuseError",
     "NoCentral",

@@ -4,12 +4,14 @@ import asyncio
 import traceback
 from types import TracebackType
 
+from tca_module.errors import Deadlock
 from tca_wire.declarations import FailureRaised
 from tca_wire.headers import Fail
 
 HANDLER_ERROR = "handler error"
 BAD_DATA = "bad data"
 CANCELLED = "cancelled"
+DEADLOCK = "deadlock"
 MODULE_LOST = "module lost"
 _TRACEBACK_LIMIT = 8000  # characters
 
@@ -31,6 +33,8 @@ def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
         return Fail(delivery, "", reissue=True), b""
     if isinstance(error, Misfit):
         return Fail(delivery, BAD_DATA, str(error)), b""
+    if isinstance(error, Deadlock):
+        return Fail(delivery, DEADLOCK, error.text), b""
     if isinstance(error, asyncio.CancelledError):
         return Fail(delivery, CANCELLED, "the coroutine of its handler was cancelled"), b""
     return Fail(delivery, HANDLER_ERROR, _describe(error)), b""

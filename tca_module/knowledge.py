@@ -3,11 +3,12 @@
 from collections.abc import Iterable
 from typing import Any, TypeVar, overload
 
+from tca_module.claim import Claim
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import MisuseError, Timeout, VariableNotSet
 from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.declarations import D, Message, Variable
-from tca_wire.headers import Ask, GetVariable, SetVariable, ToCentral, WaitUntilHandled
+from tca_wire.headers import Ask, GetVariable, Lock, SetVariable, ToCentral, WaitUntilHandled
 
 X = TypeVar("X")
 
@@ -81,6 +82,33 @@ class Knowledge:
         before = _ask(connection, header, f"exchanging variable '{variable.name}'", body)
         return variable.decode_data(before) if before else default
 
+    # --- resources -------------------------------------------------------------------------------------------------
+
+    def lock(self, resource: str, module: str = "", *, timeout: float | None = None, priority: int = 0) -> Claim:
+        """Let nobody into a resource, this module neither; returns when nobody is in it (TCA 8.5: LockResource).
+
+        ::
+
+            with task.lock("sensors"):
+                ...
+
+        It is released by ``release()`` or at the end of a ``with`` block; else, when the task being handled has ended
+        with all under it, and in any case when this module is gone. *module* is needed where several have a resource of
+        that name. It waits in the queue of the resource's messages, where *priority* counts. Raises Timeout if it takes
+        longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for itself, Refused if there
+        is no such resource.
+        """
+        return self._claim(Lock(0, resource, module, False, self._origin, _seconds(timeout), priority, True), timeout)
+
+    def reserve(self, resource: str, module: str = "", *, timeout: float | None = None, priority: int = 0) -> Claim:
+        """Let nothing into a resource but what this module sends (TCA 8.5: ReserveResource); else as ``lock``."""
+        return self._claim(Lock(0, resource, module, True, self._origin, _seconds(timeout), priority, True), timeout)
+
+    def _claim(self, header: Lock, timeout: float | None) -> Claim:
+        claim = Claim(self._connection(), header)
+        claim.wait(timeout)
+        return claim
+
     # --- who is there ----------------------------------------------------------------------------------------------
 
     def modules(self) -> list[ModuleInfo]:
@@ -124,6 +152,16 @@ def _check_variable(call: str, variable: Any) -> None:
     if not isinstance(variable, Variable):
         msg = f"{call}() takes a Variable, and {variable!r} is none"
         raise MisuseError(msg)
+
+
+def _seconds(timeout: float | None) -> float:
+    """A timeout as central takes it: negative for none."""
+    if timeout is None:
+        return -1
+    if not timeout >= 0:
+        msg = f"timeout={timeout} is no time to wait: give seconds, or None to wait for ever"
+        raise MisuseError(msg)
+    return timeout
 
 
 def _ask(connection: Connection, header: ToCentral, what: str, body: bytes = b"") -> bytes:

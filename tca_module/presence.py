@@ -12,6 +12,11 @@ class ResourceInfo(msgspec.Struct, frozen=True):
     """What it handles now: ids as in the journal."""
     waiting: int
     """Number of messages that wait for it."""
+    locked_by: str = ""
+    """The module that has locked it, if one has."""
+    reserved_by: str = ""
+    claims: int = 0
+    """How many wait to lock or reserve it."""
 
 
 class ModuleInfo(msgspec.Struct, frozen=True):

@@ -35,11 +35,17 @@ _ARE_YOU_THERE = Register(0, [], [])
 _REPLIES_KEPT = 8
 """Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
 
-_ASKED_AGAIN = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled
+_ASKED_AGAIN = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 """What may be asked twice without harm."""
 
 _WITHOUT_TASKS = (
-    Register | headers.Unregister | headers.Ask | headers.GetVariable | SetVariable | headers.WaitUntilHandled
+    Register
+    | headers.Unregister
+    | headers.Ask
+    | headers.GetVariable
+    | SetVariable
+    | headers.WaitUntilHandled
+    | headers.Unlock
 )
 """What any central understands, whatever it remembers."""
 
@@ -307,4 +313,6 @@ def refers_to_tasks(header: Any) -> bool:
     """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
     if isinstance(header, Send):
         return bool(header.parent or header.origin or header.constraints)
+    if isinstance(header, headers.Lock):
+        return bool(header.origin)
     return not isinstance(header, _WITHOUT_TASKS)

@@ -33,7 +33,7 @@ class TaskRef(TaskHandle, Generic[R]):
 
     def __await__(self) -> Generator[Any, None, R]:
         if self._end is None:
-            what, request = self._ask(self.achieving.end)
+            what, request = self._ask(self.achieving.end, blocking=False)
             yield from self._connection.until_over(request, f"the wait for {what}")
             self._end = request.answers[-1]
         return self._result(*self._end)
@@ -71,19 +71,19 @@ class TaskRef(TaskHandle, Generic[R]):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point)
+        what, request = self._ask(point, blocking=True)
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             self._connection.abandon(request)
             msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
             raise Timeout(msg)
         return request.answers[-1]
 
-    def _ask(self, point: Point) -> tuple[str, Request]:
+    def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
         self._check_epoch()
         point = _checked(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        return what, self._connection.request(WaitFor(0, point, self._origin), wants_answer=True)
+        return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
 
 
 def _checked(point: Any) -> Point:

@@ -6,7 +6,7 @@ Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from tca_tools.records import Handling, Message, ModuleRecord, Queueing, Task, Wait
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
 from tca_wire.points import MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
@@ -34,6 +34,10 @@ class History:
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.modules: dict[str, ModuleRecord] = {}
+        self.claims: dict[int, Claim] = {}
+        """Locks and reservations."""
+        self.held_by: dict[tuple[str, str], Claim] = {}
+        """By module and resource, the lock or reservation in force."""
         self.handlers: dict[str, dict[str, str]] = {}
         """For each message its handlers: module and resource."""
         self.formats: dict[str, facts.FormatDefined] = {}
@@ -42,6 +46,7 @@ class History:
         self._queued: dict[int, Queueing] = {}
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
         self._reply_waits: dict[int, Wait] = {}
+        self._claim_waits: dict[int, Wait] = {}
         self._task_waits: dict[tuple[str, int, int], list[Wait]] = {}
 
     @classmethod
@@ -77,7 +82,8 @@ class History:
 
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""
-        return f"{self.name(message_id)} {{{message_id}}}"
+        claim = self.claims.get(message_id)
+        return str(claim) if claim else f"{self.name(message_id)} {{{message_id}}}"
 
     def name(self, message_id: int) -> str:
         """A message's name."""
@@ -280,6 +286,26 @@ class History:
         if waits:  # another thread of the module waits for the same
             self._task_waits[key] = waits
 
+    def _claimed(self, fact: facts.Claimed) -> None:
+        claim = Claim(
+            fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time
+        )  # fmt: skip
+        self.claims[fact.id] = claim
+        self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
+
+    def _granted(self, fact: facts.Granted) -> None:
+        self._stop_waiting(self._claim_waits.pop(fact.id, None))
+        if (claim := self.claims.get(fact.id)) is not None:
+            claim.granted = self.time
+            self.held_by[claim.module, claim.resource] = claim
+
+    def _claim_ended(self, fact: facts.ClaimEnded) -> None:
+        self._stop_waiting(self._claim_waits.pop(fact.id, None))
+        if (claim := self.claims.get(fact.id)) is not None:
+            claim.end, claim.ended = self.time, fact.why
+            if self.held_by.get((claim.module, claim.resource)) is claim:
+                del self.held_by[claim.module, claim.resource]
+
     def _wait(self, wait: Wait, module: str, origin: int) -> Wait:
         """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
         handling = self._deliveries.get(origin)
@@ -338,4 +364,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.TimedOut: History._timed_out,
     facts.WaitBegan: History._wait_began,
     facts.WaitEnded: History._wait_ended,
+    facts.Claimed: History._claimed,
+    facts.Granted: History._granted,
+    facts.ClaimEnded: History._claim_ended,
 }

@@ -6,6 +6,7 @@ from enum import StrEnum
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.wording import place
 
 
 class State(StrEnum):
@@ -26,7 +27,7 @@ class State(StrEnum):
 
 @dataclass(slots=True)
 class Wait:
-    """A handler blocks: for the reply to message *awaited*, or until task *awaited* reaches a moment."""
+    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim."""
 
     awaited: int
     start: float
@@ -57,6 +58,27 @@ class Handling:
     end: float | None = None
     outcome: Outcome | None = None
     waits: list[Wait] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Claim:
+    """A lock or reservation of a module's resource: wanted, then granted, then over."""
+
+    id: int
+    module: str
+    resource: str
+    is_reserved: bool
+    sender: str
+    origin: int
+    """The delivery whose handler wanted it (0: none)."""
+    start: float
+    granted: float | None = None
+    end: float | None = None
+    ended: str = ""
+    """Why it is over."""
+
+    def __str__(self) -> str:
+        return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)} {{{self.id}}}"
 
 
 @dataclass(slots=True)

@@ -43,8 +43,13 @@ def _of_queued(history: History, task: Task) -> Iterator[str]:
     if not queueing or not queueing.module:
         yield f"for a module that handles {task.name}"
         return
+    where = place(queueing.module, queueing.resource)
+    held_by = history.held_by.get((queueing.module, queueing.resource))
+    if held_by and not (held_by.is_reserved and held_by.sender == task.sender):
+        yield f"for {where}, which {held_by.sender} has {'reserved' if held_by.is_reserved else 'locked'}"
+        return
     busy = [history.describe(handling.message_id) for handling in history.running(queueing.module, queueing.resource)]
-    yield f"for {place(queueing.module, queueing.resource)}" + (f", busy with {_listed(busy)}" if busy else "")
+    yield f"for {where}" + (f", busy with {_listed(busy)}" if busy else "")
 
 
 def _of_handled(history: History, task: Task) -> Iterator[str]:
@@ -52,6 +57,8 @@ def _of_handled(history: History, task: Task) -> Iterator[str]:
     for wait in task.handling.waits[-1:] if task.handling else []:
         if wait.end is None and wait.moment:
             yield _until(history, Point(TaskId(wait.awaited), wait.moment))
+        elif wait.end is None and wait.awaited in history.claims:
+            yield f"for the {history.describe(wait.awaited)}"
         elif wait.end is None:
             yield f"for the reply to {history.describe(wait.awaited)}"
 

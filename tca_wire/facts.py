@@ -293,6 +293,30 @@ class WaitEnded(_Fact, frozen=True, tag="wait ended"):
     task: TaskId
 
 
+class Claimed(_Fact, frozen=True, tag="claimed"):
+    """A module waits to lock a resource, or (*is_reserved*) to reserve it, in delivery *origin* (0: in none)."""
+
+    id: int
+    module: str
+    resource: str
+    is_reserved: bool
+    sender: str
+    origin: int
+
+
+class Granted(_Fact, frozen=True, tag="granted"):
+    """A resource is locked, or reserved, from now on."""
+
+    id: int
+
+
+class ClaimEnded(_Fact, frozen=True, tag="released"):
+    """A resource is not locked or reserved any more, or is no longer waited for to be."""
+
+    id: int
+    why: str
+
+
 class RequestRefused(_Fact, frozen=True, tag="refused"):
     """A request of a connection (a module's name or, before it said hello, "?") was refused."""
 
@@ -306,6 +330,7 @@ Fact = (
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
     | WaitBegan | WaitEnded | RequestRefused
     | TapAdded | TapFired | MonitorTested | MonitorEnded
+    | Claimed | Granted | ClaimEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
 )  # fmt: skip
 

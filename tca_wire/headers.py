@@ -114,10 +114,12 @@ class WaitFor(_Header, frozen=True, tag=8):
     number: int
     point: Point
     origin: int = 0
+    blocking: bool = False
+    """The sender's connection does nothing else until the answer is there."""
 
 
 class GiveUp(_Header, frozen=True, tag=9):
-    """The sender no longer waits for the answer to request *request*."""
+    """The sender no longer waits for the answer to request *request*; if that was a Lock, what it got is released."""
 
     request: int
 
@@ -206,6 +208,33 @@ class Inspect(_Header, frozen=True, tag=19):
     relation: Literal["self", "parent", "children", "ancestors", "descendants"]
     message: str = ""
     """Only tasks of this message ("": of any)."""
+
+
+class Lock(_Header, frozen=True, tag=23):
+    """Let nobody into a resource, or (*reserve*) only what this module sends. Answered when that is so.
+
+    It ends when this request is given up, when the task or message *origin* has ended, or with the connection.
+    """
+
+    number: int
+    resource: str
+    module: str = ""
+    """Whose resource it is; "" if only one module has a resource of that name."""
+    reserve: bool = False
+    origin: int = 0
+    """The delivery that the sender is handling (0: none)."""
+    timeout: float = -1
+    """After so many seconds of waiting the answer is the failure "timeout" (negative: never)."""
+    priority: int = 0
+    blocking: bool = False
+
+
+class Unlock(_Header, frozen=True, tag=24):
+    """Take a lock or reservation from whoever has it. Answered by Accepted; its id is 0 if nobody had it."""
+
+    number: int
+    resource: str
+    module: str = ""
 
 
 class Tap(_Header, frozen=True, tag=64):
@@ -339,6 +368,6 @@ class Suspended(_Header, frozen=True, tag=42):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended

@@ -74,6 +74,7 @@ class Refusal(StrEnum):
     CYCLE = "cycle"  # the constraints could never be met
     TOO_LATE = "too late"  # the point has been reached already
     OVERLOAD = "overload"  # a bounded queue is full
+    DEADLOCK = "deadlock"  # whoever waits would wait for himself, for ever
 
 
 class Condition(StrEnum):

@@ -155,6 +155,18 @@ class Wording:
     def _timed_out(self, fact: facts.TimedOut) -> str:
         return self._constraints([fact.constraint])
 
+    def _claimed(self, fact: facts.Claimed) -> str:
+        kind = "reservation" if fact.is_reserved else "lock"
+        self._names[fact.id] = f"{kind} of {place(fact.module, fact.resource)}"
+        by = f"{fact.sender} in {self._name(fact.origin)}" if fact.origin else fact.sender
+        return f"{self._name(fact.id)} by {by}"
+
+    def _granted(self, fact: facts.Granted) -> str:
+        return self._name(fact.id)
+
+    def _claim_ended(self, fact: facts.ClaimEnded) -> str:
+        return f"{self._name(fact.id)}: {fact.why}"
+
     def _refused(self, fact: facts.RequestRefused) -> str:
         return f"{fact.sender}: {fact.refusal}: {fact.text}"
 
@@ -204,5 +216,8 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Retried: Wording._of_task,
     facts.SuspendedOrResumed: Wording._suspended,
     facts.TimedOut: Wording._timed_out,
+    facts.Claimed: Wording._claimed,
+    facts.Granted: Wording._granted,
+    facts.ClaimEnded: Wording._claim_ended,
     facts.RequestRefused: Wording._refused,
 }

@@ -60,14 +60,16 @@ class Player:
             ),
         )
 
-    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0) -> None:
+    def module(
+        self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0, resource: str = ""
+    ) -> None:
         """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
         self.hello(name)
         messages = [self.format(words) for words in handles]
-        handlers = [HandlerFormat(message.name, name, pool, pending) for message in messages]
+        handlers = [HandlerFormat(message.name, resource or name, pool, pending) for message in messages]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
         for index in range(capacity if handles else 0):
-            self.hello(f"{name}/{index + 1}", name, name)
+            self.hello(f"{name}/{index + 1}", name, resource or name)
 
     @staticmethod
     def format(words: str) -> MessageFormat:

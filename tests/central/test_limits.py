@@ -73,7 +73,7 @@ def test_void_entries_of_a_queue_do_not_pile_up() -> None:
         player.receive("user", headers.GiveUp(player.numbers["user"]))
     resource = player.central.registry.modules["run of map"].resources["map"]
     assert resource.waiting == 1
-    assert len(resource._queue) < 100
+    assert len(resource._queue._heap) < 100
 
 
 def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(monkeypatch: pytest.MonkeyPatch) -> None:

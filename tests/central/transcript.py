@@ -1,6 +1,6 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
-    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N]
+    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
     NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
@@ -9,6 +9,7 @@
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
     NAME: tap CONDITION of TASK or MESSAGE with LISTENER | fire TASK | end monitor TASK
+    NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await MESSAGE, ... | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     lose NAME | garbage NAME | pass SECONDS | tree
@@ -40,6 +41,7 @@ class Transcript:
         self.player = Player()
         self.shown = 0
         self.declared: set[tuple[str, str]] = set()
+        self.locked: dict[str, int] = {}
 
     def play(self, command: str) -> str:
         """Do one command; what happened, a line each."""
@@ -54,10 +56,17 @@ class Transcript:
         lines += [f"  -> {describe_answer(answer)}" for answer in answers if not isinstance(answer, headers.Deliver)]
         return "\n".join(line for line in lines if line) if command != "tree" else self.tree()
 
-    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str) -> list[Any]:
+    def module(self, name: str, handles: str, capacity: str, pool: str, pending: str, resource: str) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
         known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
-        self.player.module(name, *words, capacity=int(capacity or 1), pool=pool or "", pending=int(pending or 0))
+        self.player.module(
+            name,
+            *words,
+            capacity=int(capacity or 1),
+            pool=pool or "",
+            pending=int(pending or 0),
+            resource=resource or "",
+        )
         new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
         return [header for header, _ in new if isinstance(header, headers.Answer)]
 
@@ -163,6 +172,21 @@ class Transcript:
     def give_up(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.GiveUp(self.player.numbers[name]))
 
+    def lock(self, name: str, what: str, resource: str, options: str) -> list[Any]:
+        found = dict(re.findall(r"\b(of|within|priority|for) (\S+)", options))
+        self.locked[name] = self.player.number(name)
+        header = headers.Lock(
+            self.locked[name], resource, found.get("of", ""), what == "reserve", self.player.delivered(name)[-1] if " here" in options else int(found.get("for", 0)),
+            float(found.get("within", -1)), int(found.get("priority", 0)), blocking=" here" in options,
+        )  # fmt: skip
+        return self.player.receive(name, header)
+
+    def release(self, name: str) -> list[Any]:
+        return self.player.receive(name, headers.GiveUp(self.locked[name]))
+
+    def unlock(self, name: str, resource: str) -> list[Any]:
+        return self.player.receive(name, headers.Unlock(self.player.number(name), resource))
+
     def kill(self, name: str, scope: str, task: str, delay: str, after: str) -> list[Any]:
         point = read_point(after) if after else None
         which = Scope(scope or "task")
@@ -192,7 +216,7 @@ class Transcript:
 
 
 NAME = r"(?P<name>[\w/#]+)"
-OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?"
+OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
     (rf"{NAME}: await (?P<messages>.*)", Transcript.await_),
@@ -219,6 +243,9 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: bye", Transcript.bye),
     (rf"lose {NAME}", Transcript.lose),
     (rf"garbage {NAME}", Transcript.garbage),
+    (rf"{NAME}: (?P<what>lock|reserve) (?P<resource>\w+)(?P<options>.*)", Transcript.lock),
+    (rf"{NAME}: release", Transcript.release),
+    (rf"{NAME}: unlock (?P<resource>\w+)", Transcript.unlock),
     (r"tree", lambda _: None),
     (rf"{NAME}: (?P<what>(?:{CLASSES}) \w+)(?P<options>.*)", Transcript.send),
 ]  # fmt: skip
@@ -310,11 +337,24 @@ def describe_control(fact: facts.Fact) -> str:
             return f"condition of {fact.monitor} {'holds' if fact.holds else 'does not hold'}"
         case facts.MonitorEnded():
             return f"{fact.monitor} watches no longer: {fact.why}"
+        case facts.Claimed() | facts.Granted() | facts.ClaimEnded():
+            return describe_claim(fact)
         case facts.Attached():
             place = fact.message or f"task {fact.task}"
             return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
         case _:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
+
+
+def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> str:
+    match fact:
+        case facts.Claimed():
+            kind = "reserve" if fact.is_reserved else "lock"
+            return f"{fact.id} wants to {kind} {fact.resource} of {fact.module}, from {fact.sender}"
+        case facts.Granted():
+            return f"{fact.id} granted"
+        case facts.ClaimEnded():
+            return f"{fact.id} ended: {fact.why}"
 
 
 def describe_answer(answer: Any) -> str:

@@ -9,6 +9,7 @@ from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walkin
 from tca_central.core import Central
 from tca_central.events import ConnectionId
 from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
+from tca_central.resources import Claim
 from tca_central.task_tree import TaskTree
 from tca_explorer import QueryFailed, Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, fingerprint
@@ -121,6 +122,7 @@ def test_the_tables_name_what_there_is() -> None:
     things = [
         central, central.tree, central.registry, central.agenda, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
+        Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
     ]  # fmt: skip
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)

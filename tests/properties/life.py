@@ -32,7 +32,7 @@ small = st.integers(0, 1000)
 operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
                                        "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
                                        "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor",
-                                       "monitor", "monitor", "set", "await"]), small, small, small, small)  # fmt: skip
+                                       "monitor", "monitor", "set", "await", "lock", "lock", "release", "unlock"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -210,6 +210,31 @@ class Life:
 
     def give_up_(self, a: int, *_: int) -> None:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
+
+    def lock_(self, a: int, b: int, c: int, d: int) -> None:
+        senders, modules = self.connections(), list(self.central.registry.modules.values())
+        resources = [resource for module in modules for resource in module.resources.values()]
+        if not resources:
+            return
+        name, resource = senders[a % len(senders)], resources[b % len(resources)]
+        handled = self.player.delivered(name)
+        origin = handled[-1] if handled and c % 4 else 0
+        timeout = d % 5 if c % 3 == 0 else -1
+        number = self.player.number(name)
+        wanted = headers.Lock(number, resource.name, resource.module, c % 2 == 0, origin, timeout, d % 3, bool(origin))
+        self.player.receive(name, wanted)
+
+    def release_(self, a: int, *_: int) -> None:
+        if claims := list(self.central.claims.values()):
+            claim = claims[a % len(claims)]
+            self.player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
+
+    def unlock_(self, a: int, *_: int) -> None:
+        modules = list(self.central.registry.modules.values())
+        resources = [resource for module in modules for resource in module.resources.values()]
+        if resources:
+            resource = resources[a % len(resources)]
+            self.request(headers.Unlock, resource.name, resource.module)
 
     def lose_(self, a: int, *_: int) -> None:
         others = [name for name in self.connections() if name != "user"]

@@ -308,3 +308,21 @@ def test_a_copy_whose_listener_left_is_handled_no_longer() -> None:
     history = story.fold()
     assert history.running("map", "map") == []
     assert [handling.end for handling in history.messages[pose].handlings] == [1.0]
+
+
+def test_a_message_waits_for_a_locked_resource_and_a_handler_for_its_lock() -> None:
+    story = Story().module("legs", "move").module("planner", "walk")
+    move, walk = story.command("move", "user"), story.goal("walk", "user")
+    story.delivered(walk, "planner").delivered(move, "legs")
+    story.at(1.0).say(facts.Claimed(20, "legs", "legs", False, "planner", walk))
+    assert reasons(story.fold(), walk) == ["for the lock of legs {20}"]
+    story.returned(move).say(facts.Granted(20))
+    other = story.command("move", "eyes")
+    story.queued(other, "legs")
+    assert reasons(story.fold(), walk) == []
+    assert reasons(story.fold(), other) == ["for legs, which planner has locked"]
+    story.at(2.0).say(facts.ClaimEnded(20, "released"), facts.Claimed(21, "legs", "legs", True, "eyes", 0))
+    story.say(facts.Granted(21)).delivered(move, "legs")
+    assert reasons(story.fold(), other) == ["for legs, busy with move {1}"]
+    claim = story.fold().claims[20]
+    assert (claim.start, claim.granted, claim.end, claim.ended) == (1.0, 1.0, 2.0, "released")

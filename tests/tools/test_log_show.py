@@ -52,6 +52,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(facts.Retried(task, b""), facts.Recovered(task), facts.Removed(21))
     story.say(facts.TapAdded(23, Condition.BEFORE_HANDLING, "check", "walk", ROOT), facts.TapFired(23, task, 0))
     story.say(facts.MonitorTested(task, holds=True), facts.MonitorEnded(task, "its end point is reached"))
+    story.say(facts.Claimed(24, "legs", "motors", True, "map", 0), facts.Granted(24), facts.ClaimEnded(24, "released"))
     story.say(facts.SuspendedOrResumed(task, is_suspended=True))
     after = Point(task, Moment.START_ACHIEVING)
     story.say(facts.TimedOut(Constraint(Point(ROOT, Moment.START_ACHIEVING), after, 2.5)))

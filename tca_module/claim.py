@@ -1,0 +1,50 @@
+"""What one has of a resource that was locked or reserved."""
+
+from types import TracebackType
+from typing import Self
+
+from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.errors import Timeout
+from tca_wire.headers import GiveUp, Lock
+from tca_wire.vocabulary import Outcome
+
+
+class Claim:
+    """A lock or reservation of a resource. A ``with`` block releases it at its end."""
+
+    def __init__(self, connection: Connection, header: Lock) -> None:
+        self._connection = connection
+        kind = "reservation" if header.reserve else "lock"
+        self._what = f"the {kind} of resource '{header.resource}'" + (f" of '{header.module}'" * bool(header.module))
+        self._request = connection.request(header, wants_answer=True)
+        self._is_over = False
+
+    def __repr__(self) -> str:
+        return self._what
+
+    def wait(self, timeout: float | None) -> None:
+        """Wait until it is granted; central knows the timeout and says when it is over."""
+        patience = None if timeout is None else timeout + ACKNOWLEDGED_WITHIN
+        if not self._connection.wait(self._request, patience, self._what):
+            self._connection.abandon(self._request)
+            msg = f"{self._what} was not granted within {timeout:g} s, and central does not say so: it is overloaded"
+            raise Timeout(msg)
+        answer, _ = self._request.answers[-1]
+        if answer.outcome is not Outcome.DONE:
+            self._is_over = True
+            msg = f"{self._what} was not granted within {timeout:g} s: {answer.text}; see 'tca modules'"
+            raise Timeout(msg)
+
+    def release(self) -> None:
+        """Let others in again. Does nothing if it was released, or taken away."""
+        if not self._is_over:
+            self._is_over = True
+            self._connection.post(GiveUp(self._request.header.number), b"")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
