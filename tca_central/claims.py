@@ -39,6 +39,8 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     if header.timeout >= 0:
         claim.timer = central.clock.after(header.timeout, Due.CLAIM, claim)
     central.dispatcher.claim(claim)
+    if header.blocking:
+        central.block(connection, header.number, header.origin)
 
 
 def _find(central: State, name: str, module: str) -> ModuleResource:
@@ -119,10 +121,10 @@ def _fail(central: State, claim: Claim[Connection], why: str, answer: ToModule) 
         central.send(claim.slot, claim.number, answer)
 
 
-def give_up_claim(central: State, connection: Connection, number: int) -> None:
+def give_up_claim(central: State, connection: Connection, number: int, why: str) -> None:
     """Who has or wants a resource gives it up."""
     if (claim := central.claims.get((connection, number))) is not None:
-        _end(central, claim, "given up" if not claim.is_granted else "released")
+        _end(central, claim, "released" if claim.is_granted else why)
 
 
 def end_with(central: State, delivery: Delivery) -> None:
@@ -132,6 +134,12 @@ def end_with(central: State, delivery: Delivery) -> None:
             _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}' has ended")
         else:
             refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for has ended")
+
+
+def outlive(central: State, delivery: Delivery) -> None:
+    """A handler has returned and has not released what it has: from now on that waits for the end of the task."""
+    if central.claimed_for:
+        central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)
 
 
 def end_of_connection(central: State, connection: Connection) -> None:

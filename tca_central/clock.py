@@ -22,6 +22,7 @@ class Due(StrEnum):
     KILL = "kill"  # a task shall end
     TEST = "test"  # a polling monitor asks its condition
     WATCHED = "watched"  # a monitor has watched long enough
+    LOOK = "look"  # see whether those who block will ever get what they wait for
     CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
 
 

@@ -12,10 +12,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import availability, claims, control, failures, joining, monitors, requests, sharing, taps
+from tca_central import availability, claims, control, deadlocks, failures, joining, monitors, requests, sharing, taps
 from tca_central.clock import Due
 from tca_central.errors import RequestError
-from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
+from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
 from tca_central.registry import Connection
 from tca_central.state import State
 from tca_central.task_tree import Task
@@ -62,6 +62,8 @@ class Central(State):
         elif isinstance(event, BadBytes):
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
         self._settle()
+        if (self.blocked or self.claims) and not isinstance(event, Tick):
+            deadlocks.look_later(self)
         effects = self.messages
         if self.facts:
             effects = [Record(facts.Entry(self.events, event.time, self.facts[:])), *effects]
@@ -121,7 +123,7 @@ class Central(State):
         """Let everything happen that may, until nothing moves."""
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
-        while agenda.is_busy or dispatcher.is_busy:
+        while agenda.is_busy or dispatcher.is_busy or self.suspects:
             for waiting, take in self._takers:
                 while waiting:
                     take(waiting.popleft())
@@ -130,6 +132,9 @@ class Central(State):
             if dispatcher.freed and not (agenda.is_busy or dispatcher.displaced):
                 dispatcher.give_freed_slot()
             agenda.settle()
+            if self.suspects and not (agenda.is_busy or dispatcher.is_busy):
+                deadlocks.look(self)
+                agenda.settle()
 
     def _withdraw(self, task: Task) -> None:
         self.dispatcher.withdraw(task, keep_place=task.suspended or task.again)
@@ -214,5 +219,6 @@ TIMERS: dict[Due, Callable[[Central, Any], None]] = {
     Due.TEST: monitors.on_test,
     Due.WATCHED: monitors.on_watched,
     Due.CLAIM: claims.on_time_out,
+    Due.LOOK: deadlocks.on_look,
 }
 """One row per kind of timer: what happens when it is due."""

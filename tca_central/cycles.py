@@ -33,7 +33,7 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     if start == goal:
         return [start]
     ahead = _Side(start, _successors)
-    behind = _Side(goal, lambda place: _predecessors(tree, place))
+    behind = _Side(goal, lambda place: predecessors(tree, place))
     while True:
         for side, other in ((ahead, behind), (behind, ahead)):
             found = side.step()
@@ -88,7 +88,8 @@ def _successors(place: Place) -> Iterator[Place]:
             yield Place(parent, END_HANDLING)
 
 
-def _predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
+def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
+    """The points that a point waits for, those already reached too."""
     task, moment = place
     for preceding in predecessors_within(task.is_goal, moment):
         yield Place(task, preceding)

@@ -6,6 +6,7 @@ reports through the two functions it is given.
 
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.resources import Claim, PendingLimit, Resource
@@ -19,9 +20,12 @@ refused. Tasks are not counted: they are in the tree anyway."""
 class Dispatcher:
     """Every delivery between its start and its handler's return."""
 
-    def __init__(self, facts: list[object], deliver: Callable[[Delivery, Connection], None]) -> None:
+    def __init__(
+        self, facts: list[object], deliver: Callable[[Delivery, Connection], None], suspects: deque[Any]
+    ) -> None:
         self._facts = facts
         self._deliver = deliver
+        self._suspects = suspects
         self._arrivals = 0
         self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
         self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
@@ -60,6 +64,7 @@ class Dispatcher:
             return
         for resource in resources:
             resource.queue(delivery)
+        self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(Queued(delivery.given_as, delivery.message_id, first.module, first.name))
         for resource in resources:
@@ -81,6 +86,7 @@ class Dispatcher:
 
     def _attend(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
+        slot.handling.append(delivery)
         self.attended[delivery.given_as] = delivery
         self._deliver(delivery, slot)
 
@@ -90,9 +96,11 @@ class Dispatcher:
         """
         del self.attended[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
+        assert slot is not None
+        slot.handling.remove(delivery)
         if delivery.nested:
             delivery.nested = False
-        elif slot is not None and slot.resource is not None:
+        elif slot.resource is not None:
             self.freed.append((slot.resource, slot))
 
     def give_freed_slot(self) -> None:
@@ -162,7 +170,7 @@ class Dispatcher:
             self.freed.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
-        orphans = [delivery for delivery in self.attended.values() if delivery.slot is slot]
+        orphans, slot.handling = slot.handling, []
         for delivery in orphans:
             del self.attended[delivery.given_as]
             delivery.slot, delivery.nested = None, False

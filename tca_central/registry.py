@@ -1,7 +1,7 @@
 """Who is connected, which messages exist and who handles them. Knows nothing of tasks, time or sockets."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
@@ -31,10 +31,17 @@ class ModuleResource(Resource["Connection", "Delivery"]):
         self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
 
 
+class Blocking(NamedTuple):
+    """That a connection does nothing until the answer to its request is there."""
+
+    origin: int  #: the delivery whose handler waits (0: none)
+    since: int  #: the event in which that began
+
+
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "id", "last_number", "module", "outstanding", "resource", "session")
+    __slots__ = ("answers", "handling", "id", "last_number", "module", "outstanding", "resource", "session", "waits")
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
@@ -44,6 +51,8 @@ class Connection:
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
         self.last_number = 0  #: the highest request number seen
+        self.handling: list[Delivery] = []  #: what it handles; a nested one after the one it is nested in
+        self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
 
     def remember(self, number: int, header: ToModule, body: bytes) -> None:
         """Keep an answer in case the request is repeated."""

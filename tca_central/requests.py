@@ -9,7 +9,7 @@ import msgspec
 
 from tca_central import status
 from tca_central.availability import HandledWait
-from tca_central.claims import end_with, give_up_claim
+from tca_central.claims import end_with, give_up_claim, outlive
 from tca_central.clock import checked_seconds
 from tca_central.control import keep_for_termination, set_deadline
 from tca_central.errors import RequestError
@@ -39,11 +39,11 @@ NIL = b"\xc0"  # None as MessagePack
 class Wait:
     """A connection waits until a task reaches a moment."""
 
-    __slots__ = ("connection", "number", "origin", "task_id")
+    __slots__ = ("connection", "moment", "number", "origin", "task_id")
 
     def __init__(self, connection: Connection, header: headers.WaitFor) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.task_id = header.point.task
+        self.task_id, self.moment = header.point.task, int(header.point.moment)
 
     def met(self, central: State, task: Task) -> None:
         """The moment is reached."""
@@ -109,6 +109,8 @@ def _route_query(
     delivery.number = header.number
     connection.outstanding[header.number] = delivery
     central.dispatcher.route(delivery)
+    if header.blocking:
+        central.block(connection, header.number, header.origin)
 
 
 def _route_multi_query(
@@ -210,6 +212,7 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     else:
         delivery.result = b"" if body == NIL else body
         central.agenda.returned(delivery)
+        outlive(central, delivery)
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
@@ -318,6 +321,8 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
         answer_wait(central, wait, central.outcome(task))
     else:
         central.agenda.wait(task, moment, wait)
+        if header.blocking:
+            central.block(connection, header.number, header.origin)
 
 
 def answer_wait(central: State, wait: Any, outcome: tuple[Outcome, str, str, bytes]) -> None:
@@ -333,8 +338,9 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
     give_up(central, connection, header.request)
 
 
-def give_up(central: State, connection: Connection, number: int) -> None:
+def give_up(central: State, connection: Connection, number: int, why: str = "its sender gave up") -> None:
     """Forget that an answer is due; a query that no handler has yet is dropped."""
+    central.unblock(connection, number)
     due = connection.outstanding.pop(number, None)
     if isinstance(due, Wait):
         if (task := central.tree.tasks.get(due.task_id)) is not None:
@@ -343,14 +349,14 @@ def give_up(central: State, connection: Connection, number: int) -> None:
     elif isinstance(due, HandledWait):
         due.end()
     elif due is None or isinstance(due, Claim):
-        give_up_claim(central, connection, number)
+        give_up_claim(central, connection, number, why)
     elif isinstance(due, Collector):
         for delivery in due.pending.values():
             _abandon(central, delivery)
-        central.facts.append(facts.Dropped(due.id, "its sender gave up"))
+        central.facts.append(facts.Dropped(due.id, why))
     elif isinstance(due, Delivery):
         _abandon(central, due)
-        central.facts.append(facts.Dropped(due.id, "its sender gave up"))
+        central.facts.append(facts.Dropped(due.id, why))
 
 
 def _abandon(central: State, delivery: Delivery) -> None:

@@ -1,13 +1,14 @@
 """All that central knows, and how anything leaves it. Holds no rule: those are in the parts and in requests.py."""
 
+from collections import deque
 from typing import Any, NamedTuple
 
 from tca_central.agenda import Agenda
-from tca_central.clock import Clock
+from tca_central.clock import Clock, Timer
 from tca_central.dispatcher import Dispatcher
 from tca_central.events import Effect, Transmit
 from tca_central.intervals import DELIVERED
-from tca_central.registry import Attached, Connection, Delivery, MessageType, Registry, Tap
+from tca_central.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
 from tca_central.resources import Claim
 from tca_central.task_tree import Task, TaskTree
 from tca_central.variables import Variables
@@ -82,7 +83,14 @@ class State:
         self.attached: dict[int, Attached] = {}  #: all exception handlers, by id
         self.taps: dict[int, Tap] = {}  #: all wiretaps, by id
         self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
-        self.dispatcher = Dispatcher(self.facts, self.deliver)
+        self.suspects: deque[Delivery | Claim[Connection] | tuple[Connection, int]] = (
+            deque()
+        )  #: what may have begun to wait for itself
+        self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
+        self.look_after = 0.25  #: seconds after which they are looked at again (0: never)
+        self.look_effort = 1  #: how many times longer than usual that takes, and may
+        self.next_look: Timer | None = None
+        self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects)
         self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by who asked, and the request's number
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
@@ -119,8 +127,20 @@ class State:
 
     def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
+        self.unblock(connection, number)
         connection.remember(number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
+
+    def block(self, connection: Connection, number: int, origin: int) -> None:
+        """A connection does nothing until the answer to this request is there."""
+        connection.waits[number] = Blocking(origin, self.events)
+        self.blocked[connection] = None
+        self.suspects.append((connection, number))
+
+    def unblock(self, connection: Connection, number: int) -> None:
+        """That answer is there, or nobody waits for it any more."""
+        if connection.waits and connection.waits.pop(number, None) is not None and not connection.waits:
+            del self.blocked[connection]
 
     def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is no final answer."""

@@ -27,6 +27,7 @@ IGNORED = {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
         "facts", "messages",  # empty between events
+        "suspects", "blocked", "look_after", "look_effort", "next_look",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
     },
     "TaskTree": {"newest", "tasks"},  # ids are only names; all tasks are met as children
@@ -35,7 +36,7 @@ IGNORED = {
         "lost",  # scripts do not reconnect
         "_names",
     },
-    "Connection": {"id", "session", "answers", "last_number"},  # addresses; scripts repeat nothing
+    "Connection": {"id", "session", "answers", "last_number", "handling", "waits"},  # addresses; scripts repeat nothing
     "MessageType": {"format", "first_declared_by", "declarers"},  # all modules of a scenario declare the same
     "Module": {"process"},
     "Delivery": {"ticket"},  # marks void entries of the queue, which are left out

@@ -65,6 +65,7 @@ class Play:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.central = Central("explored")
+        self.central.look_after = 0  # what comes of a deadlock is for the scenario's properties to find
         self.central.tree.newest = Id(0)
         self.world = World()
         self.runs: dict[str, Run] = {}  #: of modules, by name, until their last connection has ended

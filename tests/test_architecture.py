@@ -80,6 +80,8 @@ CENTRAL: dict[str, set[str]] = {
         "taps",
         "task_tree",
     },
+    "needs": {"cycles", "intervals", "registry", "requests", "resources", "state", "task_tree"},
+    "deadlocks": {"clock", "cycles", "failures", "needs", "registry", "requests", "resources", "state", "task_tree"},
     "claims": {"clock", "errors", "registry", "resources", "state"},
     "sharing": {"errors", "fan_out", "registry", "state", "variables"},
     "joining": {
@@ -99,6 +101,7 @@ CENTRAL: dict[str, set[str]] = {
         "claims",
         "clock",
         "control",
+        "deadlocks",
         "errors",
         "events",
         "failures",

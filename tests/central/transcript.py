@@ -1,10 +1,10 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
+    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
-    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT | give up | bye
+    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
@@ -14,6 +14,7 @@
     NAME: await MESSAGE, ... | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     lose NAME | garbage NAME | pass SECONDS | tree
 
+``here``: the handler that NAME runs does nothing else until the answer is there.
 A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT + 2`` is two seconds
 later. Failures of no name ("any") are written ``any``. A module's slots are NAME/1, NAME/2, ...
 """
@@ -86,6 +87,8 @@ class Transcript:
             keywords["watch"] = read_watch(options)
         if "flags" in found:
             keywords["flags"] = Flags(sum(Flags[flag] for flag in found["flags"].split("|")))
+        if " here" in options:
+            keywords |= {"origin": self.player.delivered(name)[-1], "blocking": True}
         if " if handled" in options:
             keywords["if_handled"] = True
         if " again" in options:
@@ -166,8 +169,10 @@ class Transcript:
     def pass_(self, seconds: str) -> list[Any]:
         return [effect.header for effect in self.player.tick(float(seconds)) if hasattr(effect, "header")]
 
-    def wait(self, name: str, point: str) -> list[Any]:
-        return self.player.receive(name, headers.WaitFor(self.player.number(name), read_point(point)))
+    def wait(self, name: str, point: str, here: str) -> list[Any]:
+        origin = self.player.delivered(name)[-1] if here else 0
+        header = headers.WaitFor(self.player.number(name), read_point(point), origin, blocking=bool(here))
+        return self.player.receive(name, header)
 
     def give_up(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.GiveUp(self.player.numbers[name]))
@@ -235,7 +240,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
     (rf"{NAME}: deadline (?P<seconds>[\d.]+) for (?P<point>.*)", Transcript.deadline),
     (r"pass (?P<seconds>[\d.]+)", Transcript.pass_),
-    (rf"{NAME}: wait (?P<point>.*)", Transcript.wait),
+    (rf"{NAME}: wait (?P<point>.*?)(?P<here> here)?", Transcript.wait),
     (rf"{NAME}: give up", Transcript.give_up),
     (rf"{NAME}: kill (?:(?P<scope>descendants|siblings) of )?(?P<task>\d+)(?: in (?P<delay>[\d.]+))?(?: after (?P<after>.*))?",
      Transcript.kill),

@@ -1,0 +1,226 @@
+"""Deadlocks: waits that can never end, found when they begin and ended with a failure that names the circle.
+
+Theory of operation. A node of the graph in needs.py is *live* if of each group that it needs one node is live; the
+least fixpoint, found forwards from the wait that has just begun, or the message that was just queued. What is not
+live waits, in the end, for itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler
+gets an error; where only tasks wait for each other the failure is raised on a task. Whatever else may close a circle
+(a subtask, a constraint, a slot that is lost) is found shortly after, by a look at all that blocks. A search that
+would take long gives up, and is repeated later with more patience.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+
+from tca_central.clock import Due
+from tca_central.cycles import Place
+from tca_central.failures import raise_failure
+from tca_central.needs import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting, needs
+from tca_central.registry import Connection, Delivery
+from tca_central.requests import give_up
+from tca_central.resources import Claim
+from tca_central.state import Failure, State
+from tca_central.task_tree import Task
+from tca_wire import facts
+from tca_wire.headers import Refused
+from tca_wire.points import describe_moments
+from tca_wire.vocabulary import Refusal
+
+DEADLOCK = "deadlock"
+PATIENCE = 1000
+"""Nodes that are looked at when a wait begins."""
+
+LOOK_AFTER = 0.25
+"""Seconds after which all that blocks is looked at again, if anything has happened; longer if that takes long."""
+
+_SHOWN = 12  # parts of a circle that the error names
+
+
+def look(central: State) -> None:
+    """See whether what has just begun to wait will ever get what it waits for."""
+    while central.suspects:
+        start = central.suspects.popleft()
+        with suppress(_TooLongError):
+            if isinstance(start, Claim):
+                _resolve_all(central, Releasing(start), PATIENCE)
+            elif isinstance(start, Delivery):
+                if not _goes_on(start):
+                    _resolve_all(central, Turn(start), PATIENCE)
+            elif not _is_answered_soon(*start):
+                _resolve_all(central, Waiting(*start), PATIENCE)
+
+
+def look_later(central: State) -> None:
+    """Something has happened while somebody blocks."""
+    if central.look_after and central.next_look is None:
+        central.next_look = central.clock.after(central.look_after * central.look_effort, Due.LOOK, None)
+
+
+def on_look(central: State, _: None) -> None:
+    """Look at all that blocks."""
+    central.next_look = None
+    patience = 2 * PATIENCE * central.look_effort
+    try:
+        for node in list(_all_that_block(central)):
+            _resolve_all(central, node, patience)
+        central.look_effort = 1
+    except _TooLongError:
+        central.look_effort *= 2
+        look_later(central)
+
+
+def _all_that_block(central: State) -> Iterator[Node]:
+    for connection in central.blocked:
+        yield from (Waiting(connection, number) for number in connection.waits)
+    yield from (Releasing(claim) for claim in central.claims.values() if claim.is_granted)
+
+
+def _goes_on(delivery: Delivery) -> bool:
+    """Whether it is plain that a message will be handled: only a handler that nothing blocks is before it."""
+    return not delivery.queues or any(
+        resource.held_by is None and not resource.claims and any(not slot.waits for slot in resource.slots)
+        for resource in delivery.queues
+    )
+
+
+def _is_answered_soon(connection: Connection, number: int) -> bool:
+    """Whether it is plain that a request will be answered: it was, or a handler that nothing blocks is about to."""
+    due = connection.outstanding.get(number)
+    return due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits)
+
+
+# --- the search ------------------------------------------------------------------------------------------------------
+
+
+class _TooLongError(Exception):
+    """The search would take longer than it may."""
+
+
+Stuck = dict[Node, list[Sequence[Node]]]
+"""Nodes that are not live, and what they need."""
+
+
+def _stuck(central: State, start: Node, patience: int) -> Stuck:
+    """All that *start* waits for and that is not live; nothing if *start* is live."""
+    needed: Stuck = {}
+    waiting: dict[Node, int] = {}  # by node that was looked at, the number of groups without a live node
+    wanted_by: dict[Node, list[tuple[Node, int]]] = {}
+    met: set[tuple[Node, int]] = set()
+    frontier, seen = [start], {start}
+    while frontier and waiting.get(start, 1):
+        if len(waiting) >= patience:
+            raise _TooLongError
+        node = frontier.pop()
+        needed[node] = [group for group in needs(central, node) if all(waiting.get(other, 1) for other in group)]
+        waiting[node] = len(needed[node])
+        for index, group in enumerate(needed[node]):
+            for other in group:
+                wanted_by.setdefault(other, []).append((node, index))
+            new = [other for other in group if other not in seen]
+            seen.update(new)
+            frontier += new
+        newly_live = [] if waiting[node] else [node]
+        for live in newly_live:  # grows while it is walked
+            for user in wanted_by.get(live, ()):
+                if user not in met:
+                    met.add(user)
+                    waiting[user[0]] -= 1
+                    if not waiting[user[0]]:
+                        newly_live.append(user[0])
+    return {node: groups for node, groups in needed.items() if waiting[node]} if waiting[start] else {}
+
+
+def _circle(start: Node, stuck: Stuck) -> list[Node]:
+    """A circle that *start* waits for, in its order."""
+    trail: dict[Node, int] = {}
+    node = start
+    while node not in trail:
+        trail[node] = len(trail)
+        node = next(group[0] for group in stuck[node] if all(other in stuck for other in group))
+    return list(trail)[trail[node] :]
+
+
+# --- what is done about it -------------------------------------------------------------------------------------------
+
+
+def _resolve_all(central: State, start: Node, patience: int) -> None:
+    """End waits as long as *start* waits for a circle."""
+    while stuck := _stuck(central, start, patience):
+        if not _resolve(central, _circle(start, stuck)):
+            return
+
+
+def _resolve(central: State, circle: list[Node]) -> bool:
+    """End one wait of a circle: the newest of a handler or, where none blocks, that of a task. False if it can't be."""
+    text = describe(central, circle)
+    waits = [node for node in circle if isinstance(node, Waiting)]
+    if waits:
+        connection, number = max(waits, key=lambda node: node.connection.waits[node.number].since)
+        _refuse(central, connection, number, text)
+        return True
+    claims = [node.claim for node in circle if isinstance(node, Releasing)]
+    tasks = [claim.holder for claim in claims if isinstance(claim.holder, Task)]
+    tasks += [node.task for node in circle if isinstance(node, Place)]
+    told = [one for one in tasks if one.killed or (one.failure and one.failure[0] == DEADLOCK)]
+    is_seen_to = any(not one.is_dealt_with for one in told)
+    task = next((one for one in tasks if one not in told), None)
+    if task is not None and not is_seen_to:
+        raise_failure(central, task, Failure(DEADLOCK, text))
+    return False  # what comes of that comes later
+
+
+def _refuse(central: State, connection: Connection, number: int, text: str) -> None:
+    central.facts.append(facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text))
+    give_up(central, connection, number, DEADLOCK)
+    central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
+
+
+# --- words -----------------------------------------------------------------------------------------------------------
+
+
+def describe(central: State, circle: list[Node]) -> str:
+    """The circle in words, from the first handler that waits."""
+    first = next((index for index, node in enumerate(circle) if isinstance(node, Waiting)), 0)
+    circle = circle[first:] + circle[:first]
+    said = [_words(central, node, circle[(index + 1) % len(circle)]) for index, node in enumerate(circle)]
+    parts = list(dict.fromkeys(filter(None, said)))
+    more = f"; and {len(parts) - _SHOWN} more" if len(parts) > _SHOWN else ""
+    return f"each waits for the next, in a circle: {'; '.join(parts[:_SHOWN])}{more}"
+
+
+def _words(central: State, node: Node, following: Node) -> str:
+    match node:
+        case Waiting(connection, number):
+            return f"{_who(central, connection, number)} waits {_for_what(following)}"
+        case TurnAt(delivery, resource):
+            return f"{_name(delivery)} waits for resource '{resource.name}'"
+        case Releasing(claim):
+            kind = "reserved" if claim.admits_owner else "locked"
+            until = f" until {_name(claim.holder)} has ended" if claim.holder is not None else ""
+            return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
+        case Place(task, _) if isinstance(following, Place) and following.task is not task:
+            return f"{_name(task)} waits until {_point(following)}"
+    return ""
+
+
+def _who(central: State, connection: Connection, number: int) -> str:
+    delivery = central.dispatcher.attended.get(connection.waits[number].origin)
+    return f"module '{connection.module.name}'" + (f" in {_name(delivery)}" if delivery is not None else "")
+
+
+def _for_what(following: Node) -> str:
+    match following:
+        case Returning(delivery) | Turn(delivery):
+            return f"for the reply to {_name(delivery)}"
+        case Granting(claim):
+            return f"to {'reserve' if claim.admits_owner else 'lock'} '{claim.resource.name}'"
+        case Place():
+            return f"until {_point(following)}"
+    return "for what is to come"
+
+
+def _name(delivery: Delivery) -> str:
+    return f"'{delivery.message.name}' {{{delivery.id}}}"
+
+
+def _point(place: Place) -> str:
+    return f"{_name(place.task)} has reached {describe_moments(place.moment)[0]}"

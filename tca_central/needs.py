@@ -1,0 +1,171 @@
+"""Who waits for what, as one graph over handlers, messages, resources, claims and points of tasks.
+
+``needs`` says of a node what it waits for: groups of nodes, of each of which one is enough. No group at all: it will
+come about by itself, as far as central knows: a handler that runs may return, somebody may come to handle a message,
+a suspended task may be resumed, time passes. So the graph never shows a wait for ever where there is none.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from tca_central.cycles import Place, predecessors
+from tca_central.intervals import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING, STARTS, delivered_at
+from tca_central.registry import Connection, Delivery, ModuleResource
+from tca_central.requests import Wait
+from tca_central.resources import Claim
+from tca_central.state import State
+from tca_central.task_tree import Task
+
+
+class Waiting(NamedTuple):
+    """That a connection gets the answer to its blocking request."""
+
+    connection: Connection
+    number: int
+
+
+class Returning(NamedTuple):
+    """That the handler of a delivery returns."""
+
+    delivery: Delivery
+
+
+class Turn(NamedTuple):
+    """That a delivery in a queue is given to a handler."""
+
+    delivery: Delivery
+
+
+class TurnAt(NamedTuple):
+    """That a delivery in a queue is given to a handler of this resource."""
+
+    delivery: Delivery
+    resource: ModuleResource
+
+
+class Granting(NamedTuple):
+    """That a claim gets its resource."""
+
+    claim: Claim[Connection]
+
+
+class Releasing(NamedTuple):
+    """That the lock or reservation in force ends."""
+
+    claim: Claim[Connection]
+
+
+Node = Waiting | Returning | Turn | TurnAt | Granting | Releasing | Place
+Groups = Iterator[Sequence[Node]]
+
+
+def needs(central: State, node: Node) -> Groups:
+    """What a node waits for."""
+    return _OF[type(node)](central, node)
+
+
+def _of_wait(central: State, node: Waiting) -> Groups:
+    due = node.connection.outstanding.get(node.number)
+    if isinstance(due, Delivery):
+        if due.slot is not None:
+            yield [Returning(due)]
+        elif due.queues:
+            yield [Turn(due)]
+    elif isinstance(due, Claim):
+        yield [Granting(due)]
+    elif isinstance(due, Wait) and (task := central.tree.tasks.get(due.task_id)) is not None:
+        yield [Place(task, due.moment)]
+
+
+def _of_handler(_: State, node: Returning) -> Groups:
+    """A handler returns after it has got all that it, or whatever is handled within its waits, waits for."""
+    delivery = node.delivery
+    slot = delivery.slot
+    for number, wait in slot.waits.items() if slot is not None else ():
+        if not wait.origin or wait.origin >= delivery.given_as:
+            assert slot is not None
+            yield [Waiting(slot, number)]
+
+
+def _of_turn(_: State, node: Turn) -> Groups:
+    delivery = node.delivery
+    if delivery.queues:
+        yield [TurnAt(delivery, resource) for resource in delivery.queues]
+
+
+def _of_turn_at(_: State, node: TurnAt) -> Groups:
+    delivery, resource = node
+    held_by = resource.held_by
+    if held_by is not None and not resource.admits(delivery):
+        yield [Releasing(held_by)]
+    if held_by is None:
+        key = -delivery.priority, delivery.arrival
+        yield from ([Granting(claim)] for claim in resource.claims if (-claim.priority, claim.arrival) < key)
+    if resource.slots and not resource.free:
+        yield [Returning(slot.handling[0]) for slot in resource.slots if slot.handling]
+
+
+def _of_claim(_: State, node: Granting) -> Groups:
+    claim = node.claim
+    resource = claim.resource
+    if claim.is_granted:
+        return
+    if resource.held_by is not None:
+        yield [Releasing(resource.held_by)]
+    for slot in resource.slots:
+        if slot.handling and slot is not claim.slot:
+            yield [Returning(slot.handling[0])]
+    key = -claim.priority, claim.arrival
+    yield from ([Granting(one)] for one in resource.claims if (-one.priority, one.arrival) < key)
+
+
+def _of_release(central: State, node: Releasing) -> Groups:
+    """Its handler is expected to release it; when that has returned, the end of its task will."""
+    claim = node.claim
+    holder = claim.holder
+    if holder is None:
+        yield from ([Waiting(claim.slot, number)] for number in claim.slot.waits)
+    elif holder.slot is not None:
+        yield [Returning(holder)]
+    elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
+        yield [Place(holder, END_ACHIEVING)]
+
+
+def _of_point(central: State, place: Place) -> Groups:
+    task, moment = place
+    if task.reached & moment or (task.suspended and moment & STARTS):
+        return
+    if task.killed:
+        yield from _of_killed(task, moment)
+        return
+    if task.slot is not None and moment == END_HANDLING:
+        yield [Returning(task)]
+    elif task.queues and (moment & (START_HANDLING | delivered_at(task.is_goal)) or task.again):
+        yield [Turn(task)]
+    elif moment == START_HANDLING:
+        yield [Place(task, delivered_at(task.is_goal))]
+    if task.message.message_class.is_monitor and moment == END_HANDLING and task.reached & START_HANDLING:
+        return  # it watches: time and others decide
+    for before in predecessors(central.tree, place):
+        if not before.task.reached & before.moment:
+            yield [before]
+
+
+def _of_killed(task: Task, moment: int) -> Groups:
+    """Only what runs, or outlives the kill, holds up the end of a killed task."""
+    if task.slot is not None:
+        yield [Returning(task)]
+    if moment in (END_PLANNING, END_ACHIEVING):
+        yield from ([Place(child, moment)] for child in (task.children or {}).values())
+
+
+_OF: dict[type, Callable[[State, Any], Groups]] = {
+    Place: _of_point,
+    Waiting: _of_wait,
+    Returning: _of_handler,
+    Turn: _of_turn,
+    TurnAt: _of_turn_at,
+    Granting: _of_claim,
+    Releasing: _of_release,
+}
+"""One row per kind of node."""
