@@ -129,7 +129,7 @@ def give_up_claim(central: State, connection: Connection, number: int, why: str)
 
 def end_with(central: State, delivery: Delivery) -> None:
     """A task or message has ended: so has what was claimed for it."""
-    for claim in central.claimed_for.pop(delivery, ()) if central.claimed_for else ():
+    for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
             _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}' has ended")
         else:

@@ -159,7 +159,8 @@ class Central(State):
             self.dispatcher.route(task)
 
     def _ended(self, task: Task) -> None:
-        claims.end_with(self, task)
+        if self.claimed_for:
+            claims.end_with(self, task)
         if task.rare is not None:
             control.forget_timers(self, task)
             failures.forget_task(self, task)

@@ -43,8 +43,7 @@ def look(central: State) -> None:
             if isinstance(start, Claim):
                 _resolve_all(central, Releasing(start), PATIENCE)
             elif isinstance(start, Delivery):
-                if not _goes_on(start):
-                    _resolve_all(central, Turn(start), PATIENCE)
+                _resolve_all(central, Turn(start), PATIENCE)
             elif not _is_answered_soon(*start):
                 _resolve_all(central, Waiting(*start), PATIENCE)
 
@@ -72,14 +71,6 @@ def _all_that_block(central: State) -> Iterator[Node]:
     for connection in central.blocked:
         yield from (Waiting(connection, number) for number in connection.waits)
     yield from (Releasing(claim) for claim in central.claims.values() if claim.is_granted)
-
-
-def _goes_on(delivery: Delivery) -> bool:
-    """Whether it is plain that a message will be handled: only a handler that nothing blocks is before it."""
-    return not delivery.queues or any(
-        resource.held_by is None and not resource.claims and any(not slot.waits for slot in resource.slots)
-        for resource in delivery.queues
-    )
 
 
 def _is_answered_soon(connection: Connection, number: int) -> bool:

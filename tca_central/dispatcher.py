@@ -57,14 +57,20 @@ class Dispatcher:
             delivery.nested = True
             self._attend(delivery, slot)
             return
+        self._queue(delivery, resources)
+
+    def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         delivery.queues = resources
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
             self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
             return
+        goes_on = False
         for resource in resources:
             resource.queue(delivery)
-        self._suspects.append(delivery)
+            goes_on = goes_on or _goes_on(resource)
+        if not goes_on:
+            self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(Queued(delivery.given_as, delivery.message_id, first.module, first.name))
         for resource in resources:
@@ -143,7 +149,9 @@ class Dispatcher:
 
     def _leave_queues(self, delivery: Delivery) -> None:
         """A delivery waits no longer; a claim that was behind it may be the next now."""
-        self.freed.extend((resource, None) for resource in delivery.queues or () if resource.claims)
+        for resource in delivery.queues or ():
+            if resource.claims:
+                self.freed.append((resource, None))
         delivery.withdraw()
 
     @staticmethod
@@ -227,6 +235,16 @@ class Dispatcher:
         for delivery in queued:
             self._leave_queues(delivery)
         return queued
+
+
+def _goes_on(resource: ModuleResource) -> bool:
+    """Whether it is plain that what waits will be handled: a handler that nothing blocks is before it."""
+    if resource.held_by is not None or resource.claims:
+        return False
+    for slot in resource.slots:
+        if not slot.waits:
+            return True
+    return not resource.slots
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:

@@ -127,7 +127,7 @@ class Resource(Generic[S, Q]):
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S]] = Queue()
-        self._sent_by: dict[object, Queue[Q]] = {}  #: the same messages, by sender
+        self._sent_by: dict[object, Queue[Q]] | None = None  #: the same messages by sender, once it was reserved
 
     @property
     def waiting(self) -> int:
@@ -159,9 +159,11 @@ class Resource(Generic[S, Q]):
 
     def slot_for(self, message: Q) -> S | None:
         """A free slot for a message that has just come, no longer free; None if it must wait."""
-        if not self._free or not self.admits(message) or self._is_claimed_before(message):
+        if not self._free:
             return None
-        return self.take_slot()
+        if self.held_by is None and not self.claims:
+            return self.take_slot()
+        return self.take_slot() if self.admits(message) and not self._is_claimed_before(message) else None
 
     def admits(self, message: Q) -> bool:
         """Whether neither a lock nor a reservation keeps a message out."""
@@ -190,17 +192,24 @@ class Resource(Generic[S, Q]):
     def queue(self, one: Q) -> None:
         """Let a message wait its turn."""
         self._queue.put(one)
-        if one.sent_by not in self._sent_by:
-            self._sent_by[one.sent_by] = Queue()
-        self._sent_by[one.sent_by].put(one)
+        if self._sent_by is not None:
+            self._sort_in(self._sent_by, one)
+
+    @staticmethod
+    def _sort_in(sent_by: dict[object, Queue[Q]], one: Q) -> None:
+        sender = one.sent_by
+        if sender not in sent_by:
+            sent_by[sender] = Queue()
+        sent_by[sender].put(one)
 
     def left_queue(self, one: Q) -> None:
         """A message waits no longer; its entries have become void."""
         self._queue.left()
-        of_sender = self._sent_by[one.sent_by]
-        of_sender.left()
-        if not of_sender.waiting:
-            del self._sent_by[one.sent_by]
+        if self._sent_by is not None:
+            of_sender = self._sent_by[one.sent_by]
+            of_sender.left()
+            if not of_sender.waiting:
+                del self._sent_by[one.sent_by]
 
     def queued(self) -> Iterator[Q]:
         """The messages that wait, in no particular order."""
@@ -213,7 +222,7 @@ class Resource(Generic[S, Q]):
     def next_queued(self) -> Q | Claim[S] | None:
         """Who may have what is free, if anybody may: a message, or a claim that is to be granted now."""
         if self.held_by is not None:
-            mine = self._sent_by.get(self.held_by.owner) if self.held_by.admits_owner else None
+            mine = (self._sent_by or {}).get(self.held_by.owner) if self.held_by.admits_owner else None
             return mine.first() if mine is not None else None
         first = self._queue.first()
         if isinstance(first, Claim) and not self.is_idle_but_for(first.slot):
@@ -245,6 +254,10 @@ class Resource(Generic[S, Q]):
         """Nobody else gets in from now on."""
         self._leave_queue(claim)
         self.held_by = claim
+        if claim.admits_owner and self._sent_by is None:
+            self._sent_by = {}
+            for one in self.queued():
+                self._sort_in(self._sent_by, one)
 
     def _leave_queue(self, claim: Claim[S]) -> None:
         del self.claims[claim]

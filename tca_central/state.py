@@ -127,7 +127,8 @@ class State:
 
     def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
-        self.unblock(connection, number)
+        if connection.waits:
+            self.unblock(connection, number)
         connection.remember(number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
 
@@ -139,7 +140,7 @@ class State:
 
     def unblock(self, connection: Connection, number: int) -> None:
         """That answer is there, or nobody waits for it any more."""
-        if connection.waits and connection.waits.pop(number, None) is not None and not connection.waits:
+        if connection.waits.pop(number, None) is not None and not connection.waits:
             del self.blocked[connection]
 
     def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:

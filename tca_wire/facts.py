@@ -310,7 +310,7 @@ class Granted(_Fact, frozen=True, tag="granted"):
     id: int
 
 
-class ClaimEnded(_Fact, frozen=True, tag="released"):
+class ClaimEnded(_Fact, frozen=True, tag="claim ended"):
     """A resource is not locked or reserved any more, or is no longer waited for to be."""
 
     id: int

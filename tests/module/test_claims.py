@@ -4,7 +4,19 @@ import threading
 
 import pytest
 
-from tca_module import Client, Command, Goal, MisuseError, Module, Refused, ResourceInfo, Task, Timeout, connect
+from tca_module import (
+    Client,
+    Command,
+    Deadlock,
+    Goal,
+    MisuseError,
+    Module,
+    Refused,
+    ResourceInfo,
+    Task,
+    Timeout,
+    connect,
+)
 from tca_module.testing import LocalCentral
 
 MOVE = Command("move", int)
@@ -15,14 +27,15 @@ TIDY = Goal("tidy", int)
 def test_while_a_resource_is_locked_nobody_gets_in(central: LocalCentral, legs: Module, user: Client) -> None:
     moved: list[int] = []
     legs.handles(MOVE)(lambda _, number: moved.append(number))
-    with legs.running():
+    with legs.running(), connect("other", central) as other:
         with user.lock("legs", timeout=5):
-            move = user.command(MOVE, 1)
+            move = other.command(MOVE, 1)
             with pytest.raises(Timeout, match="not reached"):
                 move.wait(timeout=0.1)
-            assert [resource.locked_by for resource in resources(user)] == [user.name]
+            assert [resource.locked_by for resource in resources(user)] == ["user"]
+            with pytest.raises(Deadlock, match="'legs' is locked by module 'user'"):
+                user.command(MOVE, 2).result()
         move.result(timeout=5)
-        assert moved == [1]
         assert [resource.locked_by for resource in resources(user)] == [""]
 
 
