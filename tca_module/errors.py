@@ -6,6 +6,7 @@ TcaError             do not raise this one; it groups the others
 │   └── FormatRefused    others use a message of that name with another format or class
 ├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
 ├── Stopped          the module was told to end while it waited for central
+├── NotDeclared      nobody has declared a message of that name (also a LookupError)
 ├── VariableNotSet   a variable has no value yet (also a LookupError)
 ├── Timeout          the answer did not come in time (also a TimeoutError)
 ├── QueryFailed      the handler of a query failed
@@ -59,6 +60,10 @@ class NoCentral(CentralLost, SystemExit):
 
 class Stopped(TcaError):
     """The module was told to end before central had welcomed it."""
+
+
+class NotDeclared(TcaError, LookupError):
+    """Nobody has declared a message of that name."""
 
 
 class VariableNotSet(TcaError, LookupError):
@@ -119,6 +124,7 @@ __all__ = [
     "FormatRefused",
     "MisuseError",
     "NoCentral",
+    "NotDeclared",
     "QueryFailed",
     "Refused",
     "Stopped",

@@ -157,23 +157,24 @@ class TaskHandle(Intervals):
         """The task that it is under; None at the top, or if it has ended."""
         return next((handle for _, handle in self._relatives("parent")), None)
 
-    def children(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
-        """Its living children, oldest first (those of one *message*)."""
+    def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
+        """Its living children, oldest first (those of one *message*, or of that name)."""
         return [handle for _, handle in self._relatives("children", message)]
 
-    def ancestors(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+    def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
         """The tasks above it, nearest first."""
         return [handle for _, handle in self._relatives("ancestors", message)]
 
-    def descendants(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+    def descendants(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
         """The living tasks under it, parents first."""
         return [handle for _, handle in self._relatives("descendants", message)]
 
     def _relatives(
-        self, relation: Any, message: Message[Any, Any] | None = None
+        self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
         self._check_epoch()
-        header = Inspect(0, self.id, relation, message.name if message is not None else "")
+        name = message.name if isinstance(message, Message) else message or ""
+        header = Inspect(0, self.id, relation, name)
         request = self._connection.request(header, wants_answer=True)
         what = f"the {relation} of {self}"
         if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
