@@ -170,15 +170,13 @@ class _Fitting:
         fields, others = schema.get("properties", {}), schema.get("additionalProperties", "properties" not in schema)
         if not isinstance(value, dict):
             raise self._unfit(schema, value, path)
+        for name in value if others is False else ():
+            if name not in fields:
+                raise BadData(f"{_place(_field(path, name))} is unknown: {_advice(name, list(fields))}")
         for name in schema.get("required", ()):
             if name not in value:
                 raise BadData(f"{_place(_field(path, name))} is missing: it must be {self._wanted(fields.get(name))}")
-        fitted = {}
-        for name, one in value.items():
-            if name not in fields and others is False:
-                raise BadData(f"{_place(_field(path, name))} is unknown: {_advice(name, list(fields))}")
-            fitted[name] = self.fit(fields.get(name, others), one, _field(path, name))
-        return fitted
+        return {name: self.fit(fields.get(name, others), one, _field(path, name)) for name, one in value.items()}
 
     def _array(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         if schema.get("format") == "numpy":
