@@ -124,7 +124,7 @@ def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
         (Move, {"leg": 1, "to": {"x": 1}, "speed": 3}, "field 'speed' must be a number or null, and 3 is not"),
         (list[Pose], [{"x": 1}, {"y": 1}], "field '[1].x' is missing: it must be a number"),
         (Circle | Line, {"type": "circle"}, "field 'radius' is missing: it must be a number"),
-        (Pose | None, {"z": 1}, "field 'x' is missing: it must be a number"),
+        (Pose | None, {"y": 1}, "field 'x' is missing: it must be a number"),
         (Annotated[int, msgspec.Meta(ge=0, le=5)], 7, "the data must be at most 5, and 7 is not"),
         (Annotated[str, msgspec.Meta(pattern="^a")], "b", 'the data must be text like ^a, and "b" is not'),
         (tuple[int, str], [1], "the data must be at least 2 items, and [1] is not"),
