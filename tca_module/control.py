@@ -43,7 +43,7 @@ class Control(Knowledge):
     _parent: TaskId
 
     def task(self, task_id: int) -> TaskHandle | None:
-        """The living task of that number; None if it has ended. Raises Refused if there has never been one."""
+        """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
         info = TaskHandle(self._connection(), "", TaskId(task_id)).info()
         return TaskHandle(self._connection(), info.message, info.id, self._origin) if info is not None else None
 

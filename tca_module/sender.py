@@ -56,6 +56,8 @@ class TaskOptions(TypedDict, total=False):
     """Seconds within which it must be achieved, or the failure "timeout" is raised on it."""
     delay: float
     """Seconds, from now, within which it is not started."""
+    keep: bool
+    """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
 
 
 class Sender(Control):
@@ -108,6 +110,7 @@ class Sender(Control):
         header = Send(
             0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
             attachments=handlers, deadline=options.get("deadline", 0), if_handled=handled,
+            keep=options.get("keep", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
         if not task_id:

@@ -132,7 +132,8 @@ def _numbered(client: Client, number: int) -> TaskHandle:
         handle = client.task(min(number, _HIGHEST))
     except Refused as refused:
         raise click.ClickException(f"{refused.text}: 'tca tree' shows them all") from None
-    if handle is None:
+    info = handle.info() if handle is not None else None
+    if handle is None or info is None or info.outcome:
         msg = f"task {number} has ended: 'tca tree' shows how"
         raise click.ClickException(msg)
     return handle
