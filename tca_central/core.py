@@ -12,7 +12,19 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import availability, claims, control, deadlocks, failures, joining, monitors, requests, sharing, taps
+from tca_central import (
+    availability,
+    claims,
+    control,
+    deadlocks,
+    failures,
+    joining,
+    keeping,
+    monitors,
+    requests,
+    sharing,
+    taps,
+)
 from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
@@ -165,6 +177,7 @@ class Central(State):
             control.forget_timers(self, task)
             failures.forget_task(self, task)
             taps.forget_task(self, task)
+            keeping.ended(self, task)
         if task.role is Role.EXCEPTION:
             failures.handler_ended(self, task)
         outcome = self.outcome(task)
@@ -203,6 +216,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Tap: taps.on_tap,
     headers.Fire: monitors.on_fire,
     headers.EndMonitor: monitors.on_end_monitor,
+    headers.Keep: keeping.on_keep,
     headers.Bye: joining.on_bye,
     headers.GetVariable: sharing.on_get_variable,
     headers.SetVariable: sharing.on_set_variable,

@@ -46,6 +46,7 @@ def check_invariants(central: State) -> None:
         assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
     _check_connections(central)
     _check_variables(central)
+    _check_kept(central)
 
 
 def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
@@ -201,6 +202,29 @@ def _check_connections(central: State) -> None:
         assert connection.module.connections.get(connection.session) is connection
     known = sum(len(module.connections) for module in registry.modules.values())
     assert known == len(registry.connections), "connections without a module"
+
+
+def _check_kept(central: State) -> None:
+    """Records are of ended tasks that connected modules keep, and hang under what is there."""
+    tree, kept = central.tree, central.kept
+    modules = set(central.registry.modules.values())
+    for record in kept.values():
+        parent = record.parent
+        assert record.id not in tree.tasks, f"record {record.id}: its task lives"
+        is_there = parent is tree.root or (parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent)
+        assert is_there, f"record {record.id}: hangs under what is gone"
+        assert record.siblings.get(record.id) is record, f"record {record.id}: its parent does not know it"
+        assert record.keepers, f"record {record.id}: nobody keeps it"
+        assert modules >= record.keepers.keys(), f"record {record.id}: kept by who is gone"
+    promised = 0
+    for module in modules:
+        for task_id in module.keeps:
+            task = tree.tasks.get(task_id)
+            keepers = kept[task_id].keepers if task is None else task.more.keepers
+            assert module in keepers, f"'{module.name}' keeps {task_id}, which does not know it"
+            promised += 1
+    assert central.promises == promised, f"{central.promises} promises, counted {promised}"
+    assert central.kept_bytes == sum(record.size for record in kept.values()), "size of the records"
 
 
 def _check_variables(central: State) -> None:

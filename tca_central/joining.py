@@ -3,6 +3,7 @@
 from tca_central import claims, notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
+from tca_central.keeping import release_all
 from tca_central.monitors import check_parts
 from tca_central.registry import Connection, Delivery, Handler, Module
 from tca_central.requests import fail_delivery, give_up
@@ -86,6 +87,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     if not module.connections:
         remove_handlers(central, list(module.handlers.values()))
         claims.end_on_module(central, module, why)
+        release_all(central, module)
         central.registry.forget_module(module)
         central.tree.forget_module(module.name)
         central.facts.append(facts.ModuleLeft(module.name, why))

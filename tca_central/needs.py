@@ -9,7 +9,16 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from tca_central.cycles import Place, predecessors
-from tca_central.intervals import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING, STARTS, delivered_at
+from tca_central.intervals import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    STARTS,
+    delivered_at,
+)
 from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.requests import Wait
 from tca_central.resources import Claim
@@ -138,17 +147,32 @@ def _of_point(central: State, place: Place) -> Groups:
     if task.killed:
         yield from _of_killed(task, moment)
         return
+    yield from _of_its_handler(task, moment)
+    is_watching = task.message.message_class.is_monitor and task.reached & START_HANDLING
+    if not (is_watching and moment == END_HANDLING):  # when that ends, time and others decide
+        yield from _of_order(central, task, moment)
+
+
+def _of_its_handler(task: Task, moment: int) -> Groups:
+    starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
     if task.slot is not None and moment == END_HANDLING:
         yield [Returning(task)]
-    elif task.queues and (moment & (START_HANDLING | delivered_at(task.is_goal)) or task.again):
+    elif task.queues and (moment & starts or task.again):
         yield [Turn(task)]
     elif moment == START_HANDLING:
         yield [Place(task, delivered_at(task.is_goal))]
-    if task.message.message_class.is_monitor and moment == END_HANDLING and task.reached & START_HANDLING:
-        return  # it watches: time and others decide
-    for before in predecessors(central.tree, place):
-        if not before.task.reached & before.moment:
-            yield [before]
+
+
+def _of_order(central: State, task: Task, moment: int) -> Groups:
+    """Constraints, and the order within the task and with its relatives; two starts of which each waits for the other
+    (DELAY_PLANNING) are one.
+    """
+    together = (START_PLANNING, START_ACHIEVING) if task.delayed and moment & STARTS else (moment,)
+    for one in together:
+        for before in predecessors(central.tree, Place(task, one)):
+            is_the_same = before.task is task and before.moment in together
+            if not is_the_same and not before.task.reached & before.moment:
+                yield [before]
 
 
 def _of_killed(task: Task, moment: int) -> Groups:

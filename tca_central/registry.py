@@ -72,6 +72,7 @@ class Module:
         self.connections: dict[str, Connection] = {}  #: by session
         self.resources: dict[str, ModuleResource] = {}
         self.handlers: dict[str, Handler] = {}  #: by message name
+        self.keeps: dict[int, None] = {}  #: ids of the tasks, living or ended, that it wants remembered
 
     def resource(self, name: str) -> ModuleResource:
         """The resource of that name; made when first named."""

@@ -16,6 +16,7 @@ from tca_central.errors import RequestError
 from tca_central.failures import attach, check_attachments, fail_task, failure_of, kill, reissue
 from tca_central.fan_out import copies, route_statement
 from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SENT, SINGLE_MOMENTS, SUCCESS
+from tca_central.keeping import check_room, keep
 from tca_central.making import at_birth
 from tca_central.monitors import prepare, tested
 from tca_central.registry import Connection, Delivery, MessageType
@@ -138,6 +139,8 @@ def _route_task(
     _check_number(header.constraints)
     check_attachments(central, header.attachments)
     checked_seconds(header.deadline, f"a deadline of '{message.name}'")
+    if header.keep:
+        check_room(central)
     parent = central.tree.root if header.parent == ROOT else central.tree.task(header.parent)
     if parent is None:
         text = f"task {header.parent} has ended: nothing can be added under it"
@@ -155,6 +158,8 @@ def _route_task(
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
     for attachment in header.attachments:
         attach(central, attachment, task)
+    if header.keep:
+        keep(central, task, connection.module)
     happened(central, task, SENT)
     if header.deadline:
         set_deadline(central, task, END_ACHIEVING, header.deadline)
@@ -308,21 +313,29 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
     if moment not in SINGLE_MOMENTS:
         raise RequestError(Refusal.PROTOCOL, f"{moment} is no moment: one bit of 1 to 32 is")
     task = central.tree.task(header.point.task)
-    if task is None and header.point.task <= central.forgotten and header.point.task not in central.outcomes:
+    known = central.outcome(task) if task is not None else _outcome_of_ended(central, header.point.task)
+    if known is None:
         text = f"task {header.point.task} ended too long ago to know how: see the journal"
         raise RequestError(Refusal.TOO_LATE, text)
     wait = Wait(connection, header)
     connection.outstanding[header.number] = wait
     origin = header.origin
     central.facts.append(facts.WaitBegan(connection.module.name, origin, wait.task_id, moment))
-    if task is None:
-        answer_wait(central, wait, central.outcomes.get(wait.task_id, (Outcome.DONE, "", "", b"")))
-    elif task.reached & moment:
-        answer_wait(central, wait, central.outcome(task))
+    if task is None or task.reached & moment:
+        answer_wait(central, wait, known)
     else:
         central.agenda.wait(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin)
+
+
+def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
+    """How a task ended; None if that is forgotten."""
+    if (record := central.kept.get(task_id)) is not None:
+        return record.outcome
+    if task_id <= central.forgotten and task_id not in central.outcomes:
+        return None
+    return central.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
 
 
 def answer_wait(central: State, wait: Any, outcome: tuple[Outcome, str, str, bytes]) -> None:
@@ -368,7 +381,7 @@ def _abandon(central: State, delivery: Delivery) -> None:
 def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
     """A module asks about a task and its relatives."""
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
-    found = [] if task is None else status.relatives(central, task, header.relation, header.message)
+    found = status.relatives(central, task or central.kept.get(header.task), header.relation, header.message)
     _answer(central, connection, header.number, found, f"the {header.relation} of task {header.task}")
 
 

@@ -10,7 +10,7 @@ from tca_central.events import Effect, Transmit
 from tca_central.intervals import DELIVERED
 from tca_central.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
 from tca_central.resources import Claim
-from tca_central.task_tree import Task, TaskTree
+from tca_central.task_tree import Kept, Task, TaskTree
 from tca_central.variables import Variables
 from tca_wire import facts, headers
 from tca_wire.headers import ToModule
@@ -98,6 +98,9 @@ class State:
         self.outcomes: dict[int, tuple[Outcome, str, str, bytes]] = {}  #: of ended tasks, oldest first
         self.outcome_bytes = 0  #: size of what they hold
         self.forgotten = 0  #: the highest id of a task whose outcome was kept, and is no more
+        self.kept: dict[int, Kept] = {}  #: records of ended tasks that modules keep, by id, oldest first
+        self.kept_bytes = 0  #: size of what they hold
+        self.promises = 0  #: number of tasks, living or ended, that each module keeps, added up
         self.events = 0  #: number of events handled
         self.messages: list[Effect] = []
 

@@ -7,9 +7,9 @@ from typing import Any
 from tca_central.holds import held_counts
 from tca_central.registry import Handler, ModuleResource
 from tca_central.state import State
-from tca_central.task_tree import Task
-from tca_wire.points import Moment, describe_moments
-from tca_wire.vocabulary import MessageClass
+from tca_central.task_tree import Kept, Task
+from tca_wire.points import ALL_MOMENTS, Moment, describe_moments
+from tca_wire.vocabulary import MessageClass, Outcome
 
 SHOWN_TASKS = 10_000
 SHOWN_BYTES = 512  # of a variable's value
@@ -26,6 +26,7 @@ def overview(central: State) -> dict[str, Any]:
         "messages": len(registry.messages),
         "variables": len(central.variables.values),
         "tasks": len(central.tree.tasks),
+        "kept tasks": len(central.kept),
         "being handled": len(central.dispatcher.attended),
         "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
         "newest id": central.tree.newest,
@@ -106,8 +107,37 @@ def tree(central: State) -> list[dict[str, Any]]:
     return [describe(task) for task in everything]
 
 
-def describe(task: Task) -> dict[str, Any]:
-    """A live task in plain values."""
+def _kept_under(task: Task | Kept) -> Iterable[Kept]:
+    """Ended tasks that hang under it."""
+    if isinstance(task, Task):
+        return task.rare.kept.values() if task.rare else ()
+    return task.kept.values()
+
+
+def describe(task: Task | Kept) -> dict[str, Any]:
+    """A task in plain values."""
+    return _describe_living(task) if isinstance(task, Task) else _describe_kept(task)
+
+
+def _describe_kept(task: Kept) -> dict[str, Any]:
+    outcome, failure, text, _ = task.outcome
+    return {
+        "task": task.id,
+        "parent": task.parent.id if task.parent else 0,
+        "message": task.message.name,
+        "class": str(task.message.message_class),
+        "role": str(task.role),
+        "reached": describe_moments(ALL_MOMENTS),
+        "held": {},
+        "module": "",
+        "suspended": False,
+        "killed": text if outcome is Outcome.KILLED else "",
+        "failure": failure,
+        "outcome": str(outcome),
+    }
+
+
+def _describe_living(task: Task) -> dict[str, Any]:
     return {
         "task": task.id,
         "parent": task.parent.id if task.parent else 0,
@@ -120,20 +150,30 @@ def describe(task: Task) -> dict[str, Any]:
         "suspended": task.suspended,
         "killed": task.killed,
         "failure": task.failure[0] if task.failure else "",
+        "outcome": "",
     }
 
 
-def relatives(central: State, task: Task, relation: str, message: str) -> list[dict[str, Any]]:
-    """Tasks around *task* (of one message, where named), with their data; nearest or oldest first."""
-    related: dict[str, Iterable[Task | None]] = {
+def relatives(central: State, task: Task | Kept | None, relation: str, message: str) -> list[dict[str, Any]]:
+    """Tasks around *task* (of one message, where named), with their data; nearest or oldest first. Living ones, but for
+    the relation "kept", and the task itself.
+    """
+    if task is None:
+        return []
+    living = task if isinstance(task, Task) else None
+    related: dict[str, Iterable[Task | Kept | None]] = {
         "self": (task,),
         "parent": (task.parent,),
-        "children": (task.children or {}).values(),
+        "children": (living.children or {}).values() if living else (),
         "ancestors": itertools.islice(task.lineage(), 1, None),
-        "descendants": itertools.islice(central.tree.subtree(task), 1, None),
+        "descendants": itertools.islice(central.tree.subtree(living), 1, None) if living else (),
+        "kept": _kept_under(task),
     }
     wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
-    return [{**describe(one), "data": one.body} for one in itertools.islice(wanted, SHOWN_TASKS)]
+    return [
+        {**describe(one), "data": one.body, "result": one.outcome[3] if isinstance(one, Kept) else b""}
+        for one in itertools.islice(wanted, SHOWN_TASKS)
+    ]
 
 
 def variables(central: State) -> list[dict[str, Any]]:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from tca_central.errors import RequestError
-from tca_central.registry import Attached, Connection, Delivery, MessageType, Tap
+from tca_central.registry import Attached, Connection, Delivery, MessageType, Module, Tap
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
-from tca_wire.vocabulary import Refusal, Role
+from tca_wire.vocabulary import Outcome, Refusal, Role
 
 _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIEVING)
 
@@ -17,8 +17,8 @@ _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIE
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = ("attached", "attempts", "fired", "invocations", "is_tapped", "is_void", "listeners", "parting",
-                 "recovering", "taps", "timers", "watch")  # fmt: skip
+    __slots__ = ("attached", "attempts", "fired", "invocations", "is_tapped", "is_void", "keepers", "kept", "listeners",
+                 "parting", "recovering", "taps", "timers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[Attached] = []  #: its exception handlers, newest last
@@ -33,6 +33,8 @@ class Rare:
         self.is_void = False  #: of an exception handler's task: it has reissued its failure
         self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.timers: list[Any] = []  #: what is due for it
+        self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
+        self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
 
 
 class Task(Delivery):
@@ -100,6 +102,38 @@ class Task(Delivery):
         """The ancestor right under the root, or this task itself."""
         *_, top = self.lineage()
         return top
+
+
+class Kept:
+    """The record of an ended task that is kept."""
+
+    __slots__ = ("body", "id", "keepers", "kept", "message", "outcome", "parent", "role")
+
+    def __init__(self, task: Task, outcome: tuple[Outcome, str, str, bytes], rare: Rare) -> None:
+        self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
+        self.parent: Task | Kept | None = task.parent  #: what it hangs under
+        self.keepers = rare.keepers
+        self.kept = rare.kept  #: the records under it
+        for child in self.kept.values():
+            child.parent = self
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds of what modules sent."""
+        return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
+
+    @property
+    def siblings(self) -> dict[int, "Kept"]:
+        """The records under its parent."""
+        assert self.parent is not None
+        return self.parent.more.kept if isinstance(self.parent, Task) else self.parent.kept
+
+    def lineage(self) -> Iterator["Task | Kept"]:
+        """This record, what it hangs under and so on; the root left out."""
+        one: Task | Kept | None = self
+        while one is not None and one.id != ROOT:
+            yield one
+            one = one.parent
 
 
 class TaskTree:

@@ -6,13 +6,11 @@ from typing import Any
 
 import click
 
-from tca_module.client import Client, connect
-from tca_module.errors import CentralLost, MisuseError, TcaError
-from tca_wire.endpoint import VARIABLE
+from tca_module.client import Client
+from tca_module.command_parts import as_json, central_option, json_option, plain, printable, talking
 from tca_wire.errors import BadData
 from tca_wire.formats import decode_untyped
 
-_PATIENCE = 2.0  # seconds that a person waits for central
 _SHOWN = 20  # lines about what waits
 _LONGEST_VALUE = 60  # characters of a variable's value in a table
 
@@ -24,17 +22,12 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 
     def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
         @click.command(name, help=answer.__doc__)
-        @click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
-        @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-        def command(central: str | None, *, as_json: bool) -> None:
-            try:
-                with connect(f"tca {name}", central, patience=_PATIENCE) as client:
-                    data, text = answer(client)
-            except MisuseError as error:
-                raise click.UsageError(str(error)) from None
-            except (CentralLost, TcaError) as error:
-                raise click.ClickException(str(error)) from None
-            click.echo(json.dumps(data, indent=1) if as_json else text)
+        @central_option
+        @json_option
+        def command(central: str | None, *, in_json: bool) -> None:
+            with talking(name, central) as client:
+                data, text = answer(client)
+            click.echo(as_json(data) if in_json else text)
 
         return command
 
@@ -112,8 +105,8 @@ def variables(client: Client) -> tuple[Any, str]:
 def _plain(body: bytes) -> Any:
     """A value as JSON can show it; None where there is none to show."""
     try:
-        return json.loads(json.dumps(decode_untyped(body), default=str))
-    except (BadData, TypeError, ValueError):
+        return plain(decode_untyped(body))
+    except BadData:
         return None
 
 
@@ -170,11 +163,6 @@ def _wrapped(parts: Sequence[str], width: int = 100) -> list[str]:
 
 def _table(heads: list[str], rows: Rows) -> list[str]:
     """Columns as wide as their widest cell."""
-    cells = [[_printable(cell) for cell in row] for row in [heads, *rows]]
+    cells = [[printable(cell) for cell in row] for row in [heads, *rows]]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
-
-
-def _printable(text: str) -> str:
-    """*text* without characters that would steer a terminal."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

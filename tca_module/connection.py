@@ -31,6 +31,9 @@ ACKNOWLEDGED_WITHIN = 30.0
 STEP = 0.2
 """Seconds at a time that a wait listens, so that stops are noticed."""
 
+BRIEF = 1.0
+"""Seconds: a wait that is to be shorter ends soon by itself, and is no deadlock."""
+
 STALL = 2.0
 """Seconds that a turn of a wait never takes unless the process itself was stopped."""
 
@@ -334,6 +337,11 @@ it listens"
 '{threading.current_thread().name}', but belongs to the one that \
 opened it: a handler sends with its task, other threads open a connection of their own with connect()"
             raise MisuseError(msg)
+
+
+def blocks(timeout: float | None) -> bool:
+    """Whether a wait with this timeout is one for which central looks for deadlocks."""
+    return timeout is None or timeout >= BRIEF
 
 
 def _check(request: Request, what: str) -> None:

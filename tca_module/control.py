@@ -42,6 +42,15 @@ class Control(Knowledge):
 
     _parent: TaskId
 
+    def task(self, task_id: int) -> TaskHandle | None:
+        """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
+        info = TaskHandle(self._connection(), "", TaskId(task_id)).info()
+        return TaskHandle(self._connection(), info.message, info.id, self._origin) if info is not None else None
+
+    def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskHandle]:
+        """The living tasks (of one *message*, or its name), parents first, at most 10 000 (TCA 8.5: ChildByName)."""
+        return TaskHandle(self._connection(), "root", ROOT, self._origin).descendants(message)
+
     def on_failure(
         self,
         failure: Failure[Any] | None,

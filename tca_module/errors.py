@@ -7,6 +7,7 @@ TcaError             do not raise this one; it groups the others
 │   └── Deadlock         whoever asked would wait for ever: what he waits for waits for him
 ├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
 ├── Stopped          the module was told to end while it waited for central
+├── NotDeclared      nobody has declared a message of that name (also a LookupError)
 ├── VariableNotSet   a variable has no value yet (also a LookupError)
 ├── Timeout          the answer did not come in time (also a TimeoutError)
 ├── QueryFailed      the handler of a query failed
@@ -68,6 +69,10 @@ class Stopped(TcaError):
     """The module was told to end before central had welcomed it."""
 
 
+class NotDeclared(TcaError, LookupError):
+    """Nobody has declared a message of that name."""
+
+
 class VariableNotSet(TcaError, LookupError):
     """A variable was never set."""
 
@@ -127,6 +132,7 @@ __all__ = [
     "FormatRefused",
     "MisuseError",
     "NoCentral",
+    "NotDeclared",
     "QueryFailed",
     "Refused",
     "Stopped",

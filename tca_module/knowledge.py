@@ -1,14 +1,19 @@
 """What central keeps for all, and who is there: variables, the modules, the handlers of a message."""
 
 from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any, TypeVar, overload
 
+import msgspec
+
 from tca_module.claim import Claim
-from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.errors import MisuseError, Timeout, VariableNotSet
+from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection, blocks
+from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
-from tca_wire.declarations import D, Message, Variable
+from tca_wire.controls import ExceptionHandler
+from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
 from tca_wire.headers import Ask, GetVariable, Lock, SetVariable, ToCentral, WaitUntilHandled
+from tca_wire.plain_data import PlainFormat
 
 X = TypeVar("X")
 
@@ -98,13 +103,15 @@ class Knowledge:
         longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for itself, Refused if there
         is no such resource.
         """
-        return self._claim(Lock(0, resource, module, False, self._origin, _seconds(timeout), priority, True), timeout)
+        return self._claim(resource, module, timeout, priority, reserve=False)
 
     def reserve(self, resource: str, module: str = "", *, timeout: float | None = None, priority: int = 0) -> Claim:
         """Let nothing into a resource but what this module sends (TCA 8.5: ReserveResource); else as ``lock``."""
-        return self._claim(Lock(0, resource, module, True, self._origin, _seconds(timeout), priority, True), timeout)
+        return self._claim(resource, module, timeout, priority, reserve=True)
 
-    def _claim(self, header: Lock, timeout: float | None) -> Claim:
+    def _claim(self, resource: str, module: str, timeout: float | None, priority: int, *, reserve: bool) -> Claim:
+        seconds, blocking = _seconds(timeout), blocks(timeout)
+        header = Lock(0, resource, module, reserve, self._origin, seconds, priority, blocking)
         claim = Claim(self._connection(), header)
         claim.wait(timeout)
         return claim
@@ -119,6 +126,28 @@ class Knowledge:
         """Who handles a message, the newest handler first: of several that share no pool it gets all."""
         connection = self._declare(message)
         return handlers_of(_ask(connection, Ask(0, "messages"), "the question for messages"))[message.name]
+
+    def declared(self, name: str) -> Message[Any, Any]:
+        """A message, or variable, that some module has declared, by its name: for programs that send what they are
+        told to. Its data and replies are plain values: dicts, lists, texts, numbers, None.
+
+        Raises NotDeclared if there is none, MisuseError for a monitor, which has more to it than its name.
+        """
+        known = msgspec.msgpack.decode(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
+        found = next((message for message in known if message["message"] == name), None)
+        if found is None:
+            nearest = get_close_matches(name, [message["message"] for message in known], n=1)
+            advice = f"did you mean '{nearest[0]}'?" if nearest else "see 'tca messages', and start who declares it"
+            msg = f"nobody has declared a message '{name}': {advice}"
+            raise NotDeclared(msg)
+        kind: type[Any] | None = _KINDS.get(found["class"])
+        if kind is None:
+            msg = f"'{name}' is a {found['class']}: declare it in Python to have it watch"
+            raise MisuseError(msg)
+        answer = {Command: "result", Query: "reply", MultiQuery: "reply"}.get(kind)
+        options = {answer: PlainFormat(found["reply"])} if answer else {}
+        message: Message[Any, Any] = kind(name, PlainFormat(found["data"]), **options)
+        return message
 
     def wait_until_handled(self, *messages: Message[Any, Any], timeout: float | None = None) -> None:
         """Wait until somebody handles each of the messages, all at the same time; *timeout* in seconds.
@@ -141,6 +170,12 @@ class Knowledge:
             for message in messages
             if not any(handler.capacity for handler in known.get(message.name, ()))
         ]
+
+
+_KINDS: dict[str, Any] = {
+    str(kind.message_class): kind
+    for kind in (Inform, Query, Broadcast, MultiQuery, Goal, Command, Variable, ExceptionHandler)
+}
 
 
 def wait_until_handled(messages: Iterable[Message[Any, Any]]) -> WaitUntilHandled:

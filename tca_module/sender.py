@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, TypedDict, Unpack, overload
 
-from tca_module.connection import Connection
+from tca_module.connection import Connection, blocks
 from tca_module.control import Control
 from tca_module.errors import MisuseError
 from tca_module.ordering import Ordering
@@ -56,6 +56,8 @@ class TaskOptions(TypedDict, total=False):
     """Seconds within which it must be achieved, or the failure "timeout" is raised on it."""
     delay: float
     """Seconds, from now, within which it is not started."""
+    keep: bool
+    """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
 
 
 class Sender(Control):
@@ -108,6 +110,7 @@ class Sender(Control):
         header = Send(
             0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
             attachments=handlers, deadline=options.get("deadline", 0), if_handled=handled,
+            keep=options.get("keep", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
         if not task_id:
@@ -152,7 +155,7 @@ class Sender(Control):
 
         Raises QueryFailed if the handler fails, Timeout if no reply comes in time.
         """
-        return self._ask(message, data, priority, blocking=True).receive(timeout)
+        return self._ask(message, data, priority, blocking=blocks(timeout)).receive(timeout)
 
     def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
         """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""

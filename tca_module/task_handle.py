@@ -10,14 +10,14 @@ from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
-from tca_wire.headers import Attach, Deadline, Inspect, Kill, Raise, Remove, Retry, Send, Suspend
+from tca_wire.headers import Attach, Deadline, Inspect, Keep, Kill, Raise, Remove, Retry, Send, Suspend
 from tca_wire.parts import Attachment
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Scope
 
 
 class TaskInfo(NamedTuple):
-    """How a living task stands."""
+    """How a task stands, or how one that is kept has ended."""
 
     id: TaskId
     message: str
@@ -33,9 +33,16 @@ class TaskInfo(NamedTuple):
     killed: str
     failure: str
     data: bytes
+    outcome: str
+    """"" while it lives; of an ended one that is kept "done", "failed" or "killed"."""
+    result: bytes
+    """Of an ended one: what its handler returned, or the failure's data."""
 
 
-_ROW = "task", "message", "class", "parent", "reached", "held", "module", "suspended", "killed", "failure", "data"
+_ROW = (
+    "task", "message", "class", "parent", "reached", "held", "module", "suspended", "killed", "failure", "data",
+    "outcome", "result",
+)  # fmt: skip
 
 
 class Attached:
@@ -139,10 +146,28 @@ class TaskHandle(Intervals):
         """Let it go on."""
         self._call(Suspend(0, self.id, resume=True), f"resuming {self}")
 
+    # --- what is remembered ----------------------------------------------------------------------------------------
+
+    def keep(self) -> None:
+        """Have the task remembered after its end: data, outcome and place in the tree (TCM: SetPersistence).
+
+        Until ``release()``, until this module leaves, or until the task above it ends without being kept. Each module
+        keeps for itself. Raises Refused if it has ended already, or too many are kept.
+        """
+        self._call(Keep(0, self.id), f"keeping {self}")
+
+    def release(self) -> None:
+        """Have it remembered no longer, as far as this module is concerned."""
+        self._call(Keep(0, self.id, release=True), f"releasing {self}")
+
+    def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
+        """The ended tasks under it that are kept, in the order in which they ended; their ``info()`` tells how."""
+        return [handle for _, handle in self._relatives("kept", message)]
+
     # --- relatives -------------------------------------------------------------------------------------------------
 
     def info(self) -> TaskInfo | None:
-        """How the task stands; None if it has ended."""
+        """How the task stands; None if it has ended and is not kept."""
         return next((info for info, _ in self._relatives("self")), None)
 
     def data(self, message: Message[D, Any]) -> D:
@@ -157,23 +182,24 @@ class TaskHandle(Intervals):
         """The task that it is under; None at the top, or if it has ended."""
         return next((handle for _, handle in self._relatives("parent")), None)
 
-    def children(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
-        """Its living children, oldest first (those of one *message*)."""
+    def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
+        """Its living children, oldest first (those of one *message*, or of that name)."""
         return [handle for _, handle in self._relatives("children", message)]
 
-    def ancestors(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+    def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
         """The tasks above it, nearest first."""
         return [handle for _, handle in self._relatives("ancestors", message)]
 
-    def descendants(self, message: Message[Any, Any] | None = None) -> "list[TaskHandle]":
+    def descendants(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
         """The living tasks under it, parents first."""
         return [handle for _, handle in self._relatives("descendants", message)]
 
     def _relatives(
-        self, relation: Any, message: Message[Any, Any] | None = None
+        self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
         self._check_epoch()
-        header = Inspect(0, self.id, relation, message.name if message is not None else "")
+        name = message.name if isinstance(message, Message) else message or ""
+        header = Inspect(0, self.id, relation, name)
         request = self._connection.request(header, wants_answer=True)
         what = f"the {relation} of {self}"
         if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):

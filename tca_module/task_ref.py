@@ -3,7 +3,7 @@
 from collections.abc import Generator
 from typing import Any, Generic
 
-from tca_module.connection import Connection
+from tca_module.connection import Connection, blocks
 from tca_module.errors import NIL, BadData, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.session import Request
 from tca_module.task_handle import TaskHandle
@@ -71,7 +71,7 @@ class TaskRef(TaskHandle, Generic[R]):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point, blocking=True)
+        what, request = self._ask(point, blocking=blocks(timeout))
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             self._connection.abandon(request)
             msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="

@@ -29,6 +29,11 @@ def _checked_name(name: str) -> str:
     return name
 
 
+def _format(kind: Any) -> Format[Any]:
+    """The format of a type; a format is taken as it is, None says that there are no data."""
+    return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
+
+
 class Message(Generic[D, R]):
     """A declared message: data of type D, reply or result of type R. Use one of the subclasses."""
 
@@ -36,8 +41,8 @@ class Message(Generic[D, R]):
 
     def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
         self.name = _checked_name(name)
-        self.data: Format[D] = Format(type(None) if data is None else data)
-        self.reply: Format[R] = Format(type(None) if reply is None else reply)
+        self.data: Format[D] = _format(data)
+        self.reply: Format[R] = _format(reply)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
@@ -205,7 +210,7 @@ class Failure(Generic[D]):
     def __init__(self, name: str, data: Any, *, kind_of: "Failure[Any] | None" = None) -> None: ...
     def __init__(self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None) -> None:
         self.name = _checked_name(name)
-        self.data: Format[D] = Format(type(None) if data is None else data)
+        self.data: Format[D] = _format(data)
         self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
 
     def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":

@@ -257,6 +257,20 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
     is_suspended: bool
 
 
+class Kept(_Fact, frozen=True, tag="kept"):
+    """A module keeps a task: its data, outcome and place are remembered after its end."""
+
+    task: TaskId
+    module: str
+
+
+class Released(_Fact, frozen=True, tag="released"):
+    """A module keeps a task no longer; or ("") its record is gone, for all."""
+
+    task: TaskId
+    module: str
+
+
 class TimedOut(_Fact, frozen=True, tag="timed out"):
     """A delay is over: what this constraint held back is held by it no longer."""
 
@@ -332,6 +346,7 @@ Fact = (
     | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Claimed | Granted | ClaimEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
+    | Kept | Released
 )  # fmt: skip
 
 

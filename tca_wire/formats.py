@@ -158,9 +158,9 @@ class _Comparison:
                 return None
             self._met.add((left_name, right_name))
         if not isinstance(left, dict) or not isinstance(right, dict):
-            return None if left == right else f"{path}: {_brief(left)} here, {_brief(right)} there"
+            return None if left == right else f"{path}: {brief(left)} here, {brief(right)} there"
         if left.get("type") != right.get("type") or ("enum" in left) != ("enum" in right):
-            return f"{path}: {_brief(left)} here, {_brief(right)} there"
+            return f"{path}: {brief(left)} here, {brief(right)} there"
         return self._fields(left, right, path) or self._rest(left, right, path)
 
     def _fields(self, left: Any, right: Any, path: str) -> str | None:
@@ -184,7 +184,7 @@ class _Comparison:
             if key in ("anyOf", "prefixItems") and mine is not None and yours is not None and len(mine) == len(yours):
                 found = next(filter(None, map(self.difference, mine, yours, [path + step] * len(mine))), None)
             elif key in ("enum", "anyOf", "prefixItems"):
-                found = None if mine == yours else f"{path}: {_brief(left)} here, {_brief(right)} there"
+                found = None if mine == yours else f"{path}: {brief(left)} here, {brief(right)} there"
             else:
                 found = self.difference(mine, yours, path + step)
             if found:
@@ -192,14 +192,14 @@ class _Comparison:
         return None
 
 
-def _brief(schema: Any) -> str:
+def brief(schema: Any) -> str:
     """A schema in a word or two, for a message."""
     if not isinstance(schema, dict):
         return "nothing" if schema is None else json.dumps(schema)
     if "enum" in schema:
         return f"one of {', '.join(map(json.dumps, schema['enum']))}"
     if "anyOf" in schema:
-        return " or ".join(map(_brief, schema["anyOf"]))
+        return " or ".join(map(brief, schema["anyOf"]))
     if "$ref" in schema:
         return str(schema["$ref"]).rpartition("/")[2]
     return f"{schema.get('format', '')} {schema.get('type', 'anything')}".strip()

@@ -81,6 +81,8 @@ class Send(_Header, frozen=True, tag=4):
     """Not now, but when *parent* is killed after it has been started and before it is achieved."""
     if_handled: bool = False
     """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
+    keep: bool = False
+    """Of a task: the sender's module keeps it, as with Keep (TDL: PERSISTENT)."""
 
 
 class Reply(_Header, frozen=True, tag=5):
@@ -205,7 +207,7 @@ class Inspect(_Header, frozen=True, tag=19):
 
     number: int
     task: TaskId
-    relation: Literal["self", "parent", "children", "ancestors", "descendants"]
+    relation: Literal["self", "parent", "children", "ancestors", "descendants", "kept"]
     message: str = ""
     """Only tasks of this message ("": of any)."""
 
@@ -263,6 +265,14 @@ class EndMonitor(_Header, frozen=True, tag=66):
 
     number: int
     monitor: TaskId
+
+
+class Keep(_Header, frozen=True, tag=80):
+    """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no longer."""
+
+    number: int
+    task: TaskId
+    release: bool = False
 
 
 class GetVariable(_Header, frozen=True, tag=20):
@@ -368,6 +378,6 @@ class Suspended(_Header, frozen=True, tag=42):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep
 )  # fmt: skip
 ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended

@@ -125,6 +125,9 @@ class Wording:
     def _removed(self, fact: facts.Removed) -> str:
         return f"{{{fact.id}}}"
 
+    def _kept(self, fact: facts.Kept | facts.Released) -> str:
+        return f"{self._name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
+
     def _tap(self, fact: facts.TapAdded) -> str:
         at = self._name(fact.task) if fact.task else f"all {fact.message}"
         return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}"
@@ -219,5 +222,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Claimed: Wording._claimed,
     facts.Granted: Wording._granted,
     facts.ClaimEnded: Wording._claim_ended,
+    facts.Kept: Wording._kept,
+    facts.Released: Wording._kept,
     facts.RequestRefused: Wording._refused,
 }

@@ -3,10 +3,12 @@
 import pytest
 from central.player import ANY, Player, before, point
 
-from tca_central import dispatcher, registry
+from tca_central import dispatcher, keeping, registry
+from tca_central.invariants import check_invariants
 from tca_wire import headers
+from tca_wire.constraints import Flags
 from tca_wire.parts import HandlerFormat, MessageFormat
-from tca_wire.points import Moment
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal
 
 
@@ -126,3 +128,43 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monke
     (failed,) = player.facts_of("failed")
     assert (failed.failure, failed.text) == ("overload", "too many messages wait for the handler of 'where'")
     assert not player.central.tree.tasks
+
+
+def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(keeping, "MOST_KEPT", 3)
+    player = Player()
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "command move")
+    for _ in range(3):
+        player.task("user", "move", keep=True)
+    newest = player.central.tree.newest
+    refused = player.send("user", "move", keep=True)[-1]
+    assert (refused.refusal, player.central.tree.newest) == (Refusal.OVERLOAD, newest)
+    assert "release those that nobody asks for any more" in refused.text
+    for _ in range(2):
+        player.reply("legs/1", value="x" * 100)
+    assert list(player.central.kept) == [1, 2]
+    monkeypatch.setattr(keeping, "KEPT_BYTES", 150)
+    player.reply("legs/1", value="x" * 100)
+    assert list(player.central.kept) == [3]
+    player.task("user", "move", keep=True)
+    player.reply("legs/1")
+    assert list(player.central.kept) == [3, 4]
+
+
+def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
+    player = Player(check=False)
+    player.module("planner", "goal walk")
+    player.module("user")
+    player.declare("user", "goal walk")
+    depth, parent = 3000, 0
+    for _ in range(depth):
+        parent = player.task("user", "walk", under=parent, flags=Flags.NONE, keep=True)
+    while player.central.dispatcher.attended:
+        player.reply("planner/1")
+    assert len(player.central.kept) == depth
+    check_invariants(player.central)
+    player.receive("user", headers.Keep(player.number("user"), TaskId(1), release=True))
+    assert not player.central.kept
+    check_invariants(player.central)

@@ -1,12 +1,14 @@
 """Transcripts: a story of commands, each followed by ``----`` and everything that central did about it.
 
     module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled] [here]
+    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed] [again] [if handled]
+                        [kept] [here]
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
+    NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
     NAME: tap CONDITION of TASK or MESSAGE with LISTENER | fire TASK | end monitor TASK
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
@@ -91,6 +93,8 @@ class Transcript:
             keywords |= {"origin": self.player.delivered(name)[-1], "blocking": True}
         if " if handled" in options:
             keywords["if_handled"] = True
+        if " kept" in options:
+            keywords["keep"] = True
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)
@@ -161,6 +165,17 @@ class Transcript:
     def suspend(self, name: str, what: str, task: str) -> list[Any]:
         header = headers.Suspend(self.player.number(name), TaskId(int(task)), what == "resume")
         return self.player.receive(name, header)
+
+    def keep(self, name: str, what: str, task: str) -> list[Any]:
+        header = headers.Keep(self.player.number(name), TaskId(int(task)), what == "release")
+        return self.player.receive(name, header)
+
+    def inspect(self, name: str, relation: Any, task: str) -> list[Any]:
+        self.player.receive(name, headers.Inspect(self.player.number(name), TaskId(int(task)), relation))
+        header, body = self.player.inbox[name][-1]
+        if isinstance(header, headers.Refused):
+            return [header]
+        return [describe_inspected(row) for row in msgspec.msgpack.decode(body)] or ["(nothing)"]
 
     def deadline(self, name: str, seconds: str, point: str) -> list[Any]:
         header = headers.Deadline(self.player.number(name), read_point(point), float(seconds))
@@ -238,6 +253,8 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: raise (?P<failure>.+) on (?P<task>\d+)", Transcript.raise_),
     (rf"{NAME}: retry (?P<task>\d+)(?P<data> with data)?", Transcript.retry),
     (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
+    (rf"{NAME}: (?P<what>keep|release) (?P<task>\d+)", Transcript.keep),
+    (rf"{NAME}: inspect (?P<relation>\w+) of (?P<task>\d+)", Transcript.inspect),
     (rf"{NAME}: deadline (?P<seconds>[\d.]+) for (?P<point>.*)", Transcript.deadline),
     (r"pass (?P<seconds>[\d.]+)", Transcript.pass_),
     (rf"{NAME}: wait (?P<point>.*?)(?P<here> here)?", Transcript.wait),
@@ -360,6 +377,14 @@ def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> st
             return f"{fact.id} granted"
         case facts.ClaimEnded():
             return f"{fact.id} ended: {fact.why}"
+
+
+def describe_inspected(row: dict[str, Any]) -> str:
+    """A task as central tells of it."""
+    data, result = (msgspec.msgpack.decode(row[key]) if row[key] else None for key in ("data", "result"))
+    end = f", {row['outcome']}" if row["outcome"] else ", lives"
+    failure = f" with {row['failure']}" if row["failure"] else ""
+    return f"{row['task']} {row['message']} under {row['parent']}, data {data}{end}{failure}{f': {result}' if result else ''}"
 
 
 def describe_answer(answer: Any) -> str:

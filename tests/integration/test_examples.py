@@ -1,6 +1,7 @@
 """Every example runs, is short, and prints what it says."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,8 @@ from integration.programs import central
 pytestmark = pytest.mark.slow
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
+HITS = "  at 0.1: collision\n  at 0.2: collision\n  at 0.3: collision\n"
+RETRY_LADDER = f"step to foothold 1\n{HITS}step to foothold 2\n{HITS}given up: terrain collision\n"
 PRINTED = {
     "01_fetch": "drive kitchen\ngrasp cup\ndrive home\n",
     "02_questions": "height: 0.5\nheights: [0.0, 0.1, 0.2]\nlowest battery: 0.4\n",
@@ -22,6 +25,14 @@ PRINTED = {
     "08_recovery": "lift to 0.2: hit a rock at 0.3\nlift to 0.4: clear\ndone\n",
     "09_monitors_and_taps": "checked 0.2\nmoved 0.2\nchecked 0.4\nmoved 0.4\n",
     "10_cups": "fetch the blue cup\nfetch the red cup\nthe blue cup is gone: given up\nfetched the red cup\n",
+    "11_retry_ladder": RETRY_LADDER,
+    "12_kill_and_leave_safe": "drilling\ntold to stop, stopped\nretracted\ndriving on\ndigging was killed\n",
+    "13_suspend_and_resume": "step 1, suspended meanwhile\nthe second is held\nstep 2\nstep 3\nthe walk is done\n",
+    "14_deadlines_and_delays": "charged in time\nflashed in time\ntimeout end achieving not reached within 0.2 s\n",
+    "15_what_waits": "a picture\na warning\npose 99\nthe weather\n",
+    "16_asking_many": "the first bid: [3]\nall in time: [3]\nbid: 3\nbid: 6\n",
+    "17_only_if_handled": "None None\nblinking green\ndone dry\n",
+    "18_what_was_done_already": "stowed the cup\nstowed the plate\ntook out the plate\ntook out the cup\npacking was killed\n",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
     "21_start_up_order": "asked too early: None\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
@@ -58,6 +69,12 @@ def test_example(path: Path, tmp_path: Path) -> None:
         assert "leg 1 met a rock" in done.stdout
     if path.stem == "30_async_handlers":
         assert done.stdout.splitlines()[1:] == ["camera off", "watch ended: seen enough"]
+
+
+def test_each_example_is_shown_in_the_docs() -> None:
+    pages = [EXAMPLES.parent / "README.md", *(EXAMPLES.parent / "docs").glob("*.md")]
+    shown = {number for page in pages for number in re.findall(r"(?:Example |examples/)(\d\d)", page.read_text())}
+    assert shown == {path.name[:2] for path in EXAMPLES.glob("*.py")}
 
 
 def test_the_readme_quotes_the_first_example() -> None:

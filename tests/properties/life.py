@@ -6,6 +6,7 @@ from central.player import ANY, Player, before, point
 from hypothesis import strategies as st
 
 from tca_central.core import Central
+from tca_central.events import ConnectionId
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Flags
@@ -32,7 +33,8 @@ small = st.integers(0, 1000)
 operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
                                        "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
                                        "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor",
-                                       "monitor", "monitor", "set", "await", "lock", "lock", "release", "unlock"]), small, small, small, small)  # fmt: skip
+                                       "monitor", "monitor", "set", "await", "keep", "keep", "release", "lock", "lock",
+                                       "unclaim", "unlock"]), small, small, small, small)  # fmt: skip
 
 
 class Life:
@@ -86,7 +88,7 @@ class Life:
             senders[a % len(senders)], self.sent_name(b), under=tasks[c % len(tasks)],
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=d % 7 if a % 5 == 0 else 0, when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
-            if_handled=a % 5 == 0,
+            if_handled=a % 5 == 0, keep=b % 4 == 1,
         )  # fmt: skip
 
     @staticmethod
@@ -178,6 +180,21 @@ class Life:
         if watchers := self.watchers():
             self.request(headers.EndMonitor, TaskId(watchers[a % len(watchers)].id))
 
+    def keep_(self, a: int, b: int, *_: int) -> None:
+        """Somebody keeps a task, or the record of one."""
+        tasks, names = [*self.central.tree.tasks, *self.central.kept], self.connections()
+        if tasks:
+            name = names[b % len(names)]
+            header = headers.Keep(self.player.number(name), TaskId(tasks[a % len(tasks)]))
+            self.player.receive(name, header)
+
+    def release_(self, a: int, b: int, *_: int) -> None:
+        names = self.connections()
+        name = names[b % len(names)]
+        keeps = list(self.central.registry.connections[ConnectionId(name.encode())].module.keeps) or [TaskId(1)]
+        header = headers.Keep(self.player.number(name), TaskId(keeps[a % len(keeps)]), release=True)
+        self.player.receive(name, header)
+
     def pass_(self, a: int, *_: int) -> None:
         self.player.tick(a % 10)
 
@@ -224,7 +241,7 @@ class Life:
         wanted = headers.Lock(number, resource.name, resource.module, c % 2 == 0, origin, timeout, d % 3, bool(origin))
         self.player.receive(name, wanted)
 
-    def release_(self, a: int, *_: int) -> None:
+    def unclaim_(self, a: int, *_: int) -> None:
         if claims := list(self.central.claims.values()):
             claim = claims[a % len(claims)]
             self.player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))

@@ -1,7 +1,7 @@
 """Random lives of central: the invariants hold after every event, and everything comes to an end."""
 
 import pytest
-from central.player import Player
+from central.player import Player, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
@@ -40,6 +40,7 @@ def live(operations: list[tuple[str, int, int, int, int]]) -> None:
     assert not any(connection.outstanding for connection in life.central.registry.connections.values())
     _check_ledger(life)
     _check_watchers(life)
+    _check_kept(life)
 
 
 def _end_everything(life: Life) -> None:
@@ -95,6 +96,19 @@ def _check_ledger(life: Life) -> None:
             if one.task != ROOT:
                 assert reached[one.task, one.moment] <= reached[other.task, other.moment], constraint
             assert times.get((one.task, one.moment), 0.0) + constraint.delay <= times[other.task, other.moment]
+
+
+def _check_kept(life: Life) -> None:
+    """What is kept is told as it ended; when nobody keeps anything all is forgotten."""
+    for record in life.central.kept.values():
+        life.request(headers.WaitFor, point(TaskId(record.id), Moment.END_ACHIEVING))
+        answer, _ = life.player.inbox["user"][-1]
+        assert answer.outcome is record.outcome[0]
+    for connection in life.connections():
+        life.player.lose(connection)
+    assert not life.central.kept
+    assert not life.central.promises
+    assert not life.central.kept_bytes
 
 
 def _check_watchers(life: Life) -> None:

@@ -1,5 +1,7 @@
 import sys
 from collections.abc import Callable
+from configparser import ConfigParser
+from importlib import import_module
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 from typing import Any
@@ -129,3 +131,12 @@ def test_tools_run_as_modules_too(
             runpy.run_module(f"{package}.__main__", run_name="__main__")
         assert end.value.code == 0
         assert capsys.readouterr().out.startswith("run: ")
+
+
+def test_each_command_that_is_installed_is_called_so() -> None:
+    config = ConfigParser()
+    config.read(Path(__file__).parents[2] / "setup.cfg")
+    lines = config["options.entry_points"]["tca.commands"].strip().splitlines()
+    for name, target in (line.split(" = ") for line in lines):
+        module, _, attribute = target.partition(":")
+        assert getattr(import_module(module), attribute).name == name

@@ -54,6 +54,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(facts.MonitorTested(task, holds=True), facts.MonitorEnded(task, "its end point is reached"))
     story.say(facts.Claimed(24, "legs", "motors", True, "map", 0), facts.Granted(24), facts.ClaimEnded(24, "released"))
     story.say(facts.SuspendedOrResumed(task, is_suspended=True))
+    story.say(facts.Kept(task, "script"), facts.Released(task, "script"), facts.Released(task, ""))
     after = Point(task, Moment.START_ACHIEVING)
     story.say(facts.TimedOut(Constraint(Point(ROOT, Moment.START_ACHIEVING), after, 2.5)))
 

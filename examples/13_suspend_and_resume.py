@@ -1,0 +1,38 @@
+"""A walk is suspended: the step that runs is finished, the next one keeps its place and starts when all goes on."""
+
+import threading
+
+from tca_module import Command, Goal, Module, Task
+
+WALK, STEP = Goal("walk", int), Command("step", int)
+
+planner, legs = Module("planner"), Module("legs")
+stepping, go_on = threading.Event(), threading.Event()
+
+
+@planner.handles(WALK)
+def walk(task: Task, steps: int) -> None:
+    for number in range(1, steps + 1):
+        task.command(STEP, number)
+
+
+@legs.handles(STEP)
+def step(task: Task, number: int) -> None:
+    stepping.set()
+    go_on.wait(10)
+    print(f"step {number}{', suspended meanwhile' if task.suspended else ''}")
+
+
+if __name__ == "__main__":
+    with planner.running(), legs.running():
+        walking = planner.goal(WALK, 3)
+        stepping.wait(10)
+        walking.wait_for(walking.handling.end)  # it is planned
+        first, second, _ = walking.children(STEP)
+        walking.suspend()
+        go_on.set()
+        walking.wait_for(first.achieving.end, timeout=10)
+        info = second.info()
+        print("the second is", "held" if info and info.suspended and not info.module else "lost")
+        walking.resume()
+        print("the walk is", walking.wait(timeout=10))

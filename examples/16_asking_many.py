@@ -1,0 +1,37 @@
+"""A multi-query asks all who handle it: the replies one by one as they come, the first two, or those in time."""
+
+import threading
+
+from tca_module import Failure, Module, MultiQuery, Task
+
+BID = MultiQuery("bid", str, reply=int)
+BUSY = Failure("busy", str)
+
+arms = [Module(f"arm {number}") for number in (1, 2, 3)]
+asker = Module("asker")
+slow = threading.Event()
+
+
+@arms[0].handles(BID)
+def quick(_: Task, job: str) -> int:
+    return len(job)
+
+
+@arms[1].handles(BID)
+def refuses(_: Task, job: str) -> int:
+    raise BUSY(job)  # who fails is left out
+
+
+@arms[2].handles(BID)
+def thinks(_: Task, job: str) -> int:
+    slow.wait(10)
+    return 2 * len(job)
+
+
+if __name__ == "__main__":
+    with arms[0].running(), arms[1].running(), arms[2].running(), asker.running():
+        print("the first bid:", asker.multi_query(BID, "dig", maximum=1))
+        print("all in time:", asker.multi_query(BID, "dig", timeout=1.0))
+        for bid in asker.multi_query_send(BID, "dig", timeout=10):
+            print("bid:", bid)
+            slow.set()

@@ -1,0 +1,63 @@
+"""What the commands that talk to a running central have in common: options, errors as one line, how values look."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+import msgspec
+
+from tca_module.client import Client, connect
+from tca_module.errors import MisuseError, TcaError
+from tca_wire.endpoint import VARIABLE
+from tca_wire.errors import BadData, BadFormat
+
+_PATIENCE = 2.0  # seconds that a person waits for central
+
+central_option = click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
+json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
+
+
+@contextmanager
+def talking(command: str, central: str | None) -> Iterator[Client]:
+    """A client of central for one command. An error is wrong usage (exit code 2), or says that the answer is no (1)."""
+    try:
+        with connect(f"tca {command}", central, patience=_PATIENCE) as client:
+            yield client
+    except UnicodeEncodeError as error:
+        raise click.UsageError(f"{error.object!r:.60} is no text that can be sent") from None
+    except (MisuseError, BadData, BadFormat) as error:
+        raise click.UsageError(_in_one_line(error)) from None
+    except TcaError as error:
+        raise click.ClickException(_in_one_line(error)) from None
+
+
+def _in_one_line(error: Exception) -> str:
+    return printable(" ".join(str(error).split()))
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: bytes in base64, times as text, arrays as lists."""
+    try:
+        return msgspec.to_builtins(
+            value, str_keys=True, enc_hook=lambda other: getattr(other, "tolist", other.__str__)()
+        )
+    except (TypeError, ValueError, RecursionError):
+        return str(value)
+
+
+def as_json(value: Any) -> str:
+    """A value as JSON for programs."""
+    return json.dumps(plain(value), indent=1)
+
+
+def as_text(value: Any) -> str:
+    """A value for people: a text as it is, else JSON in one line."""
+    value = plain(value)
+    return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))
+
+
+def printable(text: str) -> str:
+    """*text* without characters that would steer a terminal."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

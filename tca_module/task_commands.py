@@ -1,0 +1,139 @@
+"""The command line's hand on the tasks of a running central: ``tca kill``, ``suspend``, ``resume`` and ``raise``."""
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from tca_module.client import Client
+from tca_module.command_parts import central_option, printable, talking
+from tca_module.errors import Refused
+from tca_module.task_handle import TaskHandle, TaskInfo
+from tca_wire.declarations import Failure
+from tca_wire.plain_data import Bare, PlainFormat
+from tca_wire.vocabulary import Scope
+
+_ANYTHING: Any = PlainFormat("{}")
+_HIGHEST = (1 << 63) - 1  # number that the protocol can say
+_SHOWN = 10  # tasks that one name may mean
+
+task_argument = click.argument("task", metavar="TASK")
+
+
+@click.command()
+@task_argument
+@click.option(
+    "--descendants", "scope", flag_value=Scope.DESCENDANTS, help="Only what is under it, not the task itself."
+)
+@click.option("--siblings", "scope", flag_value=Scope.SIBLINGS, help="Only the other children of its parent.")
+@click.option(
+    "--in", "delay", metavar="SECONDS", type=click.FloatRange(min=0), default=0.0, help="So many seconds from now."
+)
+@click.option("--why", metavar="TEXT", default="", help="What those are told who wait for it.")
+@central_option
+def kill(task: str, scope: str | None, delay: float, why: str, central: str | None) -> None:
+    """End a task and all under it.
+
+    TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told, not
+    interrupted: a task ends when they have returned.
+    """
+    with talking("kill", central) as client:
+        handle = find_task(client, task)
+        handle.kill(why, delay=delay, scope=Scope(scope or Scope.TASK))
+        click.echo(f"{_whom(handle, scope)}: {_killed(handle, scope, delay)}")
+
+
+def _whom(handle: TaskHandle, scope: str | None) -> str:
+    of = {Scope.DESCENDANTS: "all under ", Scope.SIBLINGS: "the siblings of "}
+    return f"{of[Scope(scope)] if scope else ''}{handle}"
+
+
+def _killed(handle: TaskHandle, scope: str | None, delay: float) -> str:
+    if delay:
+        return f"to be killed in {delay:g} s"
+    is_over = scope is not None or handle.info() is None
+    return "killed" if is_over else "told to end; it does when the handlers that run have returned"
+
+
+@click.command()
+@task_argument
+@central_option
+def suspend(task: str, central: str | None) -> None:
+    """Start nothing of a task, and nothing under it, until it is resumed.
+
+    TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told; they may
+    hold or finish.
+    """
+    _switch("suspend", task, central, lambda info: info.suspended, TaskHandle.suspend)
+
+
+@click.command()
+@task_argument
+@central_option
+def resume(task: str, central: str | None) -> None:
+    """Let a suspended task, and all under it, go on.
+
+    TASK is a task's number, or its message's name if only one such task lives.
+    """
+    _switch("resume", task, central, lambda info: not info.suspended, TaskHandle.resume)
+
+
+def _switch(
+    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskHandle], None]
+) -> None:
+    with talking(verb, central) as client:
+        handle = find_task(client, task)
+        info = handle.info()
+        is_idle = info is not None and is_so(info)
+        switch(handle)
+        state = "suspended" if verb == "suspend" else "not suspended" if is_idle else "resumed"
+        click.echo(f"{handle}: {state}{' already' if is_idle and verb == 'suspend' else ''}")
+
+
+@click.command("raise")
+@task_argument
+@click.argument("failure")
+@click.argument("text", default="")
+@click.option("--data", metavar="JSON", help="The failure's data.")
+@central_option
+def raise_failure(task: str, failure: str, text: str, data: str | None, central: str | None) -> None:
+    """Raise a failure on a task, as if its handler had.
+
+    TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
+    called; if there is none the top-level task ends. TEXT says for people what happened.
+    """
+    with talking("raise", central) as client:
+        handle = find_task(client, task)
+        handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text))
+        click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
+
+
+def find_task(client: Client, named: str) -> TaskHandle:
+    """The living task that a number, or a message's name, means. Raises ClickException if it means none, or many."""
+    if named.isdecimal() and named.isascii():
+        return _numbered(client, int(named))
+    if not named:
+        msg = "no task is named: give the number of a task, or its message's name"
+        raise click.UsageError(msg)
+    found = client.tasks(named)
+    if not found:
+        msg = f"no living task is called '{named}': 'tca tree' shows them all"
+        raise click.ClickException(msg)
+    if len(found) > 1:
+        numbers = ", ".join(str(handle.id) for handle in found[:_SHOWN])
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        msg = f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}{more}"
+        raise click.ClickException(msg)
+    return found[0]
+
+
+def _numbered(client: Client, number: int) -> TaskHandle:
+    try:
+        handle = client.task(min(number, _HIGHEST))
+    except Refused as refused:
+        raise click.ClickException(f"{refused.text}: 'tca tree' shows them all") from None
+    info = handle.info() if handle is not None else None
+    if handle is None or info is None or info.outcome:
+        msg = f"task {number} has ended: 'tca tree' shows how"
+        raise click.ClickException(msg)
+    return handle

@@ -1,0 +1,161 @@
+"""Random lives of handlers that block: what is called a deadlock would never have ended, and none is overlooked.
+
+Each life is lived twice, the second time by a central that does not look for deadlocks. In that one, at the moment of
+the first refusal, everything that can go on does: whoever was refused must wait still.
+"""
+
+import pytest
+from central.player import Player, before, point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tca_central.registry import Connection, Delivery
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.facts import RequestRefused
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Refusal
+
+HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
+MESSAGES = [message.split(" ")[1] for handled in HANDLED.values() for message in handled]
+DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
+numbers = st.integers(0, 50)
+steps = st.lists(
+    st.tuples(st.sampled_from(["send", "send", "ask", "ask", "wait", "lock", "constrain", "return", "kill", "suspend"]),
+              numbers, numbers, numbers), max_size=30,
+)  # fmt: skip
+
+
+class Blocking(Player):
+    """Modules whose handlers do nothing while they wait."""
+
+    def __init__(self, *, looks: bool) -> None:
+        super().__init__()
+        self.central.look_after = 0.25 if looks else 0
+        if not looks:
+            self.central.block = self._only_note  # type: ignore[method-assign]
+            self.central.suspects = self.central.dispatcher._suspects = Nowhere()  # type: ignore[assignment]
+        self.module("user")
+        self.declare("user", *(message for handled in HANDLED.values() for message in handled))
+        for index, (name, handled) in enumerate(HANDLED.items()):
+            self.module(name, *handled, capacity=1 + index % 2, pool="")
+
+    def _only_note(self, connection: Connection, number: int, origin: int) -> None:
+        type(self.central).block(self.central, connection, number, origin)
+
+    @property
+    def refused(self) -> list[RequestRefused]:
+        return [fact for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK]
+
+    def free(self) -> list[Delivery]:
+        """What is handled by a handler that waits for nothing, the newest of its slot."""
+        attended = self.central.dispatcher.attended.values()
+        newest = {delivery.slot: delivery for delivery in attended}
+        return [delivery for slot, delivery in newest.items() if slot and not waits_in(slot, delivery)]
+
+    def do(self, what: str, a: int, b: int, c: int) -> None:
+        """One handler, or the user, does something."""
+        free, tasks = self.free(), [*self.central.tree.tasks.values()]
+        delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
+        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
+        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
+            return
+        task = tasks[b % len(tasks)] if tasks else None
+        if what == "return" and delivery:
+            self.reply(who, origin)
+        elif what == "send":
+            names = ("walk", "move", "step")
+            parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
+            flags = (Flags.NONE, Flags.SEQ_ACH, DELAYED, Flags.PLAN_FIRST)[c % 4]
+            constraints = (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),) if task else ()
+            self.send(who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0))
+        elif what == "ask":
+            self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=True)
+        elif what == "wait" and task:
+            header = headers.WaitFor(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=True)
+            self.receive(who, header)
+        elif what == "lock":
+            resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
+            self.receive(who, headers.Lock(self.number(who), resource, "", reserve, origin, blocking=True))
+        else:
+            self._steer(what, a, b, c)
+
+    def _steer(self, what: str, a: int, b: int, c: int) -> None:
+        """The operator does something; he never waits."""
+        tasks = [TaskId(task) for task in self.central.tree.tasks]
+        if not tasks:
+            return
+        one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
+        header: object = headers.Kill(self.number("operator"), one)
+        if what == "constrain":
+            wanted = before(point(one, list(Moment)[b % 6]), point(other, list(Moment)[c % 6]))
+            header = headers.Constrain(self.number("operator"), [wanted])
+        elif what == "suspend":
+            header = headers.Suspend(self.number("operator"), one, c % 2 == 0)
+        elif what != "kill":
+            return
+        self.receive("operator", header)
+
+    def go_on(self) -> None:
+        """Everything that can go on does, until nothing can."""
+        for _ in range(1000):
+            for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
+                self.receive("operator", headers.Suspend(self.number("operator"), TaskId(task.id), resume=True))
+            self.tick(1.0)
+            free = self.free()
+            for claim in list(self.central.claims.values()):  # whoever can will release what he has
+                if claim.is_granted and (claim.holder in free or not (claim.holder or claim.slot.waits)):
+                    self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
+            if not (free := self.free()):
+                return
+            assert free[0].slot
+            self.reply(free[0].slot.id.decode(), free[0].given_as)
+
+
+class Nowhere(list[object]):
+    """Forgets whatever is suspected."""
+
+    def append(self, _: object) -> None: ...
+
+    def extend(self, _: object) -> None: ...
+
+
+def waits_in(slot: Connection, delivery: Delivery) -> bool:
+    return any(not wait.origin or wait.origin >= delivery.given_as for wait in slot.waits.values())
+
+
+@given(steps)
+@settings(max_examples=400, deadline=None)
+def test_what_is_called_a_deadlock_would_never_have_ended(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=5_000, deadline=None)
+def test_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
+def check(taken: list[tuple[str, int, int, int]]) -> None:
+    looking, blind = Blocking(looks=True), Blocking(looks=False)
+    for player in (looking, blind):
+        player.hello("operator")
+    for step in taken:
+        waiting = {(slot.id, number) for slot in looking.central.blocked for number in slot.waits}
+        looking.do(*step)
+        if not looking.refused:
+            looking.tick(1.0)
+            blind.time += 1.0
+        blind.do(*step)
+        if looking.refused or any(fact.failure == "deadlock" for fact in looking.facts_of("failed")):
+            still = {(slot.id, number) for slot in looking.central.blocked for number in slot.waits}
+            blind.go_on()
+            left = {(slot.id, number) for slot in blind.central.blocked for number in slot.waits}
+            refused = {(slot, number) for slot, number in left if (slot, number) not in still}
+            assert refused or not looking.refused, f"{looking.refused} would have ended: {waiting} {left}"
+            return
+    looking.go_on()
+    left = [(slot.id, number) for slot in looking.central.blocked for number in slot.waits]
+    assert not left, f"{left} will never end, and nobody has said so"

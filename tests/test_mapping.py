@@ -1,0 +1,79 @@
+"""The counterparts in docs/tca-mapping.md exist: each name is resolved, each link leads somewhere."""
+
+import configparser
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import tca_module
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "tca-mapping.md").read_text()
+
+COMING = {"Task.lock", "Task.reserve", "tca unlock", "direct=", "module="}
+"""What is promised and may not be there yet."""
+
+ROWS = [row for row in re.findall(r"^\|(.+)\|$", PAGE, re.MULTILINE) if not set(row) <= set("|- ")]
+CELLS = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)] for row in ROWS]
+TOKENS = sorted({token for cells in CELLS for token in re.findall(r"`([^`]+)`", cells[1])} - COMING)
+
+
+def commands() -> set[str]:
+    config = configparser.ConfigParser()
+    config.read(ROOT / "setup.cfg")
+    lines = config["options.entry_points"]["tca.commands"].split("\n")
+    return {line.partition("=")[0].strip() for line in lines if line.strip()}
+
+
+def public_classes() -> list[type]:
+    return [thing for thing in vars(tca_module).values() if inspect.isclass(thing)]
+
+
+def has(owner: type, name: str) -> bool:
+    """Whether objects of a class have an attribute: of the class, annotated, or set when they are made."""
+    if hasattr(owner, name) or any(name in getattr(kind, "__annotations__", {}) for kind in owner.__mro__):
+        return True
+    return any(
+        re.search(rf"self\.{name}\b", inspect.getsource(vars(kind)["__init__"]))
+        for kind in owner.__mro__
+        if "__init__" in vars(kind)
+    )
+
+
+def keywords() -> set[str]:
+    """Every keyword that a public call takes."""
+    found = set(tca_module.TaskOptions.__annotations__) | set(tca_module.MonitorOptions.__annotations__)
+    for kind in public_classes():
+        for function in vars(kind).values():
+            if inspect.isfunction(function):
+                found |= inspect.signature(function).parameters.keys()
+    return found
+
+
+@pytest.mark.parametrize("token", TOKENS)
+def test_each_counterpart_exists(token: str) -> None:
+    if token.startswith("tca "):
+        assert token.removeprefix("tca ") in commands()
+    elif token.endswith("="):
+        assert token[:-1] in keywords()
+    elif re.fullmatch(r"\w+", token):
+        assert hasattr(tca_module, token) or token == "bytes"
+    elif match := re.fullmatch(r"([A-Z]\w+)\.(\w+)", token):
+        assert has(getattr(tca_module, match[1]), match[2])
+    else:  # a piece of Python: its attributes and keywords are those of some class
+        names = re.findall(r"\.([a-z]\w*)", token)
+        assert names or token == "module lost"
+        spans = [tca_module.this.handling, tca_module.Sender, tca_module.TaskRef]
+        assert all(any(hasattr(owner, name) for owner in spans) for name in names), names
+        assert set(re.findall(r"(\w+)=(?!=)", token.replace("<=", ""))) <= keywords()
+
+
+def test_every_link_leads_somewhere() -> None:
+    for link in re.findall(r"\]\(([^)#]+)\)", PAGE):
+        assert (ROOT / "docs" / link).exists(), link
+
+
+def test_rows_have_three_cells() -> None:
+    assert all(len(cells) == 3 for cells in CELLS), [cells for cells in CELLS if len(cells) != 3]

@@ -1,0 +1,177 @@
+"""Plain values as data of a format of which only the schema is known: what fits arrives, what does not is named."""
+
+import json
+from dataclasses import dataclass, field
+from datetime import UTC, date, datetime, timedelta
+from enum import Enum
+from typing import Annotated, Any, Literal, TypedDict
+from uuid import UUID
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tca_wire.declarations import Command
+from tca_wire.errors import BadData
+from tca_wire.formats import Format, schema_text
+from tca_wire.plain_data import Bare, PlainFormat
+
+
+class Side(Enum):
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@dataclass
+class Pose:
+    x: float
+    y: float = 0.0
+
+
+@dataclass
+class Move:
+    leg: int
+    to: Pose
+    side: Side = Side.LEFT
+    notes: list[str] = field(default_factory=list)
+    speed: Annotated[float, msgspec.Meta(gt=0, le=2)] | None = None
+
+
+class Circle(msgspec.Struct, tag="circle"):
+    radius: float
+
+
+class Line(msgspec.Struct, tag="line"):
+    ends: tuple[Pose, Pose]
+
+
+class Pair(msgspec.Struct, array_like=True):
+    first: int
+    second: str = ""
+
+
+class Tree(msgspec.Struct):
+    name: str
+    branches: "list[Tree]" = []
+
+
+class Options(TypedDict, total=False):
+    speed: float
+
+
+def fitting(kind: Any, value: Any) -> Any:
+    """What a receiver who declares *kind* gets of a plain value."""
+    schema = schema_text(kind)
+    return Format(kind).decode(PlainFormat(schema).encode(value))
+
+
+def complaint(kind: Any, value: Any) -> str:
+    with pytest.raises(BadData) as error:
+        PlainFormat(schema_text(kind)).encode(value)
+    return str(error.value)
+
+
+VALUES: list[tuple[Any, Any]] = [
+    (int, -3), (float, 2.5), (bool, True), (str, "5"), (bytes, b"\x00\xff"), (None, None), (Side, Side.RIGHT),
+    (Pose, Pose(1.0, 2.0)), (Move, Move(3, Pose(1.0), Side.RIGHT, ["a"], 1.5)), (Circle | Line, Line((Pose(1), Pose(2)))),
+    (Pair, Pair(1, "b")), (Tree, Tree("a", [Tree("b", [Tree("c")])])), (Options, {"speed": 1.0}), (Options, {}),
+    (datetime, datetime(2024, 2, 3, tzinfo=UTC)), (date, date(2024, 2, 3)), (timedelta, timedelta(seconds=1.5)),
+    (UUID, UUID(int=7)), (dict[str, int], {"a": 1}), (dict[str, Pose], {"a": Pose(1.0)}), (list[int], [1, 2]),
+    (tuple[int, str], (1, "a")), (tuple[int, ...], (1, 2)), (set[int], {1}), (int | None, None), (str | int, "5"),
+    (Literal["a", 3], 3), (Any, {"x": [1, None]}), (dict, {"x": 1}), (list, [1, "a"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "value"), VALUES, ids=lambda part: repr(part)[:30])
+def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -> None:
+    assert fitting(kind, json.loads(msgspec.json.encode(value))) == value
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats(allow_nan=False) | st.text(),
+                    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))  # fmt: skip
+def test_a_format_without_rules_takes_everything(value: object) -> None:
+    assert fitting(Any, value) == value
+
+
+def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
+    typed = {"leg": Bare("3"), "to": {"x": Bare("1")}, "side": Bare("right"), "notes": Bare('["a", "5"]')}
+    assert fitting(Move, typed) == Move(3, Pose(1.0), Side.RIGHT, ["a", "5"])
+    assert fitting(str, Bare("5")) == "5"
+    assert fitting(str, Bare('"five"')) == "five"
+    assert fitting(str | int, Bare("5")) == 5
+    assert fitting(str | None, Bare("null")) is None
+    assert fitting(Any, {"a": Bare("[1]"), "b": [Bare("[1")]}) == {"a": [1], "b": ["[1"]}
+    assert fitting(Pose, Bare('{"x": 1}')) == Pose(1.0)
+    assert complaint(int, Bare("five")) == 'the data must be a whole number, and "five" is not'
+    assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, and [1] is not"
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "text"),
+    [
+        (Move, {"to": {"x": 1}}, "field 'leg' is missing: it must be a whole number"),
+        (Move, {"leg": 1}, "field 'to' is missing: it must be an object with x, y"),
+        (Move, {"leg": 1, "to": {}}, "field 'to.x' is missing: it must be a number"),
+        (Move, {"leg": 1, "to": {"x": "a"}}, "field 'to.x' must be a number, and \"a\" is not"),
+        (Move, {"to": {"x": 1}, "lag": 2}, "field 'lag' is unknown: did you mean 'leg'?"),
+        (Pose, {"x": 1, "depth": 2}, "field 'depth' is unknown: the fields are x, y"),
+        (Move, {"leg": True, "to": {"x": 1}}, "field 'leg' must be a whole number, and true is not"),
+        (Move, {"leg": 1, "to": {"x": 1}, "side": "up"}, "field 'side' must be one of \"left\", \"right\", and \"up\" is not"),
+        (Move, {"leg": 1, "to": {"x": 1}, "notes": ["a", 5]}, "field 'notes[1]' must be a text, and 5 is not"),
+        (Move, {"leg": 1, "to": {"x": 1}, "speed": 3}, "field 'speed' must be a number or null, and 3 is not"),
+        (list[Pose], [{"x": 1}, {"y": 1}], "field '[1].x' is missing: it must be a number"),
+        (Circle | Line, {"type": "circle"}, "field 'radius' is missing: it must be a number"),
+        (Pose | None, {"y": 1}, "field 'x' is missing: it must be a number"),
+        (Annotated[int, msgspec.Meta(ge=0, le=5)], 7, "the data must be at most 5, and 7 is not"),
+        (Annotated[str, msgspec.Meta(pattern="^a")], "b", 'the data must be text like ^a, and "b" is not'),
+        (tuple[int, str], [1], "the data must be at least 2 items, and [1] is not"),
+        (bytes, "hello!", 'the data holds bytes, written in base64, and "hello!" is not'),
+        (date, "soon", 'the data must be a date like 2024-02-03, and "soon" is not'),
+        (UUID, "7", 'the data must be a UUID, and "7" is not'),
+        (NDArray[np.float64], [1.0], "the data is a numpy array, which can't be written as text: send it from Python"),
+        (int, 10**30, "can't serialize ints < -2**63 or > 2**64 - 1"),
+        (float, 10**400, f"the data must be a number, and 1{'0' * 39}... is not"),
+        (str, "\udcff", "'utf-8' codec can't encode character '\\udcff' in position 0: surrogates not allowed"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_named_by_its_field(kind: Any, value: Any, text: str) -> None:
+    assert complaint(kind, value) == text
+
+
+def test_whether_a_format_has_fields() -> None:
+    with_fields = [kind for kind in (Pose, Pose | None, Circle | Line, dict[str, int], Any) if plain(kind).takes_fields]
+    assert len(with_fields) == 5
+    assert not any(plain(kind).takes_fields for kind in (int, str | None, list[Pose], Side, Pair, None))
+
+
+def plain(kind: Any) -> PlainFormat:
+    return PlainFormat(schema_text(kind))
+
+
+def test_schemas_come_from_anybody() -> None:
+    endless = '{"$ref":"#/$defs/A","$defs":{"A":{"$ref":"#/$defs/A"}}}'
+    for schema in ("", "no json", "[]", "3", endless, '{"type":["integer"]}', '{"pattern":"(","type":"string"}',
+                   '{"minimum":"a","type":"integer"}', '{"anyOf":3}', "[" * 5000):  # fmt: skip
+        values: list[Any] = ["a", 3, {"x": 1}, [], None]
+        for value in values:
+            try:
+                PlainFormat(schema).encode(value)
+            except BadData:
+                continue
+    nested: list[Any] = []
+    for _ in range(100_000):
+        nested = [nested]
+    assert "nested too deeply" in complaint(list[Any], nested)
+    assert fitting(Any, Bare("[" * 100_000)) == "[" * 100_000
+
+
+def test_a_message_may_be_declared_by_its_schemas() -> None:
+    typed = Command("move", Move, result=Pose)
+    untyped: Command[Any, Any] = Command("move", PlainFormat(typed.format.data), result=PlainFormat(typed.format.reply))
+    assert untyped.format == typed.format
+    with pytest.raises(BadData, match="command 'move' wants data of type Move: field 'leg' is missing"):
+        untyped.encode_data({})
+    assert untyped.decode_reply(typed.encode_reply(Pose(1.0))) == {"x": 1.0, "y": 0.0}
