@@ -120,8 +120,15 @@ def _shown_value(variable: dict[str, Any]) -> str:
 def _about_resource(resource: dict[str, Any] | None) -> list[str]:
     if resource is None:
         return ["-", "", "", ""]
-    handling = ", ".join(map(str, resource["handling"])) or "-"
+    handling = _handling(resource)
     return [resource["resource"], str(resource["capacity"]), handling, str(resource["waiting"] or "")]
+
+
+def _handling(resource: dict[str, Any]) -> str:
+    """The ids of what a resource handles, and who has it for himself."""
+    parts = [", ".join(map(str, resource["handling"]))]
+    parts += [f"{how} by {resource[f'{how}_by']}" for how in ("locked", "reserved") if resource[f"{how}_by"]]
+    return "; ".join(filter(None, parts)) or "-"
 
 
 def _waiting_messages(client: Client) -> Iterator[list[str]]:
@@ -140,10 +147,13 @@ def _waiting_modules(client: Client) -> Iterator[list[str]]:
 def _waiting_resources(client: Client) -> Iterator[list[str]]:
     for module in client.status("modules"):
         for resource in module["resources"]:
-            if resource["waiting"]:
-                busy = ", ".join(map(str, resource["handling"])) or "nothing"
-                name = f"{module['module']}/{resource['resource']}"
-                yield [f"{resource['waiting']} for resource '{name}'", f"the end of what it handles: {busy}"]
+            name = f"{module['module']}/{resource['resource']}"
+            for number, what in ((resource["waiting"], ""), (resource["claims"], " to lock or reserve")):
+                if number:
+                    yield [
+                        f"{number}{what or ' for'} resource '{name}'",
+                        f"the end of what has it: {_handling(resource)}",
+                    ]
 
 
 def _held_tasks(client: Client) -> Iterator[list[str]]:

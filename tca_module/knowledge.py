@@ -12,7 +12,7 @@ from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
-from tca_wire.headers import Ask, GetVariable, Lock, SetVariable, ToCentral, WaitUntilHandled
+from tca_wire.headers import Ask, GetVariable, Lock, SetVariable, ToCentral, Unlock, WaitUntilHandled
 from tca_wire.plain_data import PlainFormat
 
 X = TypeVar("X")
@@ -108,6 +108,13 @@ class Knowledge:
     def reserve(self, resource: str, module: str = "", *, timeout: float | None = None, priority: int = 0) -> Claim:
         """Let nothing into a resource but what this module sends (TCA 8.5: ReserveResource); else as ``lock``."""
         return self._claim(resource, module, timeout, priority, reserve=True)
+
+    def unlock(self, resource: str, module: str = "") -> bool:
+        """Take a lock or reservation of a resource from whoever has it; whether anybody had it.
+
+        For operators: a handler releases what it has itself. Who had it is not told (TCA 8.5: ``unlock``).
+        """
+        return bool(self._connection().call(Unlock(0, resource, module), f"unlocking resource '{resource}'"))
 
     def _claim(self, resource: str, module: str, timeout: float | None, priority: int, *, reserve: bool) -> Claim:
         seconds, blocking = _seconds(timeout), blocks(timeout)

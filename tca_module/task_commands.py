@@ -1,4 +1,4 @@
-"""The command line's hand on the tasks of a running central: ``tca kill``, ``suspend``, ``resume`` and ``raise``."""
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``raise`` and ``unlock``."""
 
 from collections.abc import Callable
 from typing import Any
@@ -106,6 +106,20 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
         handle = find_task(client, task)
         handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text))
         click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
+
+
+@click.command()
+@click.argument("resource")
+@click.option("--module", metavar="NAME", default="", help="Whose resource it is, if several have one of that name.")
+@central_option
+def unlock(resource: str, module: str, central: str | None) -> None:
+    """Take a lock or reservation of RESOURCE from whoever has it.
+
+    Who has it is not told, and may still count on it: look at 'tca modules' first.
+    """
+    with talking("unlock", central) as client:
+        was_held = client.unlock(resource, module)
+        click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
 
 
 def find_task(client: Client, named: str) -> TaskHandle:

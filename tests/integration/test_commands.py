@@ -28,8 +28,9 @@ from tca_module import (
     Variable,
     connect,
 )
+from tca_module.commands import modules
 from tca_module.message_commands import get_variable, query, send, set_variable
-from tca_module.task_commands import kill, raise_failure, resume, suspend
+from tca_module.task_commands import kill, raise_failure, resume, suspend, unlock
 
 pytestmark = pytest.mark.slow
 
@@ -272,6 +273,23 @@ def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None
         (suspend, "suspended"), (suspend, "suspended already"), (resume, "resumed"), (resume, "not suspended")
     ):  # fmt: skip
         assert tca(command, "walk") == (0, f"task {walk.id} 'walk': {state}\n", "")
+
+
+def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
+    user.lock("other")
+    code, shown, _ = tca(modules)
+    assert (code, "locked by user" in shown) == (0, True)
+    with connect("waiting") as waiting:
+        with pytest.raises(Exception, match="was locked by module 'user'"):
+            waiting.lock("other", timeout=0)
+        assert tca(unlock, "other") == (0, "resource 'other': free again\n", "")
+        assert tca(unlock, "other", "--module", "other") == (0, "resource 'other': nobody had it\n", "")
+        waiting.lock("other", timeout=0)
+    assert tca(unlock, "arm") == (
+        1,
+        "",
+        "unlocking resource 'arm' was refused: no module has a resource 'arm': see 'tca modules'\n",
+    )
 
 
 def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:

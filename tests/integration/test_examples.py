@@ -35,6 +35,8 @@ PRINTED = {
     "18_what_was_done_already": "stowed the cup\nstowed the plate\ntook out the plate\ntook out the cup\npacking was killed\n",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
     "21_start_up_order": "asked too early: None\n",
+    "34_locks": "scan\nscanned\nmove 1\n",
+    "35_deadlock": "eyes: module 'map' in 'where' {1} waits for the reply to 'look' {2};\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",

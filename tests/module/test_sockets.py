@@ -178,7 +178,7 @@ def test_status_says_what_waits_for_what(central: str) -> None:
         assert "waits for" in lines
         assert "1 of query 'temperature' a module that handles it" in lines
         assert f"task {first.id + 1} 'rest' 1 constraint on its start planning" in lines
-        assert f"1 for resource 'legs/legs' the end of what it handles: {first.id + 2}" in lines
+        assert f"1 for resource 'legs/legs' the end of what has it: {first.id + 2}" in lines
         code, text = ask(commands.status, "--central", central, "--json")
         assert json.loads(text)["waiting"][0] == {"what": "1 of query 'temperature'", "for": "a module that handles it"}
         go.set()

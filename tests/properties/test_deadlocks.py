@@ -157,5 +157,5 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
             assert refused or not looking.refused, f"{looking.refused} would have ended: {waiting} {left}"
             return
     looking.go_on()
-    left = [(slot.id, number) for slot in looking.central.blocked for number in slot.waits]
+    left = {(slot.id, number) for slot in looking.central.blocked for number in slot.waits}
     assert not left, f"{left} will never end, and nobody has said so"
