@@ -1,6 +1,6 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
-from tca_explorer.errors import ExplorerError, QueryFailed, Refused, ScenarioError
+from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.exploration import Result, Violation, explore
 from tca_explorer.properties import (
     Property,
@@ -21,15 +21,13 @@ from tca_explorer.properties import (
     queued,
 )
 from tca_explorer.scenario import Scenario, ScenarioModule
-from tca_explorer.script import Script, Task, TaskRef
+from tca_explorer.script import Script, Task
 from tca_explorer.transcript import report
 from tca_explorer.world import Seen, World
 
 __all__ = [
     "ExplorerError",
     "Property",
-    "QueryFailed",
-    "Refused",
     "Result",
     "Scenario",
     "ScenarioError",
@@ -37,7 +35,6 @@ __all__ = [
     "Script",
     "Seen",
     "Task",
-    "TaskRef",
     "Violation",
     "World",
     "achieved",

@@ -5,11 +5,11 @@ from typing import Any
 from tca_explorer import Property, Scenario, Script, Task
 from tca_wire.declarations import Command, Failure, Goal, Inform, MultiQuery, Query
 
-WALK, REST = Goal("walk"), Goal("rest")
-STEP, LIFT = Command("step"), Command("lift")
+WALK, REST = Goal("walk", Any), Goal("rest", Any)
+STEP, LIFT = Command("step", Any, result=Any), Command("lift", Any)
 WHERE: Query[Any, Any] = Query("where", reply=int)
 HEIGHTS: MultiQuery[Any, Any] = MultiQuery("heights", reply=int)
-NOTE = Inform("note")
+NOTE = Inform("note", Any)
 SLIPPED = Failure("slipped")
 
 

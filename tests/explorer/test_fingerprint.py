@@ -6,13 +6,21 @@ import pytest
 from explorer.ambler_walk import walk
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 
+from tca_central.clock import Due
+from tca_central.control import Ending
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.holds import Release
 from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
-from tca_central.task_tree import TaskTree
-from tca_explorer import QueryFailed, Scenario, Script, Task
+from tca_central.state import Recovery
+from tca_central.task_tree import Rare, TaskTree
+from tca_central.watching import Watch
+from tca_explorer import Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, fingerprint
 from tca_explorer.play import Action, Play
+from tca_module import QueryFailed
+from tca_wire.parts import WatchOptions
+from tca_wire.vocabulary import Scope
 
 Path = tuple[Action, ...]
 
@@ -39,10 +47,10 @@ def busy() -> Scenario:
 
     @planner.handles(WHERE)
     @planner.handles(NOTE)
-    def where(task: Task) -> int:
+    def where(task: Task) -> int | None:
         if task.message == WHERE.name and task.choose("here", "lost") == "lost":
             raise SLIPPED(text="ice")
-        return 7
+        return 7 if task.message == WHERE.name else None
 
     @scenario.module("user").does
     def orders(me: Script) -> None:
@@ -121,6 +129,9 @@ def test_the_tables_name_what_there_is() -> None:
     things = [
         central, central.tree, central.registry, central.agenda, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
+        central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
+        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, ""),
+        Recovery(*[None] * 4),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)
