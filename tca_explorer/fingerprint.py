@@ -56,7 +56,7 @@ IGNORED = {
 """By class: attributes that cannot influence what happens next."""
 
 
-def fingerprint(play: Play, memories: Iterable[bool]) -> bytes:
+def fingerprint(play: Play, memories: Iterable[int]) -> bytes:
     """What distinguishes this state from others. *memories* are what properties remember."""
     walk = _Walk(play.rivals, play.now)
     central = play.central

@@ -234,6 +234,13 @@ class World:
         elif fact.id in self.seen:
             self._change(fact.id, module="", failure=fact.failure, is_over=not self.seen[fact.id].is_task)
 
+    def _unhandled(self, fact: facts.Unhandled) -> None:
+        """The top-level task has failed, too."""
+        failing = top = self.seen[fact.task]
+        while (parent := self.parent(top)) is not None:
+            top = parent
+        self._change(top.id, failure=top.failure or failing.failure)
+
     def _reissued(self, fact: facts.Reissued) -> None:
         self._recover(self.seen[fact.handler])
 
@@ -309,6 +316,7 @@ _FOLD: dict[type, Callable[[World, Any], None]] = {
     facts.Delivered: World._delivered,
     facts.Returned: World._returned,
     facts.Failed: World._failed,
+    facts.Unhandled: World._unhandled,
     facts.Reissued: World._reissued,
     facts.Recovered: World._dealt_with,
     facts.Retried: World._retried,
