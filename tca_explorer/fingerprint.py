@@ -312,7 +312,7 @@ def _add_modules(walk: _Walk, play: Play) -> None:
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
     life = actor.program.life(actor.given, actor.history)
     walk.add([has_begun, actor.program.name, life, actor.delivery, actor.number, actor.step is None, actor.is_told,
-              actor.was_told, *sorted(set(actor.suspended)), *actor.known])  # fmt: skip
+              actor.was_told, actor.suspended[-1], len(set(actor.suspended)), *actor.known])  # fmt: skip
     for request in actor.requests:
         if not request.is_over or request.unread:
             walk.add([request.number, request.is_over, list(request.unread)])

@@ -262,7 +262,7 @@ class World:
         for task in self.tasks:  # parents are older than their children
             if task.id in below or task.parent_id in below:
                 below.add(task.id)
-                self._change(task.id, is_suspended=fact.is_suspended and not task.is_killed)
+                self._change(task.id, is_suspended=fact.is_suspended)
 
     def _killed(self, fact: facts.Killed) -> None:
         self._change(fact.task, is_killed=True, is_suspended=False)
