@@ -48,6 +48,11 @@ class Actor:
         return self._seen[1]
 
     @property
+    def life(self) -> int:
+        """A number for what it was given and has got; of scripts of one function, equal ones have the same."""
+        return self.program.life(self.given, self.history)
+
+    @property
     def awaited(self) -> Request | None:
         """The request whose answer it waits for."""
         return self.requests[self.step.request] if isinstance(self.step, Await) else None

@@ -55,6 +55,7 @@ class Exchange:
             effects = self.central.handle(event)
         except Exception as error:
             raise CentralFault(f"central can't handle {event}: {error!r}") from error
+        self.world.now = self.now
         for effect in effects:
             if isinstance(effect, Record):
                 self._record(effect.entry.facts)
@@ -66,7 +67,7 @@ class Exchange:
     def _record(self, recorded: list[Fact]) -> None:
         self.facts += recorded
         self.names.update({fact.id: fact.message for fact in recorded if isinstance(fact, Birth)})
-        self.world.take(recorded, self.now)
+        self.world.take(recorded)
 
     # --- steps -------------------------------------------------------------------------------------------------------
 

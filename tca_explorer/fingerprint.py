@@ -130,7 +130,6 @@ class _Walk:
 
     def _look_at(self, thing: Any) -> None:
         kind: type = type(thing)
-        assert not isinstance(thing, _CONTAINERS), f"{kind.__name__} would be taken in by its kind only: {thing!r}"
         self._out.append(kind.__name__)
         for name, write in _attributes(kind, tuple(getattr(thing, "__dict__", ()))):
             if write is None:
@@ -286,6 +285,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
 @cache
 def _attributes(kind: type, names: tuple[str, ...]) -> tuple[tuple[str, Write | None], ...]:
     """The attributes to look at, in slots and with these *names*, and how each is written down (None: as it is)."""
+    assert not issubclass(kind, _CONTAINERS), f"of a {kind.__name__} nothing but its class would be taken in"
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
     wanted = [name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)]
@@ -310,9 +310,8 @@ def _add_modules(walk: _Walk, play: Play) -> None:
 
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
-    life = actor.program.life(actor.given, actor.history)
-    walk.add([has_begun, actor.program.name, life, actor.delivery, actor.number, actor.step is None, actor.is_told,
-              actor.was_told, actor.suspended[-1], len(set(actor.suspended)), *actor.known])  # fmt: skip
+    walk.add([has_begun, actor.program.name, actor.life, actor.delivery, actor.number, actor.step is None,
+              actor.is_told, actor.was_told, actor.suspended[-1], len(set(actor.suspended)), *actor.known])  # fmt: skip
     for request in actor.requests:
         if not request.is_over or request.unread:
             walk.add([request.number, request.is_over, list(request.unread)])

@@ -14,17 +14,21 @@ Rename = Callable[[int], int]
 _NAMING = frozenset(("task", "parent", "monitor", "id"))
 """The fields of headers and their parts that name a task, an exception handler or a wiretap."""
 
+_PLAIN = (str, bytes, float, bool)
+
 
 def renamed(value: Any, rename: Rename) -> Any:
     """A header or part of one, with other ids; ids that are 0 or -1 name no task but the root, and the new one."""
-    if isinstance(value, list | tuple):
-        return type(value)(renamed(one, rename) for one in value)
+    if type(value) is list:
+        return [renamed(one, rename) for one in value]
     if not isinstance(value, msgspec.Struct):
         return value
     changes = {}
     for name in value.__struct_fields__:
         old = getattr(value, name)
-        new = rename(old) if name in _NAMING and isinstance(old, int) else renamed(old, rename)
+        if not old or type(old) in _PLAIN:
+            continue
+        new = rename(old) if name in _NAMING else renamed(old, rename)
         if new is not old:
             changes[name] = new
     return msgspec.structs.replace(value, **changes) if changes else value

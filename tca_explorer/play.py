@@ -139,7 +139,8 @@ class Play(Exchange):
         self.world.forget_what_is_over()
         _PERFORM[action.kind](self, action)
         for line in list(self.lines.values()):
-            self.go_on(line)
+            if line.stack:
+                self.go_on(line)
 
     def _take_step(self, action: Action) -> None:
         line = self.lines[action.name]

@@ -2,7 +2,7 @@
 
 No moment before those that constraints and wiretaps put before it, or sooner than a delay allows; no child's start
 before its parent's, no parent's end before its children's; nothing suspended or killed is started; and no task is
-handled twice at once.
+handled twice at once, or ends before its handler does.
 """
 
 from typing import TYPE_CHECKING
@@ -28,6 +28,8 @@ def reached(world: "World", task: "Seen", moments: int) -> str:
     for end in _ENDS:
         if moments & end and task.message_class.is_goal:
             too_early += [f"the end of {child}" for child in world.children(task) if not child.reached & end]
+    if task.is_over and task.is_handled:
+        too_early.append("the end of its handler")
     if not too_early:
         return ""
     words = ", ".join(str(Point(TaskId(task.id), moment)) for moment in Moment if moment & moments)
@@ -42,6 +44,11 @@ def delivered(world: "World", message: "Seen") -> str:
         return f"{message} was given to a handler though it is {'suspended' if message.is_suspended else 'killed'}"
     too_early = _not_met(world, message, int(Moment.START_HANDLING))  # of a retried task, too
     return f"{message} was given to a handler before {', '.join(too_early)}" if too_early else ""
+
+
+def returned(message: "Seen | None", key: int) -> str:
+    """What is wrong with the end of a message's handler; "" if nothing is."""
+    return "" if message is not None and message.is_handled else f"a handler of {message or key} ended, and none had it"
 
 
 def _not_met(world: "World", task: "Seen", moments: int) -> list[str]:

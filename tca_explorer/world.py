@@ -163,9 +163,8 @@ class World:
         self._tasks = {given: task for given, task in self._tasks.items() if task in self.seen}
         self.broken = ""
 
-    def take(self, recorded: Iterable[facts.Fact], now: float = 0.0) -> None:
-        """Take in what central recorded at a time."""
-        self.now = now
+    def take(self, recorded: Iterable[facts.Fact]) -> None:
+        """Take in what central recorded, now."""
         for fact in recorded:
             if do := _FOLD.get(type(fact)):
                 do(self, fact)
@@ -226,7 +225,10 @@ class World:
 
     def _returned(self, fact: facts.Returned) -> None:
         key = self._tasks.get(fact.id, fact.id)
-        self._change(key, module="", is_over=not self.seen[key].is_task)
+        seen = self.seen.get(key)
+        self.broken = self.broken or promises.returned(seen, key)
+        if seen is not None:
+            self._change(key, module="", is_over=not seen.is_task)
 
     def _failed(self, fact: facts.Failed) -> None:
         if fact.is_beside:

@@ -10,8 +10,11 @@ from tca_module import Broadcast, Command, Goal, Query, this
 TRAVERSE_ARC, TAKE_STEPS = Goal("traverse arc", int), Goal("take steps", int)
 MOVE_LEG, MOVE_BODY = Command("move leg", int), Command("move body", int)
 ACHIEVED_POSITION = Command("achieved position?", int)
-PLAN_LEG_MOVE, PLAN_BODY_MOVE = Query("plan leg move", reply=None), Query("plan body move", reply=None)
-ELEVATION_MAP, SCAN, STANCE = (Query(name, reply=None) for name in ("elevation map", "scan", "stance"))
+PLAN_LEG_MOVE: Query[None, None] = Query("plan leg move", reply=None)
+PLAN_BODY_MOVE: Query[None, None] = Query("plan body move", reply=None)
+ELEVATION_MAP: Query[None, None] = Query("elevation map", reply=None)
+SCAN: Query[None, None] = Query("scan", reply=None)
+STANCE: Query[None, None] = Query("stance", reply=None)
 WALKED = Broadcast("walked")
 
 

@@ -2,20 +2,19 @@
 
 from typing import Any
 
-from explorer.scenarios import NOTE, REST, SLIPPED, STEP, WALK
+from explorer.scenarios import REST, SLIPPED, STEP, WALK
 
 from tca_explorer import Property, Scenario, Script, Task
-from tca_wire.controls import DemonMonitor, ExceptionHandler, PollingMonitor
+from tca_wire.controls import ExceptionHandler, PollingMonitor
 from tca_wire.declarations import Command, Query
 from tca_wire.vocabulary import Condition
 
 HIGHER, REPLAN = ExceptionHandler("higher"), ExceptionHandler("replan")
-CHECK, SETTLE = Command("check", Any), Command("settle")
+CHECK: Command[Any, None] = Command("check", Any)
 IS_LOW: Query[Any, Any] = Query("is the battery low", reply=bool)
-RECHARGE, WATCH_OUT = Command("recharge"), Command("watch out")
+RECHARGE = Command("recharge")
 BATTERY = PollingMonitor("battery", condition=IS_LOW, action=RECHARGE)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
-ROCKS = DemonMonitor("rocks", set_up=WATCH_OUT, action=NOTE)
 
 
 def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Scenario:
