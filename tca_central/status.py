@@ -96,8 +96,8 @@ def tree(central: State) -> list[dict[str, Any]]:
 def describe(task: Task) -> dict[str, Any]:
     """A live task in plain values."""
     return {
-        "task": task.id,
-        "parent": task.parent.id if task.parent else 0,
+        "task": int(task.id),
+        "parent": int(task.parent.id) if task.parent else 0,
         "message": task.message.name,
         "class": str(task.message.message_class),
         "role": str(task.role),

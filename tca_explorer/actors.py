@@ -4,7 +4,7 @@ from collections import deque
 from typing import Any
 
 from tca_explorer.link import CANCELLED, SUSPENDED
-from tca_explorer.marks import Number
+from tca_explorer.marks import Id, Number
 from tca_explorer.scenario import ScenarioModule
 from tca_explorer.script import Program
 from tca_explorer.steps import OWN, Await, Branch, Given, Got, History, Step, known, place_of
@@ -81,9 +81,10 @@ class Actor:
         """The script's name for what central calls so."""
         if not real or real == self.task:
             return OWN if real else TaskId(0)
-        if real not in self.known:
-            self.known.append(TaskId(real))
-        return known(self.known.index(TaskId(real)))
+        task = TaskId(Id(real))
+        if task not in self.known:
+            self.known.append(task)
+        return known(self.known.index(task))
 
 
 class Line:

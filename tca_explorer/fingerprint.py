@@ -99,6 +99,8 @@ class _Walk:
         elif isinstance(value, msgspec.Struct):
             self._out.append(type(value).__name__)
             self.add(msgspec.structs.astuple(value))
+        elif isinstance(value, tuple):  # one with names
+            self.add_list(value)
         else:
             self._out += "@", self.number_of(value)
 

@@ -28,7 +28,7 @@ def renamed(value: Any, rename: Rename) -> Any:
         old = getattr(value, name)
         if not old or type(old) in _PLAIN:
             continue
-        new = rename(old) if name in _NAMING else renamed(old, rename)
+        new = rename(old) if name in _NAMING and isinstance(old, int) else renamed(old, rename)
         if new is not old:
             changes[name] = new
     return msgspec.structs.replace(value, **changes) if changes else value

@@ -22,6 +22,7 @@ PRINTED = {
     "08_recovery": "lift to 0.2: hit a rock at 0.3\nlift to 0.4: clear\ndone\n",
     "09_monitors_and_taps": "checked 0.2\nmoved 0.2\nchecked 0.4\nmoved 0.4\n",
     "10_cups": "fetch the blue cup\nfetch the red cup\nthe blue cup is gone: given up\nfetched the red cup\n",
+    "11_explore_recovery": "over a stone: good, ",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
     "21_start_up_order": "asked too early: None\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
@@ -49,6 +50,8 @@ def test_example(path: Path, tmp_path: Path) -> None:
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
     if path.stem == "07_explore":
         assert "a hasty robot: NOT drive achieved before grasp begun" in done.stdout
+    if path.stem == "11_explore_recovery":
+        assert "out of a hole: NOT never lift leg 20 failed" in done.stdout
     if path.stem == "21_start_up_order":
         assert {
             "'where' is handled by 1", "'route' is handled by 1", "route: 3 by planner", "map left: it said goodbye",
