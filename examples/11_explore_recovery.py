@@ -1,4 +1,4 @@
-"""The handlers of a robot, explored as they are: whatever slips and whenever time is over, the recovery comes to an end.
+"""A robot's own handlers, explored: whatever goes wrong, and whenever time is over, the recovery comes to an end.
 
 ``tca explore examples/11_explore_recovery.py`` says the same. ``legs`` and ``expert`` are modules that could be run.
 """
