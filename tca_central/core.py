@@ -53,10 +53,10 @@ class Central(State):
             (agenda.alone, lambda task: monitors.end_watchers(self, task)),
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
+            (agenda.met, self._met),  # a kill that waited for a point comes before what starts at that point
             (agenda.startable, self._start),
             (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
-            (agenda.met, self._met),
         )
 
     def handle(self, event: Event) -> list[Effect]:

@@ -37,6 +37,8 @@ _SHOWN = 12  # parts of a circle that the error names
 
 def look(central: State) -> None:
     """See whether what has just begun to wait will ever get what it waits for."""
+    if not central.look_after:
+        central.suspects.clear()
     while central.suspects:
         start = central.suspects.popleft()
         with suppress(_TooLongError):

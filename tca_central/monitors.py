@@ -123,8 +123,10 @@ def _wait_until(central: State, watch: Watch, until: Point) -> bool:
 def _test_later(central: State, watch: Watch) -> None:
     """Test again at the next multiple of the period: tests that take too long are not made up for."""
     assert watch.began is not None
-    period, now = watch.options.period, central.clock.now
-    wait = period - (now - watch.began) % period
+    period = watch.options.period
+    wait = period - (central.clock.now - watch.began) % period
+    if wait < period / 1000:  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
+        wait += period
     watch.timers = [timer for timer in watch.timers if not timer.is_cancelled]
     watch.timers.append(central.clock.after(wait, Due.TEST, watch))
 

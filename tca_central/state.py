@@ -87,7 +87,7 @@ class State:
             deque()
         )  #: what may have begun to wait for itself
         self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
-        self.look_after = 0.25  #: seconds after which they are looked at again (0: never)
+        self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
         self.look_effort = 1  #: how many times longer than usual that takes, and may
         self.next_look: Timer | None = None
         self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects)

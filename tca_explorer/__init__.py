@@ -1,17 +1,19 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
-from tca_explorer.errors import ExplorerError, QueryFailed, Refused, ScenarioError
+from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.exploration import Result, Violation, explore
 from tca_explorer.properties import (
     Property,
     achieved,
     always,
     at_most,
+    at_most_in_all,
     before,
     begun,
     being_achieved,
     eventually,
     failed,
+    fired,
     handled,
     handled_by,
     killed,
@@ -19,17 +21,19 @@ from tca_explorer.properties import (
     never_stuck,
     planned,
     queued,
+    recovering,
+    retried,
+    sent,
+    suspended,
 )
 from tca_explorer.scenario import Scenario, ScenarioModule
-from tca_explorer.script import Script, Task, TaskRef
+from tca_explorer.script import Script, Task
 from tca_explorer.transcript import report
 from tca_explorer.world import Seen, World
 
 __all__ = [
     "ExplorerError",
     "Property",
-    "QueryFailed",
-    "Refused",
     "Result",
     "Scenario",
     "ScenarioError",
@@ -37,18 +41,19 @@ __all__ = [
     "Script",
     "Seen",
     "Task",
-    "TaskRef",
     "Violation",
     "World",
     "achieved",
     "always",
     "at_most",
+    "at_most_in_all",
     "before",
     "begun",
     "being_achieved",
     "eventually",
     "explore",
     "failed",
+    "fired",
     "handled",
     "handled_by",
     "killed",
@@ -56,5 +61,9 @@ __all__ = [
     "never_stuck",
     "planned",
     "queued",
+    "recovering",
     "report",
+    "retried",
+    "sent",
+    "suspended",
 ]

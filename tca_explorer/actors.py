@@ -1,72 +1,123 @@
 """Who acts in a run: scripts under way (actors), the connections that they act on (lines), and the runs of modules."""
 
-from tca_explorer.errors import ScenarioError
-from tca_explorer.marks import Number
+from collections import deque
+from typing import Any
+
+from tca_explorer.link import CANCELLED, SUSPENDED
+from tca_explorer.marks import Id, Number
 from tca_explorer.scenario import ScenarioModule
-from tca_explorer.script import CANCELLED, Program
-from tca_explorer.steps import OWN, Branch, Got, History, Step, place_of
-from tca_wire.constraints import Constraint
-from tca_wire.points import THIS, Point, TaskId
+from tca_explorer.script import Program
+from tca_explorer.steps import OWN, Await, Branch, Given, Got, History, Step, known, place_of
+from tca_wire.points import TaskId
+
+
+class Request:
+    """What a script asked and wants an answer to: the answers that it has not read."""
+
+    def __init__(self, number: Number, header: Any) -> None:
+        self.number = number
+        self.header = header
+        self.unread: deque[Got] = deque()
+        self.is_over = False  #: nothing more comes
 
 
 class Actor:
     """A script under way."""
 
-    def __init__(self, program: Program, body: bytes, delivery: int = 0, task: TaskId = TaskId(0)) -> None:  # noqa: B008
+    def __init__(self, program: Program, given: Given, delivery: int = 0, task: TaskId = TaskId(0)) -> None:  # noqa: B008
         self.program = program
-        self.body = body
         self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
         self.task = task  #: that it handles; 0: none
+        self.known: list[TaskId] = []  #: what else it has heard of, by place
+        self.given = given
         self.history: History = ()
-        self.sent: list[TaskId] = []  #: the tasks that it sent
+        self.requests: list[Request] = []  #: by place
         self.step: Step | None = None  #: that it is waiting to get something for
-        self.number = Number(0)  #: of the request that it waits for
-        self.bodies: tuple[bytes, ...] = ()  #: what has come of several answers
+        self.number = Number(0)  #: of what it has just asked
+        self.late_at: float | None = None  #: when it waits no longer
         self.is_told = False  #: that its task was killed
-        self.refusal = ""  #: what central last said when it refused something
         self.was_told = False  #: the same, when it last got something
+        self._seen: tuple[History, tuple[Branch, ...]] | None = None  #: the branches after that history
+        self.suspended: tuple[bool, ...] = (False,)  #: what it has been told of that since it last got something
 
     @property
     def branches(self) -> tuple[Branch, ...]:
         """How it may go on. Raises ScenarioError."""
-        try:
-            return self.program.branches(self.body, self.history)
-        except ScenarioError as error:
-            raise ScenarioError(f"{error}: central said: {self.refusal}" if self.refusal else str(error)) from error
+        if self._seen is None or self._seen[0] is not self.history:
+            self._seen = self.history, self.program.branches(self.given, self.history)
+        return self._seen[1]
+
+    @property
+    def life(self) -> int:
+        """A number for what it was given and has got; of scripts of one function, equal ones have the same."""
+        return self.program.life(self.given, self.history)
+
+    @property
+    def awaited(self) -> Request | None:
+        """The request whose answer it waits for."""
+        return self.requests[self.step.request] if isinstance(self.step, Await) else None
 
     def may_take(self, branch: Branch) -> bool:
-        """Whether *branch* reads of a kill only what it can have been told."""
-        told = [got.choice for got in branch.decisions if got.kind == CANCELLED]
-        return (self.is_told or 1 not in told) and (not self.was_told or 0 not in told)
+        """Whether *branch* reads of a kill, and of its suspension, only what it can have been told."""
+        read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
+        if not ((self.is_told or 1 not in read) and (not self.was_told or 0 not in read)):
+            return False
+        return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
 
     def get(self, got: Got) -> None:
         """Something came back for its step."""
         self.history = (*self.history, got)
-        self.step, self.number, self.bodies = None, Number(0), ()
+        self.step, self.number, self.late_at = None, Number(0), None
         self.was_told = self.is_told
+        self.suspended = self.suspended[-1:]
 
-    def real(self, task: TaskId) -> TaskId:
-        """Central's id of a task that the script names by its place."""
-        if task == OWN:
+    def real(self, name: int) -> TaskId:
+        """Central's id of what the script names."""
+        if name == OWN:
             return self.task
-        return self.sent[place_of(task)] if task < OWN else task
+        return self.known[place_of(name)] if name < OWN else TaskId(name)
 
-    def real_point(self, point: Point) -> Point:
-        """A point that the script names, as central knows it."""
-        return point if point.task == THIS else Point(self.real(point.task), point.moment)
-
-    def real_constraints(self, constraints: tuple[Constraint, ...]) -> list[Constraint]:
-        """Constraints that the script names, as central knows them."""
-        return [Constraint(self.real_point(one.before), self.real_point(one.after)) for one in constraints]
+    def name(self, real: int) -> TaskId:
+        """The script's name for what central calls so."""
+        if not real or real == self.task:
+            return OWN if real else TaskId(0)
+        task = TaskId(Id(real))
+        if task not in self.known:
+            self.known.append(task)
+        return known(self.known.index(task))
 
 
 class Line:
-    """A connection of a module's run to central, and what is being done on it: the last of the stack acts."""
+    """A connection of a module's run to central, and what is being done on it."""
 
     def __init__(self, name: str, run: "Run") -> None:
         self.name = name
         self.run = run
-        self.stack: list[Actor] = []
+        self.stack: list[Actor] = []  #: each began while the one before it waited
+        self.delivered: deque[Actor] = deque()  #: not begun yet
+
+    @property
+    def actors(self) -> list[Actor]:
+        """All of them, in the order in which they came."""
+        return [*self.stack, *self.delivered]
+
+    @property
+    def actor(self) -> Actor | None:
+        """Whose turn it is: the newest that has begun or, where that one waits, the next."""
+        newest = self.stack[-1] if self.stack else None
+        if self.delivered and (newest is None or isinstance(newest.step, Await)):
+            return self.delivered[0]
+        return newest
+
+    def begin(self, actor: Actor) -> None:
+        """It is its turn."""
+        if self.delivered and self.delivered[0] is actor:
+            self.stack.append(self.delivered.popleft())
+
+    def clear(self) -> None:
+        """Nothing is done here any more."""
+        self.stack.clear()
+        self.delivered.clear()
 
 
 class Run:
@@ -95,10 +146,10 @@ class Run:
         if not self.is_leaving:
             return []
         own, *slots = self.lines
-        return [line for line in slots if not line.stack] if slots else [own]
+        return [line for line in slots if not line.actors] if slots else [own]
 
     def die(self) -> None:
         """Its process is gone, and with it all that it was doing."""
         self.is_alive = False
         for line in self.lines:
-            line.stack.clear()
+            line.clear()

@@ -56,7 +56,7 @@ class _State:
 
     __slots__ = ("action", "before", "following", "memories", "play")
 
-    def __init__(self, before: "_State | None", action: Action | None, memories: tuple[bool, ...]) -> None:
+    def __init__(self, before: "_State | None", action: Action | None, memories: tuple[int, ...]) -> None:
         self.before = before
         self.action = action
         self.memories = memories  #: of the properties
@@ -133,7 +133,7 @@ class _Exploration:
 
     def _arrive(self, before: _State | None, action: Action | None, play: Play) -> Violation | None:
         """A state is reached: check it, and remember it if it is new."""
-        memories = before.memories if before else (False,) * len(self.properties)
+        memories = before.memories if before else (0,) * len(self.properties)
         state = _State(before, action, memories)
         if play.world.broken:
             return Violation("what central promises", play.world.broken, state.actions())

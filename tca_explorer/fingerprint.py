@@ -4,7 +4,8 @@ Theory of operation. The objects of central and of the scripts are walked from t
 order in which they are met; names such as ids (marks.py) are numbered, too. So two states are equal when they differ
 in nothing but ids and such, whatever those were. *Everything* that an object holds is taken in, also what is added
 to central after this file was written; only what is listed in IGNORED is left out, and each line there has its reason.
-To take in too much costs states that could have been one; to leave out too much would leave runs unexplored.
+To take in too much costs states that could have been one; to leave out too much would leave runs unexplored. Times are
+taken relative to now, so that what comes round every so many seconds comes to the same state again.
 """
 
 from collections import deque
@@ -16,10 +17,15 @@ from operator import itemgetter
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
+from tca_central.registry import MessageType
 from tca_explorer.actors import Actor
+from tca_explorer.exchange import connection_of
 from tca_explorer.marks import Mark
-from tca_explorer.play import Play, connection_of
+from tca_explorer.naming import without_ids
+from tca_explorer.play import Play
+from tca_explorer.world import Seen
 from tca_wire.points import ALL_MOMENTS
 
 IGNORED = {
@@ -29,6 +35,8 @@ IGNORED = {
         "facts", "messages",  # empty between events
         "suspects", "blocked", "look_after", "look_effort", "next_look",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
+        "attached", "taps",  # met where they are attached
+        "asked",  # met as the conditions of monitors
     },
     "TaskTree": {"newest", "tasks"},  # ids are only names; all tasks are met as children
     "Registry": {
@@ -44,14 +52,16 @@ IGNORED = {
     "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
     "Claim": {"id", "number", "ticket", "arrival", "timer"},  # its place in the queue shows
+    "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
+    "Release": {"constraint"},  # as it is recorded
     "Dispatcher": {"_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
 
 
-def fingerprint(play: Play, memories: Iterable[bool]) -> bytes:
+def fingerprint(play: Play, memories: Iterable[int]) -> bytes:
     """What distinguishes this state from others. *memories* are what properties remember."""
-    walk = _Walk(play.rivals)
+    walk = _Walk(play.rivals, play.now)
     central = play.central
     for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
         walk.add(module)
@@ -68,8 +78,9 @@ def fingerprint(play: Play, memories: Iterable[bool]) -> bytes:
 class _Walk:
     """The objects met so far, and what was written down about them."""
 
-    def __init__(self, rivals: dict[str, int]) -> None:
+    def __init__(self, rivals: dict[str, int], now: float) -> None:
         self._rivals = rivals
+        self._now = now
         self._out: list[Any] = []
         self._numbers: dict[int, int] = {}  #: of objects, by id()
         self._names: dict[tuple[type, int], int] = {}  #: of marks
@@ -91,6 +102,8 @@ class _Walk:
         elif isinstance(value, msgspec.Struct):
             self._out.append(type(value).__name__)
             self.add(msgspec.structs.astuple(value))
+        elif isinstance(value, tuple):  # one with names
+            self.add_list(value)
         else:
             self._out += "@", self.number_of(value)
 
@@ -176,8 +189,53 @@ class _Walk:
         else:  # nothing looks at all tasks under the root in their order
             self.add_unordered(task, children or {})
 
-    def add_failure(self, _: object, failure: tuple[str, str, bytes] | None) -> None:
-        self.add(failure and (failure[0], failure[2]))  # the text names ids, and scripts do not see it
+    def add_failure(self, _: object, failure: tuple[Any, ...] | None) -> None:
+        self.add(failure and [without_ids(part) if isinstance(part, str) else part for part in failure])
+
+    def add_text(self, _: object, text: str) -> None:
+        self.add(without_ids(text))
+
+    # --- time --------------------------------------------------------------------------------------------------------
+
+    def add_time(self, _: object, time: float | None) -> None:
+        self._out.append(None if time is None else round(time - self._now, _DIGITS))
+
+    def add_timers(self, _: object, timers: list[Any]) -> None:
+        self.add([timer for timer in timers if not timer.is_cancelled])
+
+    def add_due(self, clock: Any, _: object) -> None:
+        """What is due later, in its order."""
+        for _time, _asked, timer in sorted(clock._queue, key=itemgetter(0, 1)):  # noqa: SLF001
+            if not timer.is_cancelled:
+                self.add(timer)
+        self._out.append("]")
+
+    def add_beginning(self, watch: Any, began: float | None) -> None:
+        """Of a monitor's beginning only how much of its period is over matters."""
+        period = watch.options.period
+        passed = round((self._now - began) % period, _DIGITS) if began is not None and period else 0.0
+        self.add([began is None, 0.0 if passed == round(period, _DIGITS) else passed])
+
+    def add_count(self, watch: Any, count: int) -> None:
+        self._out.append(count % watch.options.fire_every)
+
+    def add_fires(self, watch: Any, fires: int) -> None:
+        self._out.append(fires if watch.options.maximum else 0)
+
+    # --- what happens to tasks ---------------------------------------------------------------------------------------
+
+    def add_fired(self, _: object, taps: set[int]) -> None:
+        self.add(sorted(taps))
+
+    def add_living(self, _: object, tasks: list[Any]) -> None:
+        self.add([task for task in tasks if task.reached != ALL_MOMENTS])
+
+    def add_attachment(self, _: object, attached: Any) -> None:
+        """An attachment that may have been removed since: its place among the others is by its age."""
+        self.add(attached)
+        place = attached.place
+        others = place.attached if isinstance(place, MessageType) else place.more.attached
+        self._out.append(sum(other.id < attached.id for other in others))
 
     def add_queue(self, resource: Any, _: object) -> None:
         self.add(resource.in_line())
@@ -190,6 +248,8 @@ class _Walk:
 
 
 _PLAIN = frozenset((str, bytes, bool, float, type(None)))
+_CONTAINERS = (list, tuple, dict, set, frozenset, deque)
+_DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WRITE: dict[type, Callable[[_Walk, Any], None]] = {
     int: _Walk.add_int,
     **dict.fromkeys((list, tuple, deque), _Walk.add_list),
@@ -202,9 +262,21 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("TaskTree", "last_of_module"): _Walk.add_living_by_name,  # flags do not refer to ended tasks
     ("TaskTree", "top_of_module"): _Walk.add_by_name,
     ("Task", "children"): _Walk.add_children,
-    ("Task", "killed"): _Walk.add_truth,
+    ("Task", "killed"): _Walk.add_text,
     ("Task", "failure"): _Walk.add_failure,
     ("Delivery", "arrival"): _Walk.add_rank,
+    ("Rare", "fired"): _Walk.add_fired,
+    ("Rare", "listeners"): _Walk.add_living,
+    ("Rare", "timers"): _Walk.add_timers,
+    ("Recovery", "failure"): _Walk.add_failure,
+    ("Recovery", "attached"): _Walk.add_attachment,
+    ("Ending", "why"): _Walk.add_text,
+    ("Watch", "timers"): _Walk.add_timers,
+    ("Watch", "began"): _Walk.add_beginning,
+    ("Watch", "count"): _Walk.add_count,
+    ("Watch", "fires"): _Walk.add_fires,
+    ("Timer", "time"): _Walk.add_time,
+    ("Clock", "_queue"): _Walk.add_due,
     ("Registry", "modules"): _Walk.add_unordered,
     ("Registry", "messages"): _Walk.add_by_name,
     ("Module", "connections"): _Walk.add_unordered,
@@ -218,6 +290,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
 @cache
 def _attributes(kind: type, names: tuple[str, ...]) -> tuple[tuple[str, Write | None], ...]:
     """The attributes to look at, in slots and with these *names*, and how each is written down (None: as it is)."""
+    assert not issubclass(kind, _CONTAINERS), f"of a {kind.__name__} nothing but its class would be taken in"
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
     wanted = [name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)]
@@ -236,26 +309,36 @@ def _add_modules(walk: _Walk, play: Play) -> None:
         lines = [(walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines]
         for number, line in sorted(lines, key=itemgetter(0)):
             walk.add(number)
-            for actor in line.stack:
-                _add_actor(walk, actor)
-    walk.add([*play.losses.values(), *play.kills.values()])
+            for actor in line.actors:
+                _add_actor(walk, actor, has_begun=actor in line.stack)
+    walk.add([*play.losses.values(), *play.kills.values(), *play.suspensions.values(), *play.suspended.values()])
 
 
-def _add_actor(walk: _Walk, actor: Actor) -> None:
-    life = actor.program.life(actor.body, actor.history)
-    walk.add([actor.program.name, life, actor.delivery, actor.number, actor.step is None, actor.is_told,
-              actor.was_told, *actor.bodies, *actor.sent])  # fmt: skip
+def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
+    walk.add([has_begun, actor.program.name, actor.life, actor.delivery, actor.number, actor.step is None,
+              actor.is_told, actor.was_told, actor.suspended[-1], len(set(actor.suspended)), *actor.known])  # fmt: skip
+    for request in actor.requests:
+        if not request.is_over or request.unread:
+            walk.add([request.number, request.is_over, list(request.unread)])
+    walk.add_time(actor, actor.late_at)
 
 
 def _add_outcomes(walk: _Walk, play: Play) -> None:
     """How tasks ended that somebody can still ask for."""
     known = {walk.number_of_name(key): ended for key, ended in play.central.outcomes.items() if walk.knows_name(key)}
     for number in sorted(known):
-        outcome, failure, _, body = known[number]
-        walk.add([number, outcome, failure, body])
+        outcome, failure, text, body = known[number]
+        walk.add([number, outcome, failure, without_ids(text), body])
 
 
 def _add_seen(walk: _Walk, play: Play) -> None:
     known = {walk.number_of_name(seen.id): seen for seen in play.world.seen.values() if not seen.is_over}
     for number in sorted(known):
-        walk.add(known[number])
+        seen = known[number]
+        walk.add(_out_of_time(seen))
+        walk.add([(moment, round(at - play.now, _DIGITS)) for moment, at in seen.not_before if at > play.now])
+
+
+def _out_of_time(seen: Seen) -> Seen:
+    """What is not only of the last action, and no time."""
+    return replace(seen, not_before=(), is_new=False, is_retried=False, has_fired=False)

@@ -1,7 +1,7 @@
 """What must be true of a scenario. Properties are made of predicates: plain functions of the World (world.py).
 
 A predicate returns a truth value or the messages that it is true of; ``at_most`` counts these. A property sees the
-world after every action of every run, and remembers one truth value from the run so far.
+world after every action of every run, and remembers one number from the run so far.
 """
 
 from collections.abc import Callable, Sized
@@ -25,25 +25,25 @@ class Property:
     def __repr__(self) -> str:
         return self.words
 
-    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
         """After an action: what to remember, and what is wrong ("": nothing)."""
         del world
         return memory, ""
 
-    def ended(self, world: World, memory: bool) -> str:
+    def ended(self, world: World, memory: int) -> str:
         """When nothing further needs to happen: what is wrong."""
         del world, memory
         return ""
 
 
 class _Never(Property):
-    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
         found = self.predicates[0](world)
         return memory, _shown(found) or "here it is" if found else ""
 
 
 class _Always(Property):
-    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
         return memory, "" if self.predicates[0](world) else "here it is not"
 
 
@@ -52,14 +52,21 @@ class _AtMost(Property):
         super().__init__(words, predicate)
         self._most = most
 
-    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
         found = self.predicates[0](world)
-        number = len(found) if isinstance(found, Sized) else int(bool(found))
+        number = _number(found)
         return memory, f"here {number}: {_shown(found)}" if number > self._most else ""
 
 
+class _AtMostInAll(_AtMost):
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
+        found = self.predicates[0](world)
+        memory += _number(found)
+        return memory, f"here it comes to {memory}: {_shown(found)}" if memory > self._most else ""
+
+
 class _Before(Property):
-    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
         first, second = self.predicates
         memory = memory or bool(first(world))
         found = None if memory else second(world)
@@ -67,15 +74,15 @@ class _Before(Property):
 
 
 class _Eventually(Property):
-    def seen(self, world: World, memory: bool) -> tuple[bool, str]:
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
         return memory or bool(self.predicates[0](world)), ""
 
-    def ended(self, world: World, memory: bool) -> str:
+    def ended(self, world: World, memory: int) -> str:
         return "" if memory else "nothing further need happen, and it never did" + _unfinished(world)
 
 
 class _NeverStuck(Property):
-    def ended(self, world: World, memory: bool) -> str:  # noqa: ARG002
+    def ended(self, world: World, memory: int) -> str:  # noqa: ARG002
         return f"nothing further need happen, and this is left:{_unfinished(world)}" if world.unfinished else ""
 
 
@@ -92,6 +99,13 @@ def always(predicate: Predicate) -> Property:
 def at_most(number: int, predicate: Predicate) -> Property:
     """*predicate* is true of at most *number* messages at a time."""
     return _AtMost(f"at most {number} {_name(predicate)}", predicate, number)
+
+
+def at_most_in_all(number: int, event: Predicate) -> Property:
+    """In each run *event* happens at most *number* times: for what is true for one action only, such as ``sent``,
+    ``fired`` and ``retried``.
+    """
+    return _AtMostInAll(f"at most {number} {_name(event)} in all", event, number)
 
 
 def before(first: Predicate, second: Predicate) -> Property:
@@ -169,13 +183,44 @@ def killed(message: Message[Any, Any], data: Any = UNSET) -> Those:
 
 
 def failed(message: Message[Any, Any], data: Any = UNSET) -> Those:
-    """Messages that failed and have not ended, or ended with the last action."""
+    """Messages on which a failure was raised that has not been dealt with, and which have not ended, or ended with the
+    last action.
+    """
     return _those("failed", message, data, lambda seen: bool(seen.failure))
+
+
+def recovering(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks on whose failure an exception handler is at work."""
+    return _those("recovering", message, data, lambda seen: seen.is_recovering)
+
+
+def suspended(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks that are suspended, by themselves or with what they are under."""
+    return _those("suspended", message, data, lambda seen: seen.is_suspended)
+
+
+def sent(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Messages that were sent with the last action, by whomever."""
+    return _those("sent", message, data, lambda seen: seen.is_new)
+
+
+def fired(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """With the last action: listeners that a wiretap sent, actions that a monitor sent; or monitors that sent one."""
+    return _those("fired", message, data, lambda seen: seen.is_fire or seen.has_fired)
+
+
+def retried(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks that were retried with the last action."""
+    return _those("retried", message, data, lambda seen: seen.is_retried)
 
 
 def handled_by(module: str) -> Those:
     """Messages of any name that handlers of *module* have now."""
     return Those(f"handled by {module}", lambda seen: seen.module == module)
+
+
+def _number(found: object) -> int:
+    return len(found) if isinstance(found, Sized) else int(bool(found))
 
 
 def _name(predicate: Predicate) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 from tca_explorer.errors import ScenarioError
 from tca_explorer.properties import Property
 from tca_explorer.script import Program
+from tca_wire.controls import Monitor
 from tca_wire.declarations import Message
 from tca_wire.parts import HandlerFormat
 
@@ -39,6 +40,8 @@ class ScenarioModule:
         """Declare the decorated function as this module's handler of *message*."""
         if not isinstance(message, Message):
             raise ScenarioError(f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none")
+        if isinstance(message, Monitor):
+            raise ScenarioError(f"{message!r} is a monitor: central carries it out, handle its parts")
         if message.name in self.handlers:
             raise ScenarioError(f"module '{self.name}' handles '{message.name}' already: one handler a message")
         if resource and resource not in self._capacities:
@@ -76,6 +79,7 @@ class Scenario:
         self.properties = properties
         self.modules: dict[str, ScenarioModule] = {}
         self.may_be_killed: dict[str, int] = {}  #: by message: how many such tasks
+        self.may_be_suspended: dict[str, int] = {}  #: the same
 
     def module(
         self, name: str, *, capacity: int = 1, may_be_lost: int = 0, comes_back: bool = False, may_leave: bool = False,
@@ -95,9 +99,11 @@ class Scenario:
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
         """Somebody may kill tasks of this message at any moment, so many of them."""
-        if not message.message_class.is_task:
-            raise ScenarioError(f"may_kill() wants a goal or command, and {message!r} is none")
-        self.may_be_killed[message.name] = times
+        self.may_be_killed[_task(message, "may_kill").name] = times
+
+    def may_suspend(self, message: Message[Any, Any], times: int = 1) -> None:
+        """Somebody may suspend tasks of this message at any moment, so many times; each is resumed some time later."""
+        self.may_be_suspended[_task(message, "may_suspend").name] = times
 
     def rivals(self) -> dict[str, int]:
         """By message: a number that those share which may wait for the same resource."""
@@ -120,3 +126,9 @@ class Scenario:
                     raise ScenarioError(f"'{message.name}' is a {message.message_class} in {module.name} and a "
                                         f"{found[message.name].message_class} elsewhere: use one")  # fmt: skip
         return found
+
+
+def _task(message: Message[Any, Any], call: str) -> Message[Any, Any]:
+    if not message.message_class.is_task:
+        raise ScenarioError(f"{call}() wants a goal or command, and {message!r} is none")
+    return message

@@ -1,212 +1,66 @@
-"""The scripts of a scenario: plain functions that send like a module's handlers do.
-
-Theory of operation. A script is run anew from its start whenever it has got something back: the calls whose answers
-are known return them, and the first one whose answer is not there ends the run (``_Pause``). So a script that is half
-through is nothing but its data and what it got, which can be copied and compared; and functions need not be
-generators. It must do the same each time: it may know nothing but its arguments, and keep nothing.
-"""
+"""The scripts of a scenario: plain functions that do what a module's handlers do, with the module library's calls."""
 
 import inspect
 import traceback
 from collections.abc import Callable, Iterable
-from typing import Any, NoReturn, TypedDict, TypeVar, Unpack
+from typing import Any, NoReturn, TypeVar, cast
 
-import msgspec
-
-from tca_explorer.errors import ExplorerError, QueryFailed, Refused, ScenarioError
-from tca_explorer.steps import (
-    OWN,
-    AddConstraints,
-    Branch,
-    Fail,
-    Got,
-    Hang,
-    History,
-    KillTask,
-    Return,
-    Say,
-    Step,
-    WaitUntil,
-    sent,
-)
-from tca_wire.constraints import Constraint, Flags
-from tca_wire.declarations import Broadcast, Command, FailureRaised, Goal, Inform, Message, MultiQuery, Query
-from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import Outcome, Refusal
+from tca_explorer.errors import ExplorerError, ScenarioError
+from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
+from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, History, Return, Step
+from tca_module.connection import Connection
+from tca_module.errors import QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
+from tca_module.failing import BAD_DATA, HANDLER_ERROR, Reissued
+from tca_module.sender import Sender
+from tca_module.task import Task as ModuleTask
+from tca_wire.declarations import FailureRaised, Message
+from tca_wire.errors import BadData
+from tca_wire.headers import Deliver
+from tca_wire.points import ROOT
+from tca_wire.vocabulary import Refusal
 
 T = TypeVar("T")
 
-HANDLER_ERROR = "handler error"
-"""The failure of a handler whose query failed and that did not catch it, as in the module library."""
+_OF_THE_WORLD = (QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
+"""Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
-CHOOSE, CANCELLED = "choose", "cancelled"
-
-
-class _Pause(BaseException):
-    """The script got to a step whose answer is not there yet. No ``except Exception`` of a script catches it."""
-
-    def __init__(self, step: Step) -> None:
-        super().__init__(step)
-        self.step = step
+_BY_CHANCE = (Refusal.TOO_LATE, Refusal.OVERLOAD)
 
 
-class _Fork(BaseException):
-    """The script got to a decision that has not been made yet."""
+class _Choices:
+    """What only a scenario has."""
 
-    def __init__(self, decisions: Iterable[Got]) -> None:
-        super().__init__()
-        self.decisions = tuple(decisions)
-
-
-class TaskOptions(TypedDict, total=False):
-    """How a new task relates to its siblings; as in the module library."""
-
-    sequential: bool
-    """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
-    sequential_planning: bool
-    """It is planned after the sibling before it has been planned (SEQ_PLANNING)."""
-    plan_first: bool
-    """All of it is planned before any of it is done (PLAN_FIRST)."""
-    delay_planning: bool
-    """It is planned only when it may be achieved (DELAY_PLANNING)."""
-    priority: int
-    """Higher goes first where several wait for one resource."""
-    constraints: Iterable[Constraint]
-    """Others: ``tca_wire.points.THIS`` stands for the new task, and ``.id`` for those that exist."""
-
-
-class TaskRef:
-    """A goal or command that the script sent; *id* stands for it in constraints."""
-
-    def __init__(self, script: "Script", task_id: TaskId, message: str) -> None:
-        self.id = task_id
-        self.message = message
-        self._script = script
-
-    def wait(self, moment: Moment = Moment.END_ACHIEVING) -> Outcome:
-        """Wait until the task reaches *moment*; how it stands then."""
-        got = self._script.do(WaitUntil(Point(self.id, moment)))
-        _check(got, f"waiting for '{self.message}'")
-        return Outcome(got.outcome)
-
-    def kill(self) -> None:
-        """End the task and everything under it."""
-        _check(self._script.do(KillTask(self.id)), f"killing '{self.message}'")
-
-
-class Script:
-    """What a script can do; each call that reaches central is one step of the exploration."""
-
-    def __init__(self, history: History) -> None:
-        self._history = history
-        self._at = 0
-        self._sent = 0
-        self._end: BaseException | None = None
-
-    # --- what the module library has, too ----------------------------------------------------------------------------
-
-    def goal(self, message: Goal[Any], data: Any = None, **options: Unpack[TaskOptions]) -> TaskRef:
-        """Make a subtask that expands into subtasks."""
-        return self._task(message, data, Goal, options)
-
-    def command(self, message: Command[Any, Any], data: Any = None, **options: Unpack[TaskOptions]) -> TaskRef:
-        """Make a subtask that acts."""
-        return self._task(message, data, Command, options)
-
-    def _task(self, message: Message[Any, Any], data: Any, wanted: type, options: TaskOptions) -> TaskRef:
-        got = self._say(
-            message, data, wanted, flags=_flags(options), constraints=tuple(options.get("constraints", ())),
-            priority=options.get("priority", 0),
-        )  # fmt: skip
-        _check(got, f"{message.message_class} '{message.name}'")
-        self._sent += 1
-        return TaskRef(self, sent(self._sent - 1), message.name)
-
-    def query(self, message: Query[Any, Any], data: Any = None, *, priority: int = 0) -> Any:
-        """Ask, and wait for the reply. Raises QueryFailed if its handler fails or is lost."""
-        got = self._say(message, data, Query, priority=priority)
-        _check(got, f"query '{message.name}'")
-        if got.outcome is not Outcome.DONE:
-            raise QueryFailed(message.name, got.failure or str(got.outcome))
-        return msgspec.msgpack.decode(got.bodies[0])
-
-    def multi_query(self, message: MultiQuery[Any, Any], data: Any = None, *, maximum: int = 0) -> list[Any]:
-        """Ask every module that handles the message; the replies, in the order they came."""
-        got = self._say(message, data, MultiQuery, maximum=maximum)
-        return [msgspec.msgpack.decode(body) for body in got.bodies]
-
-    def inform(self, message: Inform[Any], data: Any = None) -> None:
-        """Tell the one module that handles the message."""
-        self._say(message, data, Inform)
-
-    def broadcast(self, message: Broadcast[Any], data: Any = None) -> None:
-        """Tell every module that handles the message."""
-        self._say(message, data, Broadcast)
-
-    def constrain(self, *constraints: Constraint) -> None:
-        """Add constraints between tasks that exist."""
-        _check(self.do(AddConstraints(constraints)), f"constraint {', '.join(map(str, constraints))}")
-
-    # --- what only a scenario has ------------------------------------------------------------------------------------
+    _explored: Link
 
     def choose(self, *alternatives: T) -> T:
         """One of these: each is explored."""
         if not alternatives:
             raise ScenarioError("choose() has nothing to choose from: give it the alternatives")
-        got = self._decided(CHOOSE, (Got(CHOOSE, choice=i, words=str(one)) for i, one in enumerate(alternatives)))
-        return alternatives[got.choice]
+        return alternatives[self._explored.decide(CHOOSE, [str(one) for one in alternatives])]
 
     def hang(self) -> NoReturn:
         """Never go on, and never return."""
-        self.do(Hang())
-        raise AssertionError
-
-    # --- how it is run -----------------------------------------------------------------------------------------------
-
-    def do(self, step: Step) -> Got:
-        """Take a step: what it got, or the end of this run."""
-        if self._at < len(self._history):
-            return self._past(step.kind)
-        if self._end is None:
-            self._end = _Pause(step)
-        raise self._end  # again, where code that cleans up goes on
-
-    def _decided(self, kind: str, decisions: Iterable[Got]) -> Got:
-        if self._at < len(self._history):
-            return self._past(kind)
-        if self._end is None:
-            self._end = _Fork(decisions)
-        raise self._end
-
-    def _past(self, kind: str) -> Got:
-        got = self._history[self._at]
-        if got.kind != kind:
-            text = "it does not do the same when it is run again: it may use nothing but its arguments"
-            raise ScenarioError(text)
-        self._at += 1
-        return got
-
-    def _say(self, message: Message[Any, Any], data: Any, wanted: type, **options: Any) -> Got:
-        if not isinstance(message, wanted):
-            raise ScenarioError(f"{message!r} is sent as a {wanted.__name__}, which it is not")
-        return self.do(Say(message, msgspec.msgpack.encode(data), **options))
+        self._explored.hang()
 
 
-class Task(Script):
-    """What a handler sees of the message that it handles, and sends from."""
+class Script(_Choices, Sender):
+    """What a module does by itself: each call that reaches central is one step of the exploration."""
 
-    def __init__(self, history: History, message: str) -> None:
-        super().__init__(history)
-        self.id = OWN  #: in constraints
-        self.message = message
+    def __init__(self, link: Link) -> None:
+        Sender.__init__(self)
+        self._explored = link
 
-    @property
-    def cancelled(self) -> bool:
-        """Whether the handler has been told that its task was killed."""
-        past = self._history[: self._at]
-        if any(got.kind == CANCELLED and got.choice for got in past):
-            return True
-        return bool(self._decided(CANCELLED, (Got(CANCELLED, choice=i) for i in range(2))).choice)
+    def _connection(self) -> Connection:
+        return cast("Connection", self._explored)
+
+
+class Task(_Choices, ModuleTask):
+    """What a handler sees of the message that it handles, and sends from: the module library's Task, and choices."""
+
+    def __init__(self, link: Link, given: Given, message: Message[Any, Any]) -> None:
+        delivery = Deliver(HERE, message.name, OWN if given.is_task else ROOT, given.context)
+        ModuleTask.__init__(self, cast("Connection", link), delivery, message)
+        self._explored = link
 
 
 class Program:
@@ -217,44 +71,72 @@ class Program:
         self.message = message  #: None: what a module does by itself
         self._function = function
         self._arguments = _number_of_arguments(name, function, 2 if message else 1)
-        self._branches: dict[tuple[bytes, History], tuple[Branch, ...]] = {}
-        self._lives: dict[tuple[bytes, History], int] = {}
+        self._branches: dict[tuple[Given, History], tuple[Branch, ...]] = {}
+        self._lives: dict[tuple[Given, History], int] = {}
 
-    def branches(self, body: bytes, history: History) -> tuple[Branch, ...]:
-        """The ways in which a script with this data and life may go on. Raises ScenarioError."""
-        key = body, history
+    def branches(self, given: Given, history: History) -> tuple[Branch, ...]:
+        """The ways in which a script that was given this and has this life may go on. Raises ScenarioError."""
+        key = given, history
         if key not in self._branches:
-            self._branches[key] = tuple(self._explore(body, history, ()))
+            self._branches[key] = tuple(self._explore(given, history, ()))
         return self._branches[key]
 
-    def life(self, body: bytes, history: History) -> int:
-        """A number for this data and life; equal ones have the same."""
-        return self._lives.setdefault((body, history), len(self._lives))
+    def life(self, given: Given, history: History) -> int:
+        """A number for what was given and this life; equal ones have the same."""
+        return self._lives.setdefault((given, history), len(self._lives))
 
-    def _explore(self, body: bytes, history: History, decisions: History) -> Iterable[Branch]:
+    def _explore(self, given: Given, history: History, decisions: History) -> Iterable[Branch]:
+        if len(decisions) > MOST_DECISIONS:
+            text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
+            raise ScenarioError(f"the script of {text}: it would never go on")
         try:
-            step = self._run(body, history + decisions)
-        except _Fork as fork:
+            step = self._run(given, history + decisions)
+        except Fork as fork:
             for decision in fork.decisions:
-                yield from self._explore(body, history, (*decisions, decision))
+                yield from self._explore(given, history, (*decisions, decision))
         else:
             yield Branch(decisions, step)
 
-    def _run(self, body: bytes, history: History) -> Step:
+    def _run(self, given: Given, history: History) -> Step:
         """Run to the first step that is not past."""
-        script = Task(history, self.message.name) if self.message else Script(history)
+        link = Link(history)
         try:
-            result = self._function(script, *[msgspec.msgpack.decode(body)][: self._arguments - 1])
-            return Return(msgspec.msgpack.encode(result) if self.message else b"")
-        except _Pause as pause:
-            return pause.step
-        except FailureRaised as failure:
-            return Fail(failure.name, failure.text, failure.body)
-        except QueryFailed as error:
-            return Fail(HANDLER_ERROR, str(error), b"")
+            step = self._called(link, given)
+        except (Pause, Fork):
+            assert link.stopped is not None
         except Exception as error:
-            known = isinstance(error, ExplorerError)
-            raise ScenarioError(f"{self._where(error)}: {error if known else repr(error)}") from error
+            raise ScenarioError(f"{self._where(error)}: {_described(link.error or error)}") from error
+        if link.error is not None:  # and the script went on
+            raise ScenarioError(f"{self._where(link.error)}: {link.error}")
+        if isinstance(link.stopped, Fork):
+            raise link.stopped
+        return link.stopped.step if link.stopped is not None else step
+
+    def _called(self, link: Link, given: Given) -> Step:
+        """Call the function; how it ended."""
+        message = self.message
+        if message is None:
+            script: Script | Task = Script(link)
+            arguments: list[Any] = []
+        else:
+            script = Task(link, given, message)
+            try:
+                arguments = [message.decode_data(given.body)]
+            except BadData as error:
+                return Fail(BAD_DATA, str(error))
+        try:
+            result = self._function(script, *arguments[: self._arguments - 1])
+            return Return(message.encode_reply(result) if message is not None else b"")
+        except FailureRaised as failure:
+            return Fail(failure.name, failure.text, failure.body, tuple(failure.kinds))
+        except Reissued:
+            return Fail("", reissue=True)
+        except _OF_THE_WORLD as error:
+            return Fail(HANDLER_ERROR, str(error))
+        except Refused as error:
+            if error.refusal not in _BY_CHANCE:
+                raise
+            return Fail(HANDLER_ERROR, str(error))
 
     def _where(self, error: Exception) -> str:
         """The place in the script at which an error was raised."""
@@ -264,16 +146,9 @@ class Program:
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 
 
-def _flags(options: TaskOptions) -> Flags:
-    flags = Flags.SEQ_ACH if options.get("sequential", True) else Flags.NONE
-    flags |= Flags.SEQ_PLANNING if options.get("sequential_planning") else Flags.NONE
-    flags |= Flags.PLAN_FIRST if options.get("plan_first") else Flags.NONE
-    return flags | (Flags.DELAY_PLANNING if options.get("delay_planning") else Flags.NONE)
-
-
-def _check(got: Got, what: str) -> None:
-    if isinstance(got.outcome, Refusal):
-        raise Refused(what, got.outcome)
+def _described(error: Exception) -> str:
+    known = isinstance(error, ExplorerError) or type(error).__module__.startswith(("tca_module", "tca_wire"))
+    return str(error) if known else repr(error)
 
 
 def _number_of_arguments(name: str, function: Callable[..., Any], most: int) -> int:
@@ -283,6 +158,7 @@ def _number_of_arguments(name: str, function: Callable[..., Any], most: int) -> 
         number = sum(parameter.default is parameter.empty for parameter in parameters)
     except (TypeError, ValueError):
         raise ScenarioError(f"the script of {name} is {function!r}: write a function of {wanted}") from None
-    if not 1 <= number <= most or inspect.isgeneratorfunction(function):
+    is_plain = not (inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function))
+    if not 1 <= number <= most or not is_plain:
         raise ScenarioError(f"the script of {name} is no plain function of {wanted}: write one")
     return number

@@ -1,30 +1,34 @@
 """What a script can do next, and what it got back for what it did. A script's life is the tuple of what it got.
 
 Tasks are named by their place in the script, not by central's ids, so that what a script does next depends on nothing
-but its data and what it got: ``OWN`` is the task that it handles, ``sent(0)`` the first task that it sent.
+but its data and what it got: ``OWN`` is the task that it handles, ``known(0)`` the first other one that it heard of.
 """
 
 from typing import Any
 
 import msgspec
 
-from tca_wire.constraints import Constraint, Flags
+from tca_wire import headers
 from tca_wire.declarations import Message
-from tca_wire.points import Point, TaskId
+from tca_wire.parts import Tapped, Trouble, Watching
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Refusal
 
 OWN = TaskId(-2)
 """The task that a script handles."""
 
+HERE = 1
+"""The delivery that a script handles."""
 
-def sent(place: int) -> TaskId:
-    """The task that a script sent as number *place* (0, 1, ...)."""
+
+def known(place: int) -> TaskId:
+    """What a script heard of as number *place* (0, 1, ...): a task, an exception handler, a wiretap."""
     return TaskId(-3 - place)
 
 
-def place_of(task: TaskId) -> int:
-    """The inverse of ``sent``."""
-    return -3 - task
+def place_of(name: int) -> int:
+    """The inverse of ``known``."""
+    return -3 - name
 
 
 class _Step(msgspec.Struct, frozen=True):
@@ -34,38 +38,34 @@ class _Step(msgspec.Struct, frozen=True):
         return type(self).__name__
 
 
-class Say(_Step, frozen=True):
-    """Send a message of any class."""
+class Ask(_Step, frozen=True):
+    """Send something to central; *declares* are the messages that central must know for it."""
 
-    message: Message[Any, Any]
-    body: bytes
-    flags: Flags = Flags.NONE
-    constraints: tuple[Constraint, ...] = ()
-    priority: int = 0
-    maximum: int = 0
+    header: Any
+    body: bytes = b""
+    declares: tuple[Message[Any, Any], ...] = ()
+    wants_answer: bool = False
+    """The answer is awaited by itself: central's word that it was taken is not."""
+    is_told: bool = False
+    """Nothing comes back at all."""
 
     @property
     def kind(self) -> str:
-        """Its class and name."""
-        return f"{self.message.message_class} {self.message.name}"
+        """What is sent, and of which message."""
+        return f"{type(self.header).__name__} {getattr(self.header, 'message', '')}"
 
 
-class WaitUntil(_Step, frozen=True):
-    """Wait until a point is reached."""
+class Await(_Step, frozen=True):
+    """Wait for an answer to the request that was made as number *request*, for so many seconds if not for ever."""
 
-    point: Point
-
-
-class KillTask(_Step, frozen=True):
-    """End a task and everything under it."""
-
-    task: TaskId
+    request: int
+    seconds: float | None = None
 
 
-class AddConstraints(_Step, frozen=True):
-    """Add constraints between tasks that exist."""
+class GiveUp(_Step, frozen=True):
+    """Want no answer to that request any more."""
 
-    constraints: tuple[Constraint, ...]
+    request: int
 
 
 class Return(_Step, frozen=True):
@@ -78,30 +78,55 @@ class Fail(_Step, frozen=True):
     """The handler fails."""
 
     failure: str
-    text: str
-    body: bytes
+    text: str = ""
+    body: bytes = b""
+    kinds: tuple[str, ...] = ()
+    reissue: bool = False
 
 
 class Hang(_Step, frozen=True):
     """The script never goes on."""
 
 
-Step = Say | WaitUntil | KillTask | AddConstraints | Return | Fail | Hang
+Step = Ask | Await | GiveUp | Return | Fail | Hang
 
 
 class Got(msgspec.Struct, frozen=True):
-    """What came back for a step of that kind, or how the script decided (*kind* "choose" or "cancelled": *choice*)."""
+    """What came back for a step of that kind, or how the script decided (*kind* "choose", ...: *choice*)."""
 
     kind: str
-    outcome: Outcome | Refusal = Outcome.DONE
-    failure: str = ""
-    bodies: tuple[bytes, ...] = ()
+    refusal: Refusal | None = None
+    text: str = ""
+    id: TaskId = TaskId(0)
+    """What the request became."""
+    answer: headers.Answer | None = None
+    body: bytes = b""
+    is_late: bool = False
+    """The time was over."""
     choice: int = 0
     words: str = ""
     """Of a choice: what was chosen."""
 
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more comes of the request."""
+        return self.answer is None or not self.answer.more
+
+    @property
+    def outcome(self) -> Outcome:
+        """How what was asked for ended."""
+        return self.answer.outcome if self.answer is not None else Outcome.DONE
+
 
 History = tuple[Got, ...]
+
+
+class Given(msgspec.Struct, frozen=True):
+    """What a handler was given."""
+
+    body: bytes
+    is_task: bool = False
+    context: Trouble | Tapped | Watching | None = None
 
 
 class Branch(msgspec.Struct, frozen=True):

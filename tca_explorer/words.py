@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
-
 from tca_explorer.actors import Actor, Line
+from tca_explorer.asking import in_words, point_in_words
+from tca_explorer.link import CHOOSE
+from tca_explorer.naming import renamed
 from tca_explorer.play import Action, Kind, Play
-from tca_explorer.script import CHOOSE
-from tca_explorer.steps import AddConstraints, Fail, Hang, History, KillTask, Return, Say, Step, WaitUntil
+from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Return, Step
 from tca_explorer.world import Seen
+from tca_wire import headers
 from tca_wire.points import Point, describe_moments
 
 
@@ -21,8 +22,8 @@ def describe(play: Play, action: Action) -> str:
 def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
     tasks = [f"{task} has not ended: {_standing(play, task)}" for task in play.world.tasks if not task.is_over]
-    waiting = [(line, actor) for line in play.lines.values() for actor in line.stack if actor.step is not None]
-    return (*tasks, *(f"{_who(line, actor, play)} {_waiting(play, actor)}" for line, actor in waiting))
+    waiting = [(line, actor) for line in play.lines.values() for actor in line.actors if actor.step is not None]
+    return (*tasks, *(f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}" for line, actor in waiting))
 
 
 # --- actions ---------------------------------------------------------------------------------------------------------
@@ -30,7 +31,8 @@ def unfinished(play: Play) -> tuple[str, ...]:
 
 def _step(play: Play, action: Action) -> str:
     line = play.lines[action.name]
-    actor = line.stack[-1]
+    actor = line.actor
+    assert actor is not None
     branch = actor.branches[action.index]
     return f"{_who(line, actor, play)} {_decisions(branch.decisions)}{_doing(play, actor, branch.step)}"
 
@@ -53,6 +55,25 @@ def _kill(play: Play, action: Action) -> str:
     return f"somebody kills {play.killable(action.name)[action.index]}"
 
 
+def _suspend(play: Play, action: Action) -> str:
+    return f"somebody suspends {play.suspendable(action.name)[action.index]}"
+
+
+def _resume(play: Play, action: Action) -> str:
+    return f"somebody resumes {_name(play, play.suspended[action.name][action.index])}"
+
+
+def _time(play: Play, _: Action) -> str:
+    assert play.next_time is not None
+    return f"{round(play.next_time - play.now, 6):g} s pass"
+
+
+def _late(play: Play, action: Action) -> str:
+    line = play.lines[action.name]
+    actor = line.stack[-1]
+    return f"{_who(line, actor, play)} no longer {_waiting(play, actor, actor.step)}"
+
+
 _DESCRIBE: dict[Kind, Callable[[Play, Action], str]] = {
     Kind.STEP: _step,
     Kind.JOIN: _join,
@@ -60,6 +81,10 @@ _DESCRIBE: dict[Kind, Callable[[Play, Action], str]] = {
     Kind.LEAVE: lambda _, action: f"{action.name} begins to leave",
     Kind.BYE: lambda _, action: f"{action.name} says goodbye",
     Kind.KILL: _kill,
+    Kind.SUSPEND: _suspend,
+    Kind.RESUME: _resume,
+    Kind.TIME: _time,
+    Kind.LATE: _late,
 }
 
 
@@ -67,43 +92,50 @@ _DESCRIBE: dict[Kind, Callable[[Play, Action], str]] = {
 
 
 def _who(line: Line, actor: Actor, play: Play) -> str:
-    return f"{line.run.name} in {_name(play, actor.delivery)}" if actor.delivery else line.run.name
+    return f"{line.run.name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else line.run.name
 
 
 def _decisions(decisions: History) -> str:
-    words = [f"chooses {got.words}" if got.kind == CHOOSE else f"finds itself {'' if got.choice else 'not '}cancelled"
-             for got in decisions]  # fmt: skip
-    return "".join(f"{one}, " for one in words)
+    return "".join(f"{_DECIDE.get(got.kind, 'finds itself')} {got.words}, " for got in decisions)
+
+
+_DECIDE = {CHOOSE: "chooses"}
 
 
 def _doing(play: Play, actor: Actor, step: Step | None) -> str:
     return _DO[type(step)](play, actor, step)
 
 
-def _waiting(play: Play, actor: Actor) -> str:
-    if isinstance(actor.step, Say):
-        return f"waits for the answer to {actor.step.kind}"
-    return _doing(play, actor, actor.step)
+def _ask(play: Play, actor: Actor, step: Ask) -> str:
+    header = renamed(step.header, actor.real)
+    declared = {message.name: message.message_class for message in step.declares}
+    return in_words(header, step.body, declared.get(getattr(header, "message", "")), lambda task: _name(play, task))
 
 
-def _say(_play: Play, _actor: Actor, step: Say) -> str:
-    data = msgspec.msgpack.decode(step.body)
-    shown = "" if data is None else f" {msgspec.json.encode(data).decode()}"
-    return f"sends {step.message.message_class} {step.message.name}{shown}"
+def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
+    """What an actor, which is at that step, does not go on with."""
+    if not isinstance(step, Await):
+        return _doing(play, actor, step)
+    header = actor.requests[step.request].header
+    if isinstance(header, headers.WaitFor):
+        return f"waits for {point_in_words(header.point, lambda task: _name(play, task))}"
+    if isinstance(header, headers.Lock):
+        return f"waits to {'reserve' if header.reserve else 'lock'} {header.resource}"
+    return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
 
 
-def _add_constraints(play: Play, actor: Actor, step: AddConstraints) -> str:
-    pairs = actor.real_constraints(step.constraints)
-    return f"adds {'; '.join(f'{_point(play, c.before)} before {_point(play, c.after)}' for c in pairs)}"
+def _give_up(_: Play, actor: Actor, step: GiveUp) -> str:
+    request = actor.requests[step.request]
+    is_held = isinstance(request.header, headers.Lock) and request.is_over
+    return f"releases {request.header.resource}" if is_held else "wants no answer any more"
 
 
 _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
-    Say: _say,
-    WaitUntil: lambda play, actor, step: f"waits for {_point(play, actor.real_point(step.point))}",
-    KillTask: lambda play, actor, step: f"kills {_name(play, actor.real(step.task))}",
-    AddConstraints: _add_constraints,
+    Ask: _ask,
+    Await: _waiting,
+    GiveUp: _give_up,
     Return: lambda _play, _actor, _step: "returns",
-    Fail: lambda _play, _actor, step: f"fails: {step.failure}",
+    Fail: lambda _play, _actor, step: "reissues its failure" if step.reissue else f"fails: {step.failure}",
     Hang: lambda _play, _actor, _step: "never goes on",
 }
 
@@ -113,6 +145,9 @@ def _standing(play: Play, task: Seen) -> str:
     after = [_point(play, point) for _, point in task.after if not play.world.is_past(point)]
     parts = [
         reached,
+        f"failed: {task.failure}" if task.failure else "",
+        "being recovered" if task.is_recovering else "",
+        "suspended" if task.is_suspended else "",
         "queued" if task.is_queued else "",
         f"handled by {task.module}" if task.module else "",
         f"waits for {', '.join(after)}" if after else "",
@@ -121,7 +156,7 @@ def _standing(play: Play, task: Seen) -> str:
 
 
 def _point(play: Play, point: Point) -> str:
-    return f"{describe_moments(point.moment)[0]} of {_name(play, point.task)}"
+    return point_in_words(point, lambda task: _name(play, task))
 
 
 def _name(play: Play, task: int) -> str:

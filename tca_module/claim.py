@@ -5,7 +5,7 @@ from typing import Self
 
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import Timeout
-from tca_wire.headers import GiveUp, Lock
+from tca_wire.headers import Lock
 from tca_wire.vocabulary import Outcome
 
 
@@ -39,7 +39,7 @@ class Claim:
         """Let others in again. Does nothing if it was released, or taken away."""
         if not self._is_over:
             self._is_over = True
-            self._connection.post(GiveUp(self._request.header.number), b"")
+            self._connection.release(self._request)
 
     def __enter__(self) -> Self:
         return self

@@ -18,7 +18,7 @@ from tca_module.transport import Transport
 from tca_wire.codec import pack_item, unpack_to_module
 from tca_wire.declarations import Message
 from tca_wire.errors import ProtocolError
-from tca_wire.headers import Bye, Deliver, Register, ToCentral, Unregister
+from tca_wire.headers import Bye, Deliver, GiveUp, Register, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
 from tca_wire.vocabulary import Limit, Refusal
 
@@ -173,6 +173,10 @@ is alive: it is overloaded; whether it took the request is not known"
         with self._lock:
             self.session.abandon(request)
             self._flush()
+
+    def release(self, request: Request) -> None:
+        """Want no longer what a request, whose answer is there, has got."""
+        self.post(GiveUp(request.header.number), b"")
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Say something that has no answer. It is lost, counted and logged if central is not there."""

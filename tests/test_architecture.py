@@ -14,7 +14,7 @@ MAY_IMPORT = {
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz"},
-    "tca_explorer": {"tca_central", "tca_wire", "msgspec", "click"},
+    "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
 """Beside the package itself and the standard library."""
@@ -164,6 +164,14 @@ def test_the_explorer_knows_the_pure_core_only() -> None:
     for path in files("tca_explorer"):
         of_central = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")}
         assert of_central <= pure, f"{path.name} imports {of_central - pure}"
+
+
+def test_the_explorer_knows_what_handlers_see_of_the_module_library() -> None:
+    """Calls and errors, and nothing that opens sockets or runs threads."""
+    seen = {"connection", "errors", "failing", "replies", "sender", "task"}
+    for path in files("tca_explorer"):
+        of_module = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_module.")}
+        assert of_module <= seen, f"{path.name} imports {of_module - seen}"
 
 
 def test_init_files_hold_only_imports() -> None:

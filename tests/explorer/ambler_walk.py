@@ -1,24 +1,21 @@
 """The Ambler's walk as a scenario: who handles what, and what it sends, as in robots/ambler_sim/modules.
 
-The data is the number of steps that are left; test_ambler.py holds the scenario against the real modules.
+The messages are called as the robot's and have simpler data: the number of steps that are left. test_ambler.py holds the
+scenario against the real modules.
 """
 
-from robots.ambler_sim.messages import (
-    ACHIEVED_POSITION,
-    ELEVATION_MAP,
-    MOVE_BODY,
-    MOVE_LEG,
-    PLAN_BODY_MOVE,
-    PLAN_LEG_MOVE,
-    SCAN,
-    STANCE,
-    TAKE_STEPS,
-    TRAVERSE_ARC,
-    WALKED,
-)
 from tca_explorer import Property, Scenario, Script, Task
-from tca_wire.constraints import plan_ahead
-from tca_wire.points import THIS
+from tca_module import Broadcast, Command, Goal, Query, this
+
+TRAVERSE_ARC, TAKE_STEPS = Goal("traverse arc", int), Goal("take steps", int)
+MOVE_LEG, MOVE_BODY = Command("move leg", int), Command("move body", int)
+ACHIEVED_POSITION = Command("achieved position?", int)
+PLAN_LEG_MOVE: Query[None, None] = Query("plan leg move", reply=None)
+PLAN_BODY_MOVE: Query[None, None] = Query("plan body move", reply=None)
+ELEVATION_MAP: Query[None, None] = Query("elevation map", reply=None)
+SCAN: Query[None, None] = Query("scan", reply=None)
+STANCE: Query[None, None] = Query("stance", reply=None)
+WALKED = Broadcast("walked")
 
 
 def walk(steps: int, *properties: Property, plans_ahead: bool = True) -> Scenario:
@@ -52,7 +49,7 @@ def plan_gait(scenario: Scenario, *, plans_ahead: bool) -> None:
         task.command(ACHIEVED_POSITION, left)
         if left > 1:
             # Planned once this one is being achieved: the constraint without which planning runs away.
-            constraints = [plan_ahead(task.id, THIS)] if plans_ahead else []
+            constraints = [task.achieving.start <= this.planning.start] if plans_ahead else []
             task.goal(TAKE_STEPS, left - 1, constraints=constraints)
 
     @planner.handles(ACHIEVED_POSITION, resource="position check")

@@ -5,11 +5,13 @@ from typing import Any
 from tca_explorer import Property, Scenario, Script, Task
 from tca_wire.declarations import Command, Failure, Goal, Inform, MultiQuery, Query
 
-WALK, REST = Goal("walk"), Goal("rest")
-STEP, LIFT = Command("step"), Command("lift")
+WALK: Goal[Any] = Goal("walk", Any)
+REST: Goal[Any] = Goal("rest", Any)
+STEP: Command[Any, Any] = Command("step", Any, result=Any)
+LIFT: Command[Any, Any] = Command("lift", Any)
 WHERE: Query[Any, Any] = Query("where", reply=int)
 HEIGHTS: MultiQuery[Any, Any] = MultiQuery("heights", reply=int)
-NOTE = Inform("note")
+NOTE: Inform[Any] = Inform("note", Any)
 SLIPPED = Failure("slipped")
 
 

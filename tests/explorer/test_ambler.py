@@ -6,9 +6,9 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from explorer.ambler_walk import walk
+from explorer.ambler_walk import ACHIEVED_POSITION, MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, walk
 
-from robots.ambler_sim.messages import ACHIEVED_POSITION, MOVE_BODY, MOVE_LEG, STANCE, TAKE_STEPS, TRAVERSE_ARC, Bend
+from robots.ambler_sim.messages import TRAVERSE_ARC, Bend
 from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception
 from robots.ambler_sim.robot import make_robot
 from tca_explorer import Result, World, achieved, always, at_most, before, begun, explore, never, never_stuck, report

@@ -1,19 +1,40 @@
 """States that are taken for the same are the same: whatever can happen next leads to the same states again."""
 
+import contextlib
 from collections.abc import Iterator
+from random import Random
 
 import pytest
 from explorer.ambler_walk import walk
+from explorer.recoveries import (
+    BATTERY,
+    CHECK,
+    HIGHER,
+    IS_LOW,
+    RECHARGE,
+    ladder,
+    late,
+    polling,
+    suspending,
+)
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 
+from tca_central.clock import Due
+from tca_central.control import Ending
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.holds import Release
 from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
 from tca_central.resources import Claim
-from tca_central.task_tree import TaskTree
-from tca_explorer import QueryFailed, Scenario, Script, Task
+from tca_central.state import Recovery
+from tca_central.task_tree import Rare, TaskTree
+from tca_central.watching import Watch
+from tca_explorer import Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, fingerprint
 from tca_explorer.play import Action, Play
+from tca_module import Condition, QueryFailed, Refused, Timeout, this
+from tca_wire.parts import WatchOptions
+from tca_wire.vocabulary import Scope
 
 Path = tuple[Action, ...]
 
@@ -40,10 +61,10 @@ def busy() -> Scenario:
 
     @planner.handles(WHERE)
     @planner.handles(NOTE)
-    def where(task: Task) -> int:
+    def where(task: Task) -> int | None:
         if task.message == WHERE.name and task.choose("here", "lost") == "lost":
             raise SLIPPED(text="ice")
-        return 7
+        return 7 if task.message == WHERE.name else None
 
     @scenario.module("user").does
     def orders(me: Script) -> None:
@@ -59,10 +80,52 @@ def killing() -> Scenario:
     return scenario
 
 
+def watched() -> Scenario:
+    """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits that end in time."""
+    scenario = Scenario("watched")
+    planner, feet = scenario.module("planner"), scenario.module("legs", may_be_lost=1, comes_back=True)
+    scenario.module("expert").handles(HIGHER)(lambda task: task.trouble.failing.retry())
+    scenario.module("safety", capacity=2).handles(CHECK)(lambda _: None)
+    scenario.module("battery").handles(IS_LOW)(lambda task: task.choose(False, True))
+    scenario.module("dock").handles(RECHARGE)(lambda _: None)
+
+    @planner.handles(WALK)
+    def walk(task: Task) -> None:
+        task.handle.on_termination(RECHARGE)
+        task.monitor(BATTERY, period=2.0, maximum=1)
+        first = task.command(STEP, 1, deadline=3.0)
+        first.on_failure(None, HIGHER, maximum=1)
+        second = task.command(STEP, 2, delay=1.0, constraints=[first.handling.end + 0.5 <= this.achieving.start])
+        second.kill(delay=4.0)
+        with contextlib.suppress(Timeout):
+            second.wait(timeout=2.5)
+
+    @feet.handles(STEP)
+    def step(task: Task) -> None:
+        if task.suspended or task.choose("holds", "slips") == "slips":
+            raise SLIPPED(text="ice")
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.tap(Condition.BEFORE_HANDLING, STEP, CHECK)
+        me.tap(Condition.WHILE_ACHIEVING, STEP, CHECK)
+        with contextlib.suppress(Refused):
+            me.goal(WALK).suspend()
+
+    scenario.may_suspend(WALK)
+    scenario.may_kill(WALK)
+    return scenario
+
+
 SCENARIOS = {
+    "watched": (watched, 300),
+    "ladder": (ladder, 250),
+    "suspended": (suspending, 250),
+    "late": (lambda: late(handled=True), 150),
+    "polling": (lambda: polling(BATTERY, maximum=2, fire_every=2), 60),
     "busy": (busy, 250),
     "killing": (killing, 250),
-    "late": (lambda: walking(arrives_late=True, capacity=2, may_be_lost=1), 200),
+    "arriving": (lambda: walking(arrives_late=True, capacity=2, may_be_lost=1), 200),
     "ambler": (lambda: walk(2), 150),
 }
 
@@ -97,6 +160,31 @@ def test_what_follows_equal_states_is_equal(name: str) -> None:
     assert merged > number / 10
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_world_is_as_central_is(name: str) -> None:
+    """What properties see of a task, and central's own idea of it, in the states of some runs."""
+    scenario = SCENARIOS[name][0]()
+    for seed in range(12):
+        played, choices = Play(scenario), Random(seed)
+        for _ in range(60):
+            actions = played.actions()
+            if not actions:
+                break
+            played.perform(choices.choice(actions))
+            assert not played.world.broken
+            living = {task.id: task for task in played.world.tasks if not task.is_over}
+            assert living.keys() == played.central.tree.tasks.keys()
+            for task in played.central.tree.tasks.values():
+                seen = living[task.id]
+                attempts = (task.rare.attempts if task.rare else 1) + task.again
+                assert (seen.reached, seen.is_suspended, seen.is_killed, seen.is_handled, seen.is_queued) == (
+                    task.reached, task.suspended, bool(task.killed), task.is_running, task.queues is not None
+                ), seen  # fmt: skip
+                assert (seen.attempts, seen.role, seen.body) == (attempts, task.role, task.body), seen
+                failure = "" if task.failure is None or task.is_dealt_with else task.failure[0]
+                assert seen.failure == failure, seen
+
+
 def test_symmetric_orders_are_one_state() -> None:
     """Which of two modules that do not know each other sends first does not matter once both have sent."""
     scenario = Scenario("two orders")
@@ -123,6 +211,9 @@ def test_the_tables_name_what_there_is() -> None:
         central, central.tree, central.registry, central.agenda, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
         Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
+        central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
+        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, ""),
+        Recovery(*[None] * 4),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)

@@ -119,8 +119,8 @@ def crowd(*properties: Any, capacity: int = 2, **legs: Any) -> Scenario:
     @feet.handles(STEP)
     @feet.handles(WHERE)
     @feet.handles(NOTE)
-    def act(_: Task) -> int:
-        return 7
+    def act(task: Task) -> int | None:
+        return 7 if task.message == WHERE.name else None
 
     @scenario.module("first").does
     def steps(me: Script) -> None:

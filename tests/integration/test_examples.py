@@ -33,6 +33,7 @@ PRINTED = {
     "16_asking_many": "the first bid: [3]\nall in time: [3]\nbid: 3\nbid: 6\n",
     "17_only_if_handled": "None None\nblinking green\ndone dry\n",
     "18_what_was_done_already": "stowed the cup\nstowed the plate\ntook out the plate\ntook out the cup\npacking was killed\n",
+    "19_explore_recovery": "over a stone: good, ",
     "20_variables": "mode before: none\nmode when it stopped: walking\nposition: 100.0\nshown all 101 positions: False\n",
     "21_start_up_order": "asked too early: None\n",
     "34_locks": "scan\nscanned\nmove 1\n",
@@ -62,6 +63,8 @@ def test_example(path: Path, tmp_path: Path) -> None:
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
     if path.stem == "07_explore":
         assert "a hasty robot: NOT drive achieved before grasp begun" in done.stdout
+    if path.stem == "19_explore_recovery":
+        assert "out of a hole: NOT never lift leg 20 failed" in done.stdout
     if path.stem == "21_start_up_order":
         assert {
             "'where' is handled by 1", "'route' is handled by 1", "route: 3 by planner", "map left: it said goodbye",

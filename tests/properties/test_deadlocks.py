@@ -32,16 +32,10 @@ class Blocking(Player):
     def __init__(self, *, looks: bool) -> None:
         super().__init__()
         self.central.look_after = 0.25 if looks else 0
-        if not looks:
-            self.central.block = self._only_note  # type: ignore[method-assign]
-            self.central.suspects = self.central.dispatcher._suspects = Nowhere()  # type: ignore[assignment]
         self.module("user")
         self.declare("user", *(message for handled in HANDLED.values() for message in handled))
         for index, (name, handled) in enumerate(HANDLED.items()):
             self.module(name, *handled, capacity=1 + index % 2, pool="")
-
-    def _only_note(self, connection: Connection, number: int, origin: int) -> None:
-        type(self.central).block(self.central, connection, number, origin)
 
     @property
     def refused(self) -> list[RequestRefused]:
@@ -111,14 +105,6 @@ class Blocking(Player):
                 return
             assert free[0].slot
             self.reply(free[0].slot.id.decode(), free[0].given_as)
-
-
-class Nowhere(list[object]):
-    """Forgets whatever is suspected."""
-
-    def append(self, _: object) -> None: ...
-
-    def extend(self, _: object) -> None: ...
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:

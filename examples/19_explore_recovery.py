@@ -1,0 +1,46 @@
+"""A robot's own handlers, explored: whatever goes wrong, and whenever time is over, the recovery comes to an end.
+
+``tca explore examples/19_explore_recovery.py`` says the same. ``legs`` and ``expert`` are modules that could be run.
+"""
+
+from tca_explorer import Scenario, Script, at_most_in_all, explore, failed, never, never_stuck, report, retried
+from tca_module import Command, ExceptionHandler, Failure, Module, Task
+
+LIFT, COLLISION, HIGHER = Command("lift leg", int), Failure("collision", int), ExceptionHandler("lift it higher", int)
+
+legs, expert = Module("legs"), Module("expert")
+
+
+@legs.handles(LIFT)
+def lift(_: Task, height: int) -> None:
+    if height < 40:
+        raise COLLISION(height)
+
+
+@expert.handles(HIGHER)
+def higher(task: Task, height: int) -> None:
+    trouble = task.trouble
+    if trouble.failure != COLLISION.name or trouble.attempts > 2:
+        raise trouble.reissue()
+    trouble.failing.retry(LIFT, height + 20)
+
+
+def lifting(title: str, height: int) -> Scenario:
+    """Two retries must be enough, unless five seconds are over before."""
+    scenario = Scenario(title, at_most_in_all(2, retried(LIFT)), never(failed(LIFT, height + 40)), never_stuck())
+    scenario.module("legs").handles(LIFT)(lift)
+    scenario.module("expert").handles(HIGHER)(higher)
+
+    @scenario.module("user").does
+    def want_a_leg_up(me: Script) -> None:
+        me.on_failure(None, HIGHER, of=LIFT)
+        me.command(LIFT, height, deadline=5.0).wait()
+
+    return scenario
+
+
+LOW, DEEP = lifting("over a stone", 20), lifting("out of a hole", -20)
+
+if __name__ == "__main__":
+    for scenario in (LOW, DEEP):
+        print(report(explore(scenario)))

@@ -1,0 +1,96 @@
+"""What a script asks of central, in words: one row per header."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from tca_wire import headers
+from tca_wire.constraints import Constraint
+from tca_wire.points import ROOT, THIS, Point, describe_moments
+from tca_wire.vocabulary import MessageClass, Scope
+
+Name = Callable[[int], str]
+"""How a task is called: "step {3}"."""
+
+
+def in_words(header: Any, body: bytes, message_class: MessageClass | None, name: Name) -> str:
+    """A header as what somebody does: "kills step {3} in 2 s". *message_class* is that of the message it names."""
+    if isinstance(header, headers.Send):
+        return _send(header, body, message_class, name)
+    say = _SAY.get(type(header))
+    return (say(header, name) if say else f"asks for {type(header).__name__}") + data_in_words(body)
+
+
+def data_in_words(body: bytes) -> str:
+    """Data behind what they were sent with."""
+    data = msgspec.msgpack.decode(body) if body else None
+    return "" if data is None else f" {msgspec.json.encode(data, enc_hook=str).decode()}"
+
+
+def point_in_words(point: Point, name: Name) -> str:
+    """A point of a task."""
+    return f"{describe_moments(point.moment)[0]} of {'it' if point.task == THIS else name(point.task)}"
+
+
+def _send(header: headers.Send, body: bytes, message_class: MessageClass | None, name: Name) -> str:
+    what = f"{message_class} {header.message}{data_in_words(body)}"
+    if header.when_killed:
+        return f"wants {what} sent if {name(header.parent)} is killed"
+    watch = header.watch
+    parts = [
+        f"every {watch.period:g} s" if watch is not None and watch.period else "",
+        f"for {watch.duration:g} s" if watch is not None and watch.duration else "",
+        f"within {header.deadline:g} s" if header.deadline else "",
+        *(f"with {one.handler} for {one.failure or 'any failure'}" for one in header.attachments),
+        *(f"not before {one.delay:g} s" for one in header.constraints if one.delay and one.before.task == ROOT),
+        "if it is handled" if header.if_handled else "",
+    ]
+    return ", ".join([f"sends {what}", *(part for part in parts if part)])
+
+
+def _constraint(constraint: Constraint, name: Name) -> str:
+    after = point_in_words(constraint.after, name)
+    if constraint.before.task == ROOT:
+        return f"{constraint.delay:g} s before {after}"
+    late = f" + {constraint.delay:g} s" if constraint.delay else ""
+    return f"{point_in_words(constraint.before, name)}{late} before {after}"
+
+
+def _kill(header: headers.Kill, name: Name) -> str:
+    what = "" if header.scope is Scope.TASK else f"the {header.scope} of "
+    late = f" in {header.delay:g} s" if header.delay else ""
+    after = f" after {point_in_words(header.after, name)}" if header.after is not None else ""
+    return f"kills {what}{name(header.task)}{late}{after}"
+
+
+def _attach(header: headers.Attach, name: Name) -> str:
+    where = f"all {header.message}" if header.message else name(header.task) if header.task else "the root"
+    return f"attaches {header.attachment.handler} for {header.attachment.failure or 'any failure'} to {where}"
+
+
+def _tap(header: headers.Tap, name: Name) -> str:
+    return f"taps {f'all {header.message}' if header.message else name(header.task)} {header.condition} with \
+{header.listener}"
+
+
+_SAY: dict[type, Callable[[Any, Name], str]] = {
+    headers.Constrain: lambda header, name: f"adds {'; '.join(_constraint(one, name) for one in header.constraints)}",
+    headers.WaitFor: lambda header, name: f"waits for {point_in_words(header.point, name)}",
+    headers.Kill: _kill,
+    headers.Attach: _attach,
+    headers.Tap: _tap,
+    headers.Remove: lambda header, _: f"removes {{{header.id}}}",
+    headers.Raise: lambda header, name: f"raises {header.failure} on {name(header.task)}",
+    headers.Retry: lambda header, name: f"retries {name(header.task)}{' with' if header.new_data else ''}",
+    headers.Suspend: lambda header, name: f"{'resumes' if header.resume else 'suspends'} {name(header.task)}",
+    headers.Deadline: lambda header, name: f"wants {point_in_words(header.point, name)} within {header.seconds:g} s",
+    headers.Inspect: lambda header, name: f"looks at the {header.relation} of {name(header.task)}",
+    headers.Fire: lambda header, name: f"fires {name(header.monitor)} with",
+    headers.EndMonitor: lambda header, name: f"ends {name(header.monitor)}",
+    headers.GetVariable: lambda header, _: f"gets {header.variable}",
+    headers.SetVariable: lambda header, _: f"sets {header.variable} to",
+    headers.Lock: lambda header, _: f"wants to {'reserve' if header.reserve else 'lock'} {header.resource}",
+    headers.Unlock: lambda header, _: f"frees {header.resource}",
+    headers.WaitUntilHandled: lambda header, _: f"waits until {', '.join(header.messages)} are handled",
+}

@@ -1,0 +1,230 @@
+"""What scripts do to central, and what they get back. Knows lines and actors; whose turn it is play.py says."""
+
+from collections.abc import Callable
+from typing import Any
+
+from msgspec.structs import replace
+
+from tca_central.core import Central
+from tca_central.events import ConnectionId, Event, Received, Record
+from tca_explorer.actors import Actor, Line, Request
+from tca_explorer.errors import CentralFault, ScenarioError
+from tca_explorer.marks import Id, Number
+from tca_explorer.naming import renamed, renamed_rows, without_ids
+from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
+from tca_explorer.world import World
+from tca_wire import headers
+from tca_wire.controls import Monitor
+from tca_wire.declarations import Message
+from tca_wire.facts import Fact
+from tca_wire.facts import Received as Birth
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass
+
+_AWAITED = Await(0).kind
+
+_NEED_NO_HANDLER = (MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE)
+
+
+class Exchange:
+    """Central, the connections to it, and the scripts that use them."""
+
+    def __init__(self, known: dict[str, Message[Any, Any]]) -> None:
+        self.central = Central("explored")
+        self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
+        self.central.tree.newest = Id(0)
+        self.world = World()
+        self.now = 0.0  #: seconds since the run began
+        self.lines: dict[str, Line] = {}  #: connections that central has not seen end
+        self.facts: list[Fact] = []  #: recorded with the last action
+        self.names: dict[int, str] = {}  #: of all messages ever sent; for people
+        self._known = known  #: what some module handles
+        self._number = Number(0)
+
+    def next_number(self) -> Number:
+        """The number of a new request."""
+        self._number += 1
+        return self._number
+
+    def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> None:
+        """Let central receive something."""
+        self.handle(Received(self.now, connection_of(line), header, body))
+
+    def handle(self, event: Event) -> None:
+        """Let central handle an event, and everybody get what it sends."""
+        try:
+            effects = self.central.handle(event)
+        except Exception as error:
+            raise CentralFault(f"central can't handle {event}: {error!r}") from error
+        self.world.now = self.now
+        for effect in effects:
+            if isinstance(effect, Record):
+                self._record(effect.entry.facts)
+            elif get := _GET.get(type(effect.header)):
+                line = self.lines.get(effect.connection.decode())
+                if line is not None and line.run.is_alive:
+                    get(self, line, effect.header, effect.body)
+
+    def _record(self, recorded: list[Fact]) -> None:
+        self.facts += recorded
+        self.names.update({fact.id: fact.message for fact in recorded if isinstance(fact, Birth)})
+        self.world.take(recorded)
+
+    # --- steps -------------------------------------------------------------------------------------------------------
+
+    def take(self, line: Line, actor: Actor) -> None:
+        """An actor takes the step that it is at."""
+        _TAKE[type(actor.step)](self, line, actor, actor.step)
+
+    def go_on(self, line: Line) -> None:
+        """What nobody can tell is no action: that a script awaits something, reads what is there, or ends if it
+        handles nothing.
+        """
+        while (actor := line.actor) is not None and actor not in line.delivered:
+            if actor.step is not None:
+                request = actor.awaited
+                if request is None or not request.unread:
+                    return
+                actor.get(request.unread.popleft())
+                continue
+            branches = actor.branches
+            if len(branches) != 1 or branches[0].decisions:
+                return
+            step = branches[0].step
+            if isinstance(step, Await):
+                actor.step = step
+                self._await(line, actor, step)
+            elif isinstance(step, Return) and not actor.delivery:
+                line.stack.pop()
+            else:
+                return
+
+    def _ask(self, line: Line, actor: Actor, step: Ask) -> None:
+        self._declare(line, step)
+        header = renamed(step.header, actor.real)
+        if getattr(header, "origin", 0):
+            header = replace(header, origin=actor.delivery)
+        if step.is_told:
+            actor.get(Got(step.kind))
+        else:
+            number = self.next_number()
+            header = replace(header, number=number)
+            if step.wants_answer:
+                actor.requests.append(Request(number, header))
+                actor.get(Got(step.kind))
+            else:
+                actor.number = number
+        self.receive(line.name, header, step.body)
+
+    def _declare(self, line: Line, step: Ask) -> None:
+        """A module declares a message when it first uses it."""
+        is_conditional = getattr(step.header, "if_handled", False)
+        registry = self.central.registry.messages
+        for message in step.declares:
+            is_free = is_conditional or message.message_class in _NEED_NO_HANDLER or isinstance(message, Monitor)
+            if message.name not in self._known and not is_free:
+                text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the"
+                raise ScenarioError(f"{text} scenario handles: give one a handler for it")
+        formats = [message.format for message in step.declares]
+        new = [one for one in formats if one.name not in registry or registry[one.name].format != one]
+        if new:
+            self.receive(line.name, headers.Register(self.next_number(), new))
+
+    def _await(self, _line: Line, actor: Actor, step: Await) -> None:
+        actor.late_at = None if step.seconds is None else self.now + step.seconds
+
+    def _give_up(self, line: Line, actor: Actor, step: GiveUp) -> None:
+        request = actor.requests[step.request]
+        request.is_over = True
+        request.unread.clear()
+        actor.get(Got(step.kind))
+        self.receive(line.name, headers.GiveUp(request.number))
+
+    def _return(self, line: Line, actor: Actor, step: Return) -> None:
+        line.stack.pop()
+        if actor.delivery:
+            self.receive(line.name, headers.Reply(actor.delivery), step.body)
+
+    def _fail(self, line: Line, actor: Actor, step: Fail) -> None:
+        line.stack.pop()
+        if actor.delivery:
+            header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
+            self.receive(line.name, header, step.body)
+
+    def _hang(self, _line: Line, _actor: Actor, _step: Hang) -> None:
+        """It never gets anything for that step."""
+
+    # --- what comes back ---------------------------------------------------------------------------------------------
+
+    def _get_delivery(self, line: Line, header: headers.Deliver, body: bytes) -> None:
+        actor = Actor(line.run.module.handlers[header.message], Given(body), header.delivery, header.task)
+        context = renamed(header.context, actor.name)
+        if isinstance(text := getattr(context, "text", None), str):
+            context = replace(context, text=without_ids(text))
+        actor.given = Given(body, bool(header.task), context)
+        actor.suspended = (header.suspended,)
+        line.delivered.append(actor)
+
+    def _get_accepted(self, line: Line, header: headers.Accepted, _: bytes) -> None:
+        for actor in line.actors:
+            if header.number and actor.number == header.number and isinstance(actor.step, Ask):
+                actor.get(Got(actor.step.kind, id=actor.name(header.id)))
+        self._answer(line, header.number, Got(_AWAITED, id=TaskId(0)))
+
+    def _get_refused(self, line: Line, header: headers.Refused, _: bytes) -> None:
+        text = without_ids(header.text)
+        for actor in line.actors:
+            if header.number and actor.number == header.number and isinstance(actor.step, Ask):
+                actor.get(Got(actor.step.kind, header.refusal, text))
+                return
+        if not self._answer(line, header.number, Got(_AWAITED, header.refusal, text)) and header.number:
+            raise ScenarioError(f"{line.run.name}: {header.text}")
+
+    def _get_answer(self, line: Line, header: headers.Answer, body: bytes) -> None:
+        answer = replace(header, number=0, text=without_ids(header.text))
+        self._answer(line, header.number, Got(_AWAITED, answer=answer, body=body))
+
+    def _answer(self, line: Line, number: int, got: Got) -> bool:
+        """Whether somebody wanted that answer."""
+        for actor in line.actors:
+            for request in actor.requests:
+                if request.number == number and not request.is_over:
+                    if isinstance(request.header, headers.Inspect) and got.body:
+                        got = replace(got, body=renamed_rows(got.body, actor.name))
+                    request.unread.append(got)
+                    request.is_over = got.is_over
+                    return True
+        return False
+
+    def _get_cancelled(self, line: Line, header: headers.Cancelled, _: bytes) -> None:
+        for actor in line.actors:
+            actor.is_told = actor.is_told or actor.delivery == header.delivery
+
+    def _get_suspended(self, line: Line, header: headers.Suspended, _: bytes) -> None:
+        for actor in line.actors:
+            if actor.delivery == header.delivery:
+                actor.suspended = (*actor.suspended, header.is_suspended)
+
+
+def connection_of(name: str) -> ConnectionId:
+    """The id by which central knows a line."""
+    return ConnectionId(name.encode())
+
+
+# ruff: noqa: SLF001
+_TAKE: dict[type, Callable[[Exchange, Line, Actor, Any], None]] = {
+    Ask: Exchange._ask,
+    Await: Exchange._await,
+    GiveUp: Exchange._give_up,
+    Return: Exchange._return,
+    Fail: Exchange._fail,
+    Hang: Exchange._hang,
+}
+_GET: dict[type, Callable[[Exchange, Line, Any, bytes], None]] = {
+    headers.Deliver: Exchange._get_delivery,
+    headers.Accepted: Exchange._get_accepted,
+    headers.Refused: Exchange._get_refused,
+    headers.Answer: Exchange._get_answer,
+    headers.Cancelled: Exchange._get_cancelled,
+    headers.Suspended: Exchange._get_suspended,
+}

@@ -1,0 +1,201 @@
+"""The connection of a script to central: what the module library's own code talks to when a script calls it.
+
+Theory of operation. A script is run anew from its start whenever it has got something back: the calls whose answers
+are known return them, and the first one whose answer is not there ends the run (``Pause``). So a script that is half
+through is nothing but its data and what it got, which can be copied and compared; and functions need not be
+generators. Everything that a task can do (sender.py, control.py, task_handle.py of the library) is the library's own
+code: only the connection under it is another one, and so a call means here what it means on the robot.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from types import SimpleNamespace
+from typing import Any, NoReturn
+
+from tca_explorer.errors import ScenarioError
+from tca_explorer.steps import Ask, Await, GiveUp, Got, Hang, History, Step
+from tca_module.connection import ACKNOWLEDGED_WITHIN
+from tca_module.errors import FormatRefused, Refused
+from tca_module.replies import QUERY_TIMEOUT
+from tca_wire import headers
+from tca_wire.declarations import Message
+from tca_wire.vocabulary import Refusal
+
+CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
+"""What a script may decide without central: the kinds of such a Got."""
+
+MOST_DECISIONS = 100
+"""Between two steps; a script that decides more often never takes one."""
+
+_NOT_EXPLORED = {
+    headers.Ask: "modules(), handlers() and status()",
+    "transport": "reply_later()",
+    "until_over": "await",
+    "callbacks": "query_notify()",
+    "listen": "query_notify()",
+}
+
+
+class Pause(BaseException):
+    """The script got to a step whose answer is not there yet. No ``except Exception`` of a script catches it."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(step)
+        self.step = step
+
+
+class Fork(BaseException):
+    """The script got to a decision that has not been made yet."""
+
+    def __init__(self, decisions: Iterable[Got]) -> None:
+        super().__init__()
+        self.decisions = tuple(decisions)
+
+
+class Asked:
+    """A request that a script has made, and what it has read of the answers."""
+
+    def __init__(self, link: "Link", place: int) -> None:
+        self.place = place
+        self.answers: deque[tuple[headers.Answer, bytes]] = deque()
+        self.accepted: int | None = None
+        self.is_over = False
+        self._link = link
+
+    @property
+    def notify(self) -> None:
+        """Nobody is called."""
+
+    @notify.setter
+    def notify(self, _: object) -> None:
+        self._link.refuse("query_notify()")
+
+
+class Link:
+    """One run of a script up to the end of what it has got."""
+
+    def __init__(self, history: History) -> None:
+        self.session = SimpleNamespace(epoch="explored", module="explored")
+        self.stopped: Pause | Fork | None = None  #: where the run ended, or shall end
+        self.error: ScenarioError | None = None  #: what can't be played
+        self._history = history
+        self._at = 0
+        self._requests = 0
+        self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _NOT_EXPLORED:
+            self.refuse(_NOT_EXPLORED[name])
+        raise AttributeError(name)
+
+    def refuse(self, call: str) -> NoReturn:
+        """A script can't do that."""
+        self.error = ScenarioError(f"{call} is not explored: leave it out of the scenario, or model what it does")
+        raise self.error
+
+    # --- the run -----------------------------------------------------------------------------------------------------
+
+    def do(self, step: Step) -> Got:
+        """Take a step: what it got, or the end of this run."""
+        if self._at < len(self._history):
+            return self._past(step.kind)
+        if self.stopped is None:
+            self.stopped = Pause(step)
+        raise self.stopped  # again, where code that cleans up goes on
+
+    def decide(self, kind: str, alternatives: Sequence[str]) -> int:
+        """Which of these: each is explored."""
+        if self._at < len(self._history):
+            return self._past(kind).choice
+        if self.stopped is None:
+            self.stopped = Fork(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
+        raise self.stopped
+
+    def hang(self) -> NoReturn:
+        """Never go on."""
+        self.do(Hang())
+        raise AssertionError
+
+    def _past(self, kind: str) -> Got:
+        got = self._history[self._at]
+        if got.kind != kind:
+            self.error = ScenarioError("it does not do the same when it is run again: it may use nothing but its "
+                                       "arguments")  # fmt: skip
+            raise self.error
+        self._at += 1
+        return got
+
+    # --- what the module library calls: see tca_module/connection.py -------------------------------------------------
+
+    def declare(self, *messages: Message[Any, Any]) -> None:
+        """Central must know these."""
+        self._declared.update({message.name: message for message in messages})
+
+    def call(self, header: Any, what: str, body: bytes = b"", within: float = 0) -> int:
+        """Have central do something."""
+        del within
+        return _checked(self.do(self._ask(header, body)), what).id
+
+    def post(self, header: Any, body: bytes) -> None:
+        """Say something that has no answer."""
+        self.do(self._ask(header, body, is_told=True))
+
+    def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Asked:
+        """Ask something."""
+        if type(header) in _NOT_EXPLORED:
+            self.refuse(_NOT_EXPLORED[type(header)])
+        self.do(self._ask(header, body, wants_answer=wants_answer))
+        self._requests += 1
+        return Asked(self, self._requests - 1)
+
+    def wait(self, request: Asked, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None) -> bool:
+        """Wait for an answer. The time that a query waits unless said otherwise is taken as endless."""
+        seconds = None if timeout in (QUERY_TIMEOUT, ACKNOWLEDGED_WITHIN) else timeout
+        if is_over is not None and seconds is not None:
+            self.refuse("multi_query(timeout=...)")
+        while not (request.is_over or (is_over is not None and is_over())):
+            got = _checked(self.do(Await(request.place, seconds)), what)
+            if got.is_late:
+                return False
+            request.is_over = got.is_over
+            if got.answer is None:
+                request.accepted = got.id
+            else:
+                request.answers.append((got.answer, got.body))
+        return True
+
+    def abandon(self, request: Asked) -> None:
+        """Want no answer any more."""
+        if not request.is_over:
+            request.is_over = True
+            self.do(GiveUp(request.place))
+
+    def release(self, request: Asked) -> None:
+        """Want no longer what a request has got."""
+        self.do(GiveUp(request.place))
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether the script has been told that its task was killed; once told, it stays so."""
+        del delivery
+        if any(got.kind == CANCELLED and got.choice for got in self._history[: self._at]):
+            return True
+        return bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+
+    def is_suspended(self, delivery: int) -> bool:
+        """Whether the script has been told that its task is suspended."""
+        del delivery
+        return bool(self.decide(SUSPENDED, ("not suspended", "suspended")))
+
+    def now(self) -> float:
+        """Time does not pass for a script."""
+        return 0.0
+
+    def _ask(self, header: Any, body: bytes, *, wants_answer: bool = False, is_told: bool = False) -> Ask:
+        declares, self._declared = tuple(self._declared.values()), {}
+        return Ask(header, body, declares, wants_answer, is_told)
+
+
+def _checked(got: Got, what: str) -> Got:
+    if got.refusal is not None:
+        raise (FormatRefused if got.refusal is Refusal.FORMAT else Refused)(what, got.refusal, got.text)
+    return got

@@ -1,0 +1,211 @@
+"""Rules of central for failures, wiretaps, monitors, suspension and time, broken one by one: each is found."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from explorer.recoveries import BATTERY, HIGHER, RECHARGE, ladder, late, polling, suspending, tapped
+from explorer.scenarios import REST, SLIPPED, STEP, WALK
+from explorer.test_control import parting, retried_while_running, walk_is_over
+from msgspec.structs import replace
+
+from tca_central import control, failures, monitors, requests
+from tca_central.agenda import Agenda
+from tca_central.clock import Clock
+from tca_central.core import HANDLERS
+from tca_central.holds import Holds
+from tca_central.state import Recovery
+from tca_central.watching import Watch
+from tca_explorer import (
+    Result,
+    Scenario,
+    Script,
+    Seen,
+    World,
+    achieved,
+    at_most_in_all,
+    before,
+    eventually,
+    explore,
+    fired,
+    never,
+    never_stuck,
+    report,
+    retried,
+    sent,
+)
+from tca_module import Condition
+from tca_wire.headers import Send
+from tca_wire.parts import WatchOptions
+
+Patch = pytest.MonkeyPatch
+
+
+def a_before_tap_holds_nothing(patch: Patch) -> None:
+    real = Holds.hold
+    patch.setattr(Holds, "hold", staticmethod(
+        lambda leader, at, task, moment, delay=0: None if leader.role else real(leader, at, task, moment, delay)
+    ))  # fmt: skip
+
+
+def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
+    patch.setattr(Agenda, "_may_start", lambda self, task: not task.children if task.again else MAY_START(self, task))
+
+
+MAY_START = Agenda._may_start
+
+
+def suspended_tasks_are_started(patch: Patch) -> None:
+    def may_start(self: Agenda, task: Any) -> bool:
+        was, task.suspended = task.suspended, False
+        try:
+            return MAY_START(self, task)
+        finally:
+            task.suspended = was
+
+    patch.setattr(Agenda, "_may_start", may_start)
+
+
+def attempts_are_not_told(patch: Patch) -> None:
+    real = Recovery.header.fget  # type: ignore[attr-defined]
+
+    def header(self: Recovery) -> Any:
+        self.failing.more.attempts = 1
+        return real(self)
+
+    patch.setattr(Recovery, "header", property(header))
+
+
+def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:
+    real = failures._search
+    patch.setattr(failures, "_search", lambda central, task, failure, _below=None: real(central, task, failure))
+
+
+def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
+    real = failures._find
+
+    def find(central: Any, task: Any, failure: Any, below: Any) -> Any:
+        for at in task.lineage():
+            at.more.invocations.clear()
+        return real(central, task, failure, below)
+
+    patch.setattr(failures, "_find", find)
+
+
+def what_was_dealt_with_goes_on_for_ever(patch: Patch) -> None:
+    patch.setattr(failures, "handler_ended", lambda _central, _handler: None)
+
+
+def a_deadline_takes_the_task_from_its_handler(patch: Patch) -> None:
+    patch.setattr(control, "raise_failure", failures.fail_task)
+
+
+def a_delay_is_no_delay(patch: Patch) -> None:
+    real = Clock.after
+    patch.setattr(Clock, "after", lambda self, seconds, due, subject: real(self, seconds / 2, due, subject))
+
+
+def a_monitor_acts_once_more(patch: Patch) -> None:
+    patch.setattr(monitors, "Watch", lambda task, options, parts: Watch(task, once_more(options), parts))
+
+
+def once_more(options: WatchOptions) -> WatchOptions:
+    return replace(options, maximum=options.maximum + 1)
+
+
+def a_late_kill_kills_nothing(patch: Patch) -> None:
+    patch.setattr(control.Ending, "now", lambda _self, _central: None)
+
+
+def nothing_is_done_on_termination(patch: Patch) -> None:
+    patch.setattr(failures, "_leave_behind", lambda _central, _task, _why: None)
+
+
+def a_wait_is_never_over(patch: Patch) -> None:
+    patch.setattr(requests.Wait, "met", lambda _self, _central, _task: None)
+
+
+def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:
+    real = HANDLERS[Send]
+
+    def send(central: Any, connection: Any, header: Send, body: bytes) -> None:
+        real(central, connection, replace(header, if_handled=False), body)
+
+    patch.setitem(HANDLERS, Send, send)
+
+
+# --- what finds them -------------------------------------------------------------------------------------------------
+
+
+def once(*properties: Any, retries: bool = True) -> Scenario:
+    """An exception handler that is called once, however often the step slips."""
+    scenario = Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
+    scenario.module("legs").handles(STEP)(slips)
+    higher = (lambda task: task.trouble.failing.retry()) if retries else (lambda _: None)
+    scenario.module("expert").handles(HIGHER)(higher)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.on_failure(SLIPPED, HIGHER, of=STEP, maximum=1)
+        me.command(STEP)
+
+    return scenario
+
+
+def slips(_: object) -> None:
+    raise SLIPPED(text="ice")
+
+
+def maybe(*properties: Any) -> Scenario:
+    """A walk that is only sent if somebody handles it, and nobody ever does."""
+    scenario = Scenario("maybe", *properties)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.execute_if_handled(WALK)
+
+    return scenario
+
+
+def delayed(*properties: Any) -> Scenario:
+    scenario = Scenario("delayed", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.command(STEP, delay=2.0)
+
+    return scenario
+
+
+def lives_on(world: World) -> list[Seen]:
+    return [task for task in world.tasks if task.message == WALK.name and world.now >= 1 and not task.is_killed]
+
+
+BROKEN: dict[Callable[[Patch], None], Callable[[], Result]] = {
+    a_before_tap_holds_nothing: lambda: explore(tapped(Condition.BEFORE_HANDLING)),
+    a_retry_does_not_wait_for_the_handler: lambda: explore(retried_while_running()),
+    suspended_tasks_are_started: lambda: explore(suspending()),
+    attempts_are_not_told: lambda: explore(ladder(at_most_in_all(2, retried(STEP)))),
+    a_reissued_failure_is_searched_from_the_start: lambda: explore(ladder(at_most_in_all(4, sent(HIGHER)))),
+    calls_of_a_handler_are_not_counted: lambda: explore(once()),
+    what_was_dealt_with_goes_on_for_ever: lambda: explore(once(never_stuck(), retries=False)),
+    a_deadline_takes_the_task_from_its_handler: lambda: explore(late(never_stuck(), handled=True)),
+    a_delay_is_no_delay: lambda: explore(delayed()),
+    a_monitor_acts_once_more: lambda: explore(polling(BATTERY, at_most_in_all(1, fired(RECHARGE)), maximum=1)),
+    a_late_kill_kills_nothing: lambda: explore(parting(never(lives_on))),
+    nothing_is_done_on_termination: lambda: explore(parting(before(achieved(REST), walk_is_over))),
+    a_wait_is_never_over: lambda: explore(late(never_stuck(), eventually(achieved(REST)))),
+    what_nobody_handles_is_sent_all_the_same: lambda: explore(maybe(never_stuck())),
+}
+
+
+@pytest.mark.parametrize("mutation", BROKEN, ids=lambda mutation: mutation.__name__)
+def test_a_broken_rule_is_found(monkeypatch: Patch, mutation: Callable[[Patch], None]) -> None:
+    """By promises and properties alone, without central's own invariants, and in a few actions."""
+    monkeypatch.setattr("tca_explorer.exploration.check_invariants", lambda _: None)
+    assert BROKEN[mutation]().ok, report(BROKEN[mutation]())
+    mutation(monkeypatch)
+    result = BROKEN[mutation]()
+    assert result.violation is not None, report(result)
+    assert len(result.violation.actions) < 15, report(result)

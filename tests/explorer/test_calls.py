@@ -1,0 +1,279 @@
+"""The calls of the module library in scripts: what they do there is what they do on the robot."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from explorer.recoveries import BATTERY, CHECK, HIGHER, IS_LOW, RECHARGE
+from explorer.scenarios import HEIGHTS, LIFT, NOTE, REST, SLIPPED, STEP, WALK, WHERE
+
+from tca_explorer import (
+    Scenario,
+    ScenarioError,
+    Script,
+    Task,
+    achieved,
+    at_most_in_all,
+    before,
+    begun,
+    explore,
+    fired,
+    killed,
+    never,
+    never_stuck,
+    report,
+    sent,
+)
+from tca_module import Condition, Refused, TaskFailed, TaskKilled, Timeout, this
+from tca_module import Task as ModuleTask
+from tca_wire.controls import DemonMonitor, PointMonitor
+from tca_wire.declarations import Command, Variable
+from tca_wire.vocabulary import Outcome, Scope
+
+ROCKS = DemonMonitor("rocks", set_up=LIFT, action=NOTE)
+GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
+PACE: Variable[int] = Variable("pace", int)
+
+
+def robot(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> Scenario:
+    """A user who walks, a planner that does it in some way, and others who do what they are told."""
+    scenario = Scenario("a robot", *properties)
+    scenario.module("planner").handles(WALK)(walk)
+    module = scenario.module("others", capacity=2)
+    results: dict[str, Any] = {WHERE.name: 7, HEIGHTS.name: 7, IS_LOW.name: True}
+
+    def act(task: Task) -> Any:
+        return others[task.message](task) if task.message in others else results.get(task.message)
+
+    for message in (STEP, WHERE, HEIGHTS, NOTE, LIFT, REST, CHECK, IS_LOW, RECHARGE, HIGHER):
+        module.handles(message)(act)
+    scenario.module("user").does(lambda me: [me.goal(WALK).wait()])
+    return scenario
+
+
+def played(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> None:
+    result = explore(robot(walk, *properties, **others), never_stuck(), limit=5000)
+    assert result.ok, report(result)
+
+
+def test_a_task_is_the_librarys_own() -> None:
+    assert issubclass(Task, ModuleTask)
+    assert {name for name in vars(Script.__mro__[1]) if not name.startswith("_")} == {"choose", "hang"}
+
+
+def test_blocks_put_tasks_in_order() -> None:
+    def walk(task: Task) -> None:
+        with task.parallel():
+            task.command(STEP, 1)
+            task.command(STEP, 2)
+        task.command(STEP, 3)
+
+    played(walk, *(before(achieved(STEP, number), begun(STEP, 3)) for number in (1, 2)))
+    assert explore(robot(walk, before(achieved(STEP, 1), begun(STEP, 2)))).violation is not None
+
+
+def test_results_and_failures_come_back() -> None:
+    def walk(task: Task) -> None:
+        with contextlib.suppress(TaskFailed, TaskKilled):
+            assert task.command(STEP).result() == "well"
+            task.inform(NOTE, "well")
+
+    def step(task: Task) -> str:
+        if task.choose("well", "badly") == "badly":
+            raise SLIPPED(text="ice")
+        return "well"
+
+    played(walk, step=step)
+    for data in ("well",):
+        assert explore(robot(walk, never(sent(NOTE, data)), step=step)).violation is not None
+
+
+def test_questions_whose_answers_are_fetched_later() -> None:
+    def walk(task: Task) -> None:
+        where = task.query_send(WHERE)
+        task.command(STEP, 1)
+        assert where.receive() == 7
+        assert list(task.multi_query_send(HEIGHTS, maximum=1)) == [7]
+        given_up = task.query_send(WHERE)
+        given_up.cancel()
+
+    played(walk)
+
+
+def test_relatives_are_found_by_name() -> None:
+    def walk(task: Task) -> None:
+        task.command(STEP, "left", constraints=[task.handling.end <= this.achieving.start])
+        (step,) = task.handle.children(STEP)
+        assert step.data(STEP) == "left"
+        parent = step.parent()
+        assert parent is not None
+        assert parent.id == task.id
+        assert [above.message for above in step.ancestors()] == [WALK.name]
+        step.kill("not needed")
+        info = step.info()
+        assert info is None
+
+    played(walk, never(begun(STEP)))
+
+
+def test_scopes_of_kills_and_points() -> None:
+    def walk(task: Task) -> None:
+        later = [task.handling.end <= this.achieving.start]
+        second, third = (task.command(STEP, number, constraints=later) for number in (2, 3))
+        second.kill(scope=Scope.SIBLINGS)
+        task.command(STEP, 4, constraints=[second.achieving.end <= this.achieving.start])
+        task.handle.kill(after=second.achieving.end, scope=Scope.DESCENDANTS)
+        assert third.wait_for(third.achieving.end) is Outcome.KILLED
+
+    played(
+        walk, never(begun(STEP, 3)), never(begun(STEP, 4)), never(killed(WALK)), before(killed(STEP, 3), begun(STEP, 2))
+    )
+
+
+def test_monitors_of_every_kind() -> None:
+    def walk(task: Task) -> None:
+        if task.choose("rocks", "others") == "rocks":
+            rocks = task.monitor(ROCKS, maximum=1)
+            with contextlib.suppress(Refused):  # it has ended
+                rocks.end()
+        else:
+            task.monitor(GROUND)
+            task.monitor(BATTERY, period=1.0, for_ever=True).end()
+
+    def lift(task: Task) -> None:
+        with contextlib.suppress(Refused):
+            task.monitor_handle.fire(NOTE, "a rock")
+
+    played(walk, at_most_in_all(1, fired(NOTE)), lift=lift)
+    assert 'fires rocks {2} with "a rock"' in report(explore(robot(walk, never(sent(NOTE)), lift=lift)))
+
+
+def test_a_listener_knows_what_it_hears() -> None:
+    heard = set()
+
+    def walk(task: Task) -> None:
+        held = task.command(STEP, 1, constraints=[task.handling.end <= this.achieving.start])
+        tap = task.tap(Condition.AFTER_ACHIEVED, held, CHECK)
+        task.tap(Condition.AFTER_ACHIEVED, STEP, NOTE)
+        tap.remove()
+        task.command(STEP, 2)
+
+    def note(task: Task) -> None:
+        assert task.heard.tapped is not None
+        heard.add((task.heard.condition, task.heard.message))
+
+    played(walk, never(sent(CHECK)), at_most_in_all(2, fired(NOTE)), note=note)
+    assert heard == {(Condition.AFTER_ACHIEVED, STEP.name)}
+
+
+def test_variables_and_whether_somebody_is_there() -> None:
+    def walk(task: Task) -> None:
+        assert task.get_variable(PACE, 0) == 0
+        task.set_variable(PACE, 3)
+        assert task.swap_variable(PACE, 4) == 3
+        task.wait_until_handled(STEP)
+        assert task.execute_if_handled(Command("dance")) is None
+        ref = task.execute_if_handled(STEP, 1)
+        assert ref is not None
+        assert task.execute(WHERE) == 7
+
+    played(walk)
+
+
+def test_a_suspended_handler_may_hold() -> None:
+    def walk(task: Task) -> None:
+        task.command(STEP)
+
+    def step(task: Task) -> None:
+        if task.suspended and not task.cancelled:
+            task.query(WHERE)
+
+    scenario = robot(walk, step=step)
+    scenario.may_suspend(WALK)
+    result = explore(scenario, never_stuck(), limit=3000)
+    assert result.ok, report(result)
+    assert explore(scenario, never(sent(WHERE))).violation is not None
+
+
+# --- what can't be played --------------------------------------------------------------------------------------------
+
+
+def asks_who_is_there(task: Task) -> None:
+    task.modules()
+
+
+def replies_later(task: Task) -> Any:
+    return task.reply_later()
+
+
+def is_called_back(task: Task) -> None:
+    task.query_notify(WHERE, None, lambda *_: None)
+
+
+def waits_for_many(task: Task) -> None:
+    task.multi_query(HEIGHTS, timeout=1.0)
+
+
+def awaits(task: Task) -> Iterator[Any]:
+    return next(task.command(STEP).__await__())
+
+
+def swallows(task: Task) -> None:
+    with contextlib.suppress(Exception):
+        task.handlers(STEP)
+
+
+async def is_async(_: Task) -> None: ...
+
+
+def sends_the_wrong_data(task: Task) -> None:
+    task.set_variable(PACE, "fast")  # type: ignore[misc]
+
+
+def decides_for_ever(task: Task) -> None:
+    while task.choose(True, False) or True:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("handler", "words"),
+    [
+        (asks_who_is_there, r"line \d+\): modules\(\), handlers\(\) and status\(\) is not explored: leave it out"),
+        (replies_later, r"reply_later\(\) is not explored"),
+        (is_called_back, r"query_notify\(\) is not explored"),
+        (waits_for_many, r"multi_query\(timeout=...\) is not explored"),
+        (awaits, "await is not explored"),
+        (swallows, r"handlers\(\) and status\(\) is not explored"),
+        (is_async, "is no plain function"),
+        (sends_the_wrong_data, "variable 'pace' wants data of type int"),
+        (decides_for_ever, "decides 100 times without sending or asking anything"),
+    ],
+)
+def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
+    with pytest.raises(ScenarioError, match=words):
+        explore(robot(handler))
+
+
+def test_a_monitor_is_handled_by_central() -> None:
+    with pytest.raises(ScenarioError, match="central carries it out, handle its parts"):
+        Scenario("bad").module("eye").handles(BATTERY)
+
+
+def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
+    def walk(task: Task) -> None:
+        task.command(Command(STEP.name, int), 3)
+
+    with pytest.raises(ScenarioError, match="two formats for message 'step'"):
+        explore(robot(walk))
+
+
+def test_time_outs_are_errors_of_the_world() -> None:
+    def walk(task: Task) -> None:
+        try:
+            task.query(WHERE, timeout=2.0)
+        except Timeout:
+            task.inform(NOTE, "late")
+
+    played(walk)
+    assert explore(robot(walk, never(sent(NOTE, "late")))).violation is not None

@@ -1,0 +1,264 @@
+"""What central promises of failures, wiretaps, monitors, suspension and time, in every order in which things happen."""
+
+import contextlib
+import re
+from typing import Any
+
+import pytest
+from explorer.recoveries import (
+    BATTERY,
+    CHECK,
+    GAUGE,
+    HIGHER,
+    RECHARGE,
+    ladder,
+    late,
+    polling,
+    suspending,
+    tapped,
+)
+from explorer.scenarios import REST, SLIPPED, STEP, WALK
+
+from tca_explorer import (
+    Result,
+    Scenario,
+    Script,
+    Seen,
+    Task,
+    World,
+    achieved,
+    at_most,
+    at_most_in_all,
+    before,
+    begun,
+    eventually,
+    explore,
+    failed,
+    fired,
+    handled,
+    killed,
+    never,
+    never_stuck,
+    recovering,
+    report,
+    retried,
+    sent,
+    suspended,
+)
+from tca_module import Condition, Refused, Timeout, this
+
+
+def good(scenario: Scenario, *properties: Any) -> Result:
+    result = explore(scenario, *properties)
+    assert result.ok, report(result)
+    return result
+
+
+def found(scenario: Scenario, *properties: Any) -> str:
+    """The counterexample; there is one."""
+    result = explore(scenario, *properties)
+    assert result.violation is not None, report(result)
+    return report(result)
+
+
+# --- wiretaps --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("condition", [Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING])
+def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: Condition) -> None:
+    in_turn = [before(achieved(CHECK, number), begun(STEP, number)) for number in (1, 2)]
+    good(tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
+
+
+def test_a_when_tap_holds_the_end() -> None:
+    good(tapped(Condition.WHEN_ACHIEVED), before(achieved(CHECK, 1), achieved(STEP, 1)), never_stuck())
+
+
+@pytest.mark.parametrize("condition", [Condition.WHILE_ACHIEVING, Condition.AFTER_ACHIEVED])
+def test_while_and_after_hold_nothing(condition: Condition) -> None:
+    story = found(tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
+    assert "tapped: {1} for step {2}: check {3}" in story
+
+
+# --- failures --------------------------------------------------------------------------------------------------------
+
+
+def is_handled_twice(world: World) -> list[Seen]:
+    handlers = [seen.message for seen in world.messages if seen.is_handled]
+    return [seen for seen in world.messages if seen.is_handled and handlers.count(seen.message) > 1]
+
+
+def test_a_recovery_ladder_always_ends() -> None:
+    """Retry, then plan anew, then give up: twice two steps at most, and whoever waits goes on."""
+    bounds = (
+        at_most_in_all(2, retried(STEP)),
+        at_most_in_all(1, retried(WALK)),
+        at_most_in_all(4, begun_anew),
+        at_most(1, recovering(STEP)),
+    )
+    result = good(ladder(), *bounds, never(is_handled_twice), never_stuck())
+    assert result.longest is not None  # no run goes on for ever
+    found(ladder(), never(failed(WALK)))
+    found(ladder(), eventually(retried(STEP)))  # it may go well
+
+
+def begun_anew(world: World) -> list[Seen]:
+    """Steps that were sent or retried with the last action."""
+    return [seen for seen in world.tasks if seen.message == STEP.name and (seen.is_new or seen.is_retried)]
+
+
+def test_a_ladder_without_an_end_is_found() -> None:
+    story = found(ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
+    assert "here it comes to 3: walk {2}" in story
+
+
+def test_the_steps_of_a_recovery_can_be_read() -> None:
+    story = found(ladder(), never(failed(WALK)))
+    for line in (
+        "1. user attaches higher for slipped to all step",
+        '2. user sends goal walk "straight", with replan for slipped',
+        "5. legs in step {4} chooses slips, fails: slipped",
+        '6. expert in higher {5} retries step {4} with "higher"',
+        "9. expert in higher {7} reissues its failure",
+        '10. expert in replan {8} retries walk {2} with "another way"',
+    ):
+        assert line in story, story
+
+
+def retried_while_running(*properties: Any) -> Scenario:
+    """Somebody retries a step whose handler runs."""
+    scenario = Scenario("retried while it runs", *properties)
+    scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        step = me.command(STEP)
+        with contextlib.suppress(Refused):  # it has ended
+            step.retry(STEP, "again")
+        step.wait()
+
+    return scenario
+
+
+def test_a_retried_task_is_never_handled_twice_at_once() -> None:
+    result = good(retried_while_running(), at_most(1, handled(STEP)), never_stuck())
+    assert result.longest is not None
+    found(retried_while_running(), never(achieved(STEP, "again")))
+
+
+def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
+    scenario = Scenario("raised from outside")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("expert").handles(HIGHER)(lambda task: task.trouble.failing.kill())
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        step = me.command(STEP, on_failure=[(SLIPPED, HIGHER)])
+        step.fail(SLIPPED(text="seen from afar"))
+
+    good(scenario, never_stuck(), at_most(1, recovering(STEP)))
+    assert "user raises slipped on step {1}" in found(scenario, never(failed(STEP)))
+
+
+# --- suspension ------------------------------------------------------------------------------------------------------
+
+
+def test_a_suspended_subtree_starts_nothing() -> None:
+    """That nothing suspended is given to a handler is checked of every scenario; here something is suspended."""
+    result = good(suspending(), never(starts_suspended), before(achieved(WALK), achieved(REST)), never_stuck())
+    assert result.longest is not None
+    assert "somebody suspends walk {1}" in found(suspending(), never(suspended(STEP)))
+
+
+def starts_suspended(world: World) -> list[Seen]:
+    return [seen for seen in world.tasks if seen.is_suspended and seen.is_new and seen.is_begun]
+
+
+# --- time ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
+    assert good(late(), eventually(achieved(REST)), never_stuck()).longest is not None
+    assert good(late(handled=True), eventually(achieved(REST)), never_stuck()).longest is not None
+    assert "5 s pass" in found(late(), never(killed(STEP)))
+    found(late(), never(achieved(STEP)))  # and in time
+
+
+def test_a_retried_task_has_the_deadline_that_it_had() -> None:
+    """It is over: what is retried has no new one."""
+    good(late(handled=True), at_most_in_all(1, retried(STEP)))
+
+
+@pytest.mark.parametrize(
+    ("options", "fires"), [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)]
+)
+def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fires: int) -> None:
+    good(polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck())
+    found(polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
+
+
+def test_what_comes_round_for_ever_comes_to_the_same_state_again() -> None:
+    result = good(polling(GAUGE, for_ever=True), at_most(1, sent(GAUGE)))
+    assert result.longest is None
+    assert result.states < 10
+
+
+def test_nothing_starts_before_its_delay() -> None:
+    scenario = Scenario("delays", never_stuck())
+    scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        first = me.command(STEP, 1, delay=1.0)
+        me.command(STEP, 2, sequential=False, constraints=[first.handling.end + 2.0 <= this.achieving.start])
+
+    good(scenario, before(lambda world: world.now >= 1, begun(STEP, 1)), before(achieved(STEP, 1), begun(STEP, 2)),
+         before(lambda world: world.now >= 3, begun(STEP, 2)))  # fmt: skip
+    story_of_it = found(scenario, never(achieved(STEP, 2)))
+    assert re.search(r"\n  \d\. 1 s pass\n.*\n  \d\. 2 s pass\n", story_of_it, re.DOTALL)
+
+
+def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
+    scenario = Scenario("impatient")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        step = me.command(STEP)
+        try:
+            step.wait(timeout=2.0)
+        except Timeout:
+            step.kill("too slow")
+
+    good(scenario, never_stuck())
+    found(scenario, never(achieved(STEP)))
+    assert "user no longer waits for end achieving of step {1}" in found(scenario, never(killed(STEP)))
+
+
+# --- kills -----------------------------------------------------------------------------------------------------------
+
+
+def parting(*properties: Any) -> Scenario:
+    """A walk that is killed some time after its planning, and leaves things safe."""
+    scenario = Scenario("parting", *properties)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        task.handle.on_termination(REST)
+        task.handle.kill(after=task.planning.end, delay=1.0)
+        task.command(STEP)
+
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("couch").handles(REST)(lambda _: None)
+    scenario.module("user").does(lambda me: me.goal(WALK).wait())
+    return scenario
+
+
+def walk_is_over(world: World) -> list[Seen]:
+    return [seen for seen in world.tasks if seen.message == WALK.name and seen.is_killed and seen.is_over]
+
+
+def test_what_is_killed_leaves_things_safe() -> None:
+    good(parting(), before(achieved(REST), walk_is_over), before(killed(WALK), sent(REST)), never_stuck())
+    found(parting(), never(killed(WALK)))
+    found(parting(), never(achieved(WALK)))
