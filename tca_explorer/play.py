@@ -21,6 +21,7 @@ from tca_explorer.scenario import Scenario
 from tca_explorer.steps import AddConstraints, Fail, Got, Hang, KillTask, Return, Say, Step, WaitUntil
 from tca_explorer.world import Seen, World
 from tca_wire import headers
+from tca_wire.controls import PointMonitor
 from tca_wire.declarations import Message
 from tca_wire.facts import Fact
 from tca_wire.facts import Received as Birth
@@ -154,7 +155,11 @@ class Play:
         """A module declares a message when it first sends it."""
         known = self._known.get(message.name)
         fans_out = message.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
-        if known is None and not fans_out:
+        parts = message.parts if isinstance(message, PointMonitor) else ()
+        for part in parts:
+            if part is not None:
+                self._declare(line, part)
+        if known is None and not fans_out and not parts:
             text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the scenario"
             raise ScenarioError(f"{text} handles: give one a handler for it")
         if message.name not in self.central.registry.messages:
@@ -324,7 +329,8 @@ def _is_query(step: Step) -> bool:
 
 def _format(message: Message[Any, Any]) -> MessageFormat:
     """What central is told of a message; scenarios may send other data than the robot does, so no formats."""
-    return MessageFormat(message.name, message.message_class, "")
+    parts = message.format.parts if isinstance(message, PointMonitor) else []
+    return MessageFormat(message.name, message.message_class, "", parts=parts)
 
 
 def connection_of(name: str) -> ConnectionId:

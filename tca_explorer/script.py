@@ -30,6 +30,7 @@ from tca_explorer.steps import (
     sent,
 )
 from tca_wire.constraints import Constraint, Flags
+from tca_wire.controls import PointMonitor
 from tca_wire.declarations import Broadcast, Command, FailureRaised, Goal, Inform, Message, MultiQuery, Query
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Outcome, Refusal
@@ -112,6 +113,10 @@ class Script:
     def command(self, message: Command[Any, Any], data: Any = None, **options: Unpack[TaskOptions]) -> TaskRef:
         """Make a subtask that acts."""
         return self._task(message, data, Command, options)
+
+    def monitor(self, message: PointMonitor[Any], data: Any = None, **options: Unpack[TaskOptions]) -> TaskRef:
+        """Make a subtask in which central asks the monitor's condition, when its turn comes."""
+        return self._task(message, data, PointMonitor, options)
 
     def _task(self, message: Message[Any, Any], data: Any, wanted: type, options: TaskOptions) -> TaskRef:
         got = self._say(

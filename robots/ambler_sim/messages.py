@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from robots.ambler_sim.vocabulary import Arc, BodyMove, ElevationMap, Foot, Footfall, LegMove, Pose, Scan, Stance, Step
-from tca_module import Broadcast, Command, Failure, Goal, Query
+from tca_module import Broadcast, Command, Failure, Goal, PointMonitor, Query
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,9 @@ TRAVERSE_ARC = Goal("traverse arc", Bend)
 TAKE_STEPS = Goal("take steps", Ahead)
 MOVE_LEG = Command("move leg", LegMove, result=Footfall)
 MOVE_BODY = Command("move body", BodyMove, result=Pose)
-ACHIEVED_POSITION = Command("achieved position?", Pose, result=Stance)
+WALKED = Broadcast("walked", Pose)
+POSITION_REACHED = Query("position reached", Pose, reply=Pose)
+ACHIEVED_POSITION = PointMonitor("achieved position?", Pose, condition=POSITION_REACHED, action=WALKED)
 
 # What planners ask.
 ELEVATION_MAP = Query("elevation map", Stance, reply=ElevationMap)
@@ -56,8 +58,6 @@ PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
 STANCE = Query("stance", reply=Stance)
 SCAN = Query("scan", reply=Scan)
 PICTURE = Query("picture", str, reply=str)
-
-WALKED = Broadcast("walked", Pose)
 
 PLANNER_FAILED = Failure("planner failed", str)
 MOTION_FAULT = Failure("motion fault", str)

@@ -10,11 +10,11 @@ from robots.ambler_sim.messages import (
     MOVE_LEG,
     PLAN_BODY_MOVE,
     PLAN_LEG_MOVE,
+    POSITION_REACHED,
     SCAN,
     STANCE,
     TAKE_STEPS,
     TRAVERSE_ARC,
-    WALKED,
 )
 from tca_explorer import Property, Scenario, Script, Task
 from tca_wire.constraints import plan_ahead
@@ -49,16 +49,16 @@ def plan_gait(scenario: Scenario, *, plans_ahead: bool) -> None:
         task.query(PLAN_BODY_MOVE)
         task.command(MOVE_LEG, left)
         task.command(MOVE_BODY, left)
-        task.command(ACHIEVED_POSITION, left)
+        task.monitor(ACHIEVED_POSITION, left)
         if left > 1:
             # Planned once this one is being achieved: the constraint without which planning runs away.
             constraints = [plan_ahead(task.id, THIS)] if plans_ahead else []
             task.goal(TAKE_STEPS, left - 1, constraints=constraints)
 
-    @planner.handles(ACHIEVED_POSITION, resource="position check")
-    def achieved_position(task: Task) -> None:
+    @planner.handles(POSITION_REACHED, resource="position check")
+    def position_reached(task: Task) -> bool:
         task.query(STANCE)
-        task.broadcast(WALKED)
+        return True
 
 
 def plan_moves(scenario: Scenario) -> None:
