@@ -2,7 +2,20 @@
 
 from dataclasses import dataclass
 
-from robots.ambler_sim.vocabulary import Arc, BodyMove, ElevationMap, Foot, Footfall, LegMove, Pose, Scan, Stance, Step
+from robots.ambler_sim.vocabulary import (
+    Arc,
+    BodyMove,
+    Contact,
+    ElevationMap,
+    Foot,
+    Footfall,
+    LegMove,
+    Pose,
+    Readings,
+    Scan,
+    Stance,
+    Step,
+)
 from tca_module import Broadcast, Command, Failure, Goal, PointMonitor, Query
 
 
@@ -56,9 +69,11 @@ PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
 
 # What the controller knows.
 STANCE = Query("stance", reply=Stance)
+READINGS = Query("readings", reply=Readings)
 SCAN = Query("scan", reply=Scan)
 PICTURE = Query("picture", str, reply=str)
 
 PLANNER_FAILED = Failure("planner failed", str)
+TERRAIN_COLLISION = Failure("terrain collision", Contact)
 MOTION_FAULT = Failure("motion fault", str)
 NOT_THERE = Failure("position not achieved", str)

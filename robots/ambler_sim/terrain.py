@@ -7,12 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.vocabulary import TerrainSpec
+from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 
 RESOLUTION = 0.25
 BEHIND_START = 6.0
 PATH_HALF_WIDTH = 3.5
 WAVES = 14
+STANDS_ON = 0.15
+"""A foot that is no further (m) below the top of a rock stands on it; a lower one is beside it."""
+
+ROCK_RADIUS = (0.2, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +43,19 @@ class Terrain:
         far = self.heights[i + 1, j] * (1 - v) + self.heights[i + 1, j + 1] * v
         between: Array = near * (1 - u) + far * u
         return between
+
+    def top(self, rock: Rock) -> float:
+        """The height of a rock's highest point in the world."""
+        return self.height(rock.x, rock.y) + rock.height
+
+    def under(self, places: Array) -> Array:
+        """What bears feet at these points (n, 3): the ground, or the top of a rock that they are not below."""
+        heights = self.heights_at(places[:, 0], places[:, 1])
+        for rock in self.spec.rocks:
+            top = self.top(rock)
+            over = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y) <= rock.radius
+            heights = np.where(over & (places[:, 2] >= top - STANDS_ON), np.maximum(heights, top), heights)
+        return heights
 
     def gradient(self, x: float, y: float) -> tuple[float, float]:
         """The rise per metre in x and in y."""
@@ -72,6 +89,19 @@ def make_terrain(spec: TerrainSpec) -> Terrain:
     heights = _waves(random.Random(spec.seed), x, y)  # noqa: S311 - hills need no secrets
     band = heights[:, np.abs(y) <= PATH_HALF_WIDTH]
     return Terrain(spec, x0, y0, heights * (spec.slope / max(steepest(band), 1e-9)))
+
+
+def scattered_rocks(seed: int, count: int, metres: float, height: tuple[float, float]) -> tuple[Rock, ...]:
+    """*count* rocks where legs swing: one in each of as many equal parts of a straight path of *metres*, left and right
+    in turn. Their heights are within these bounds.
+    """
+    seeded = random.Random(seed)  # noqa: S311 - stones need no secrets
+    rocks = []
+    for number in range(count):
+        x = metres * (number + seeded.uniform(0.3, 0.7)) / count
+        y = seeded.uniform(1.2, 1.7) * (1 if number % 2 == 0 else -1)
+        rocks.append(Rock(x, y, seeded.uniform(*ROCK_RADIUS), seeded.uniform(*height)))
+    return tuple(rocks)
 
 
 def steepest(heights: Array) -> float:
