@@ -43,7 +43,9 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A rendering: RGB colours, depths (0 near to 1 far), pixels of ground and of objects on it, world-to-screen matrix, camera."""
+    """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it, the world-to-screen
+    matrix and the camera.
+    """
 
     colours: Pixels = field(repr=False)
     depths: Array = field(repr=False)

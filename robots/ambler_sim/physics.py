@@ -79,7 +79,8 @@ class BulletPlant:
 
     def pushes(self) -> Array:
         """From the same sensors."""
-        return np.hypot(*self._forces()[:, :2].T)
+        pushes: Array = np.hypot(*self._forces()[:, :2].T)
+        return pushes
 
     def attitude(self) -> Attitude:
         """The true position of the body: as from a perfect inertial sensor."""

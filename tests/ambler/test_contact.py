@@ -1,7 +1,6 @@
 """Rocks that the scanner does not see: legs feel them, stop, and stand again."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,9 +32,9 @@ def a_robot(backend: Backend, *rocks: Rock) -> Robot:
 
 
 @pytest.fixture(params=BACKENDS)
-def backend(request: pytest.FixtureRequest) -> Iterator[Backend]:
+def backend(request: pytest.FixtureRequest) -> Backend:
     name: Backend = request.param
-    yield name
+    return name
 
 
 def the_first_leg_move(robot: Robot) -> LegMove:

@@ -59,6 +59,15 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
         save()
         return pose
 
+    _answer_questions(controller, machine)
+    save()
+    return controller
+
+
+def _answer_questions(controller: Module, machine: Machine) -> None:
+    """What is known of the robot."""
+    robot = machine.robot
+
     @controller.handles(STANCE)
     def stance(_: Task) -> Stance:
         with machine.moving():
@@ -78,9 +87,6 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
         with machine.moving():
             return str(robot.picture(path))
 
-    save()
-    return controller
-
 
 def _moved_body(robot: Robot, move: BodyMove, on_tick: OnTick) -> Pose:
     try:
@@ -97,7 +103,8 @@ def main() -> None:
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
-    parser.add_argument("--rock", nargs=4, type=float, action="append", default=[], metavar=("X", "Y", "RADIUS", "HEIGHT"),
+    parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
+                        metavar=("X", "Y", "RADIUS", "HEIGHT"),
                         help="a rock that the scanner does not see; may be given several times")  # fmt: skip
     options = parser.parse_args()
     saved = load_snapshot(options.state) if options.state else None
