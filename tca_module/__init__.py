@@ -44,7 +44,7 @@ from tca_wire.declarations import (
 from tca_wire.errors import BadFormat
 from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
-from tca_wire.vocabulary import Condition, Outcome
+from tca_wire.vocabulary import Condition, Outcome, Scope
 
 __all__ = [
     "HANDLERS_CHANGED",
@@ -94,6 +94,7 @@ __all__ = [
     "QueryFailed",
     "Refused",
     "ResourceInfo",
+    "Scope",
     "Sender",
     "Stopped",
     "Task",
