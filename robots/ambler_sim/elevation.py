@@ -59,11 +59,6 @@ def with_patch(ground: ElevationMap, x: float, y: float, radius: float, height: 
     return make_map(ground.x, ground.y, ground.resolution, heights, known_cells(ground))
 
 
-def coverage(ground: ElevationMap) -> float:
-    """The measured part of the map, 0 to 1."""
-    return float(known_cells(ground).mean())
-
-
 def windows(ground: ElevationMap, x: float, y: float, reach: float) -> tuple[slice, slice]:
     """The rows and columns of the cells within *reach* of a point, cut off at the border of the map."""
     cells = math.ceil(reach / ground.resolution)

@@ -57,29 +57,6 @@ class Terrain:
             heights = np.where(over & (places[:, 2] >= top - STANDS_ON), np.maximum(heights, top), heights)
         return heights
 
-    def gradient(self, x: float, y: float) -> tuple[float, float]:
-        """The rise per metre in x and in y."""
-        d = RESOLUTION / 2
-        east, west, north, south = self.heights_at(np.array([x + d, x - d, x, x]), np.array([y, y, y + d, y - d]))
-        return float(east - west) / RESOLUTION, float(north - south) / RESOLUTION
-
-    def slope(self, x: float, y: float) -> float:
-        """The steepest rise per metre at a point."""
-        return math.hypot(*self.gradient(x, y))
-
-    def normal(self, x: float, y: float) -> Array:
-        """The unit vector out of the ground."""
-        dx, dy = self.gradient(x, y)
-        up = np.array([-dx, -dy, 1.0])
-        unit: Array = up / np.linalg.norm(up)
-        return unit
-
-    def contains(self, x: float, y: float) -> bool:
-        """Whether there is ground at all."""
-        rows, columns = self.heights.shape
-        length, width = (rows - 1) * RESOLUTION, (columns - 1) * RESOLUTION
-        return 0.0 <= x - self.x0 <= float(length) and 0.0 <= y - self.y0 <= float(width)
-
 
 def make_terrain(spec: TerrainSpec) -> Terrain:
     """Hills from a sum of waves, scaled so that the steepest gradient near the line y = 0 is exactly *spec.slope*."""
@@ -108,12 +85,6 @@ def steepest(heights: Array) -> float:
     """The largest rise per metre between neighbours of a height grid, both directions taken together."""
     dx, dy = np.gradient(heights, RESOLUTION)
     return float(np.hypot(dx, dy).max())
-
-
-def on_path(terrain: Terrain) -> Array:
-    """The heights of the band along y = 0 that the robot walks on."""
-    columns = terrain.y0 + RESOLUTION * np.arange(terrain.heights.shape[1])
-    return terrain.heights[:, np.abs(columns) <= PATH_HALF_WIDTH]
 
 
 def _every_resolution(first: float, length: float) -> Array:

@@ -155,7 +155,7 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
         lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
     meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
-    borders = {looks for row in rows if row.task and (looks := _looks_of(row.task))}
+    borders = {border for row in rows if row.task and (border := _looks_of(row.task))}
     meanings += [(colour, "border", meaning) for colour, meaning in sorted(borders, key=itemgetter(1))]
     if meanings:
         size = f'fixedsize="true" width="360" height="{_LEGEND_LINE * len(meanings)}"'
