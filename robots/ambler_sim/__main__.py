@@ -227,7 +227,8 @@ def main() -> int:
     has_physics = options.backend != "kinematic" and pybullet_is_installed()
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"
-    console.print(f"The Ambler walks {options.metres:g} m {how}, {options.pace:g} times as fast as in reality.")
+    pace = f"{options.pace:g} times as fast as in reality" if options.pace else "as fast as can be"
+    console.print(f"The Ambler walks {options.metres:g} m {how}, {pace}.")
     began = time.monotonic()
     try:
         walk = Walk(options, _fresh(options.out))
