@@ -5,6 +5,8 @@ step is planned anew, the feet are shuffled into the standard configuration and 
 walk is given up. The modules that plan and move need not know of this one.
 """
 
+from collections import deque
+
 from robots.ambler_sim.body import plan_body_move
 from robots.ambler_sim.errors import AmblerError, PathBlocked
 from robots.ambler_sim.gait import TOLERANCE, after_step, next_step, remaining
@@ -38,6 +40,9 @@ from tca_module import Module, Scope, Task, TaskHandle, Trouble
 RAISED_AT_MOST, REPLANNED_AT_MOST, SHUFFLED_AT_MOST = 2, 2, 2
 """How often each is tried for one leg move, one step, one arc."""
 
+MOST_REMEMBERED = 30
+"""Places: older ones are behind."""
+
 recovery = Module("error recovery")
 
 
@@ -56,7 +61,7 @@ class Memory:
     """What legs have met so far: the scanner did not see it."""
 
     def __init__(self) -> None:
-        self.avoided: list[Avoided] = []
+        self.avoided: deque[Avoided] = deque(maxlen=MOST_REMEMBERED)
 
     def ground(self, task: Task, stance: Stance) -> ElevationMap:
         """The map, with what is not to be seen in it."""
