@@ -10,7 +10,7 @@ from robots.ambler_sim.elevation import height_at, with_patch
 from robots.ambler_sim.errors import OutOfReach, PathBlocked
 from robots.ambler_sim.footfall import choose_foothold
 from robots.ambler_sim.gait import mean_height, standard_places, with_foot
-from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation
+from robots.ambler_sim.geometry import AMBLER, SHOULDER_Z, circulating_angle, circulation, side_of
 from robots.ambler_sim.leg_recovery import plan_swing
 from robots.ambler_sim.stability import energy_margin
 from robots.ambler_sim.vocabulary import LEGS, Contact, ElevationMap, Foot, LegMove, Stance, Step
@@ -79,15 +79,19 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
     """Moves that bring the feet into the standard configuration around the body in which the side that is not *blocked*
     steps first: when it has, the body is further on, and the blocked leg swings elsewhere.
 
-    At each move the robot is stable. The blocked leg goes last, if that can be; of the others those first that would be
-    the hardest to lift in the end. Feet that can't be brought to their places safely stay.
+    At each move the robot is stable. The blocked leg's side goes last, and of that the leg itself, if that can be; of
+    the others those first that would be the hardest to lift in the end. Feet that can't be brought to their places
+    safely stay.
     """
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
     moves: list[LegMove] = []
     waiting = set(LEGS)
     while safe := list(_safe_moves(ground, stance, [place for place in places if place.leg in waiting])):
-        chosen = min(safe, key=lambda move: (move.leg == blocked, energy_margin(in_the_end, move.leg)))
+        chosen = min(
+            safe,
+            key=lambda move: (move.leg in side_of(blocked), move.leg == blocked, energy_margin(in_the_end, move.leg)),
+        )
         moves.append(chosen)
         waiting.remove(chosen.leg)
         stance = with_foot(stance, chosen.foothold)
