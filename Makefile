@@ -9,7 +9,7 @@ READY := .venv/ready
 .DELETE_ON_ERROR:
 
 demo: $(READY)
-	$(BIN)/python -m robots.ambler_sim --out walk
+	$(BIN)/python -m robots.ambler_sim --out walk --rocks 2
 
 test: $(READY)
 	$(BIN)/python -m pytest

@@ -118,7 +118,8 @@ class Agenda:
         """
         task.again, task.returned = True, False
         if task.rare:
-            task.rare.fired -= {tap.id for tap in taps_of(task) if tap.before & START_HANDLING}
+            to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
+            task.rare.fired -= {tap.id for tap in taps_of(task) if tap.before & to_come}
         self.hand_back(task)
 
     def hand_back(self, task: Task) -> None:

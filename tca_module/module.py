@@ -24,6 +24,7 @@ _TEND_PERIOD = 0.5
 _WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 
 F = TypeVar("F", bound=Callable[[Callback], object] | Callable[[], object])
+Start = TypeVar("Start", bound=Callable[["Module"], object])
 
 
 class Module(Sender):
@@ -55,6 +56,7 @@ class Module(Sender):
         self.central = central
         self._resources = {name: _checked_capacity(name, capacity)}
         self._handlers: dict[str, Handler] = {}
+        self._first: list[Callable[[Module], object]] = []
         self._link: Connection | None = None
         self._slots = Slots(name)
         self._stop = threading.Event()
@@ -105,6 +107,16 @@ class Module(Sender):
             return function
 
         return declare
+
+    def at_start(self, function: Start) -> Start:
+        """Have the decorated function called with the module once it has joined, before anybody can send it anything:
+        to attach exception handlers and wiretaps. Who sees that the module handles a message may rely on them.
+
+        An error in it ends the module. It is not called again when central was restarted.
+        """
+        self._check_not_running("at_start()")
+        self._first.append(function)
+        return function
 
     # --- callbacks -------------------------------------------------------------------------------------------------
 
@@ -207,6 +219,8 @@ class Module(Sender):
         link.outside = self
         try:
             self._wait_for_required(link)
+            for function in self._first:
+                function(self)
             handlers = self._handlers.values()
             link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
             self._open_slots(incarnation, patience)

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
 from rich.console import Console
@@ -19,11 +19,30 @@ from robots.ambler_sim import task_manager
 from robots.ambler_sim.messages import PICTURE, TRAVERSE_PATH, Bend
 from robots.ambler_sim.messages import Path as PathToWalk
 from robots.ambler_sim.processes import Processes
+from robots.ambler_sim.reactions import (
+    FOOTFALL_CHECK,
+    GIVE_UP,
+    RAISE_LEG,
+    REPLAN_MOVE,
+    SHUFFLE_FEET,
+    STABILITY_CHECK,
+)
+from robots.ambler_sim.report import report
 from robots.ambler_sim.robot import pybullet_is_installed
+from robots.ambler_sim.terrain import scattered_rocks
+from robots.ambler_sim.vocabulary import Rock
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
 from tca_module.task_ref import TaskRef
 
 MODULES = ("perception", "leg planner", "body planner", "gait planner")
+REACTIONS = ("monitoring", "error recovery")
+"""Programs that the others have never heard of: checks before and after moves, and what is done about failures."""
+
+ROCK_HEIGHTS = (0.6, 0.8)
+REACTIONS_READY = (STABILITY_CHECK, FOOTFALL_CHECK, RAISE_LEG, REPLAN_MOVE, SHUFFLE_FEET, GIVE_UP)
+START_TIME = 60.0
+"""Seconds within which they must be there."""
+
 LOOK_PERIOD = 3.0
 """Seconds between two looks at whether all programs are still there."""
 
@@ -48,13 +67,25 @@ class Walk:
         curvatures = [0.0, 0.04, -0.04]
         return tuple(Bend(curvatures[number % 3], self.options.metres / arcs) for number in range(arcs))
 
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """The programs beside central, controller and task manager."""
+        return MODULES if self.options.bare else MODULES + REACTIONS
+
+    @property
+    def rocks(self) -> list[Rock]:
+        """What the scanner does not see."""
+        options = self.options
+        scattered = scattered_rocks(options.seed, options.rocks, options.metres, ROCK_HEIGHTS)
+        return [*scattered, *(Rock(*rock) for rock in options.rock)]
+
     def run(self) -> int:
         """Walk, then draw; the exit code."""
         with tempfile.TemporaryDirectory(prefix="ambler") as sockets:
             address = f"ipc://{sockets}/central.sock"
             with Processes(self.folder, {"TCA_CENTRAL": address}) as processes:
                 processes.start("central", "tca_central", "--journal", str(self.folder / "journal"))
-                for name in MODULES:
+                for name in self.modules:
                     processes.start(name, f"robots.ambler_sim.modules.{name.replace(' ', '_')}")
                 self.start_controller(processes)
                 code = self.conduct(address, processes)
@@ -68,6 +99,7 @@ class Walk:
             "controller", "robots.ambler_sim.modules.controller",
             "--state", str(self.folder / "robot.json"), "--backend", options.backend,
             "--pace", str(options.pace), "--seed", str(options.seed), "--slope", str(options.slope),
+            *(text for rock in self.rocks for text in ("--rock", *map(str, astuple(rock)))),
         )  # fmt: skip
 
     def conduct(self, address: str, processes: Processes) -> int:
@@ -81,6 +113,8 @@ class Walk:
             )
             module.central = address
             with module.running():
+                if not self.options.bare:
+                    module.wait_until_handled(*REACTIONS_READY, timeout=START_TIME)
                 goal = module.goal(TRAVERSE_PATH, PathToWalk(self.bends, ask=bool(self.options.between_arcs)))
                 code = _watch(goal, processes, progress, bar)
                 if code == 0:
@@ -150,6 +184,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--pace", type=float, default=10.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
+    parser.add_argument(
+        "--rocks", type=int, default=0, help="how many rocks lie on the way, which the scanner does not see"
+    )
+    parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
+                        metavar=("X", "Y", "RADIUS", "HEIGHT"), help="one more; may be repeated")  # fmt: skip
+    parser.add_argument("--bare", action="store_true", help="without the monitors and the error recovery")
     parser.add_argument("--between-arcs", choices=("swap", "ask"),
                         help="swap: stop the controller and start another; ask: wait for Enter")  # fmt: skip
     return parser
@@ -185,8 +225,10 @@ def main() -> int:
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
     options = _parser().parse_args()
     has_physics = options.backend != "kinematic" and pybullet_is_installed()
-    how = "with PyBullet's physics" if has_physics else "kinematically, without physics (no PyBullet here)"
-    console.print(f"The Ambler walks {options.metres:g} m {how}, {options.pace:g} times as fast as in reality.")
+    missing = "" if pybullet_is_installed() else " (no PyBullet here)"
+    how = "with PyBullet's physics" if has_physics else f"kinematically, without physics{missing}"
+    pace = f"{options.pace:g} times as fast as in reality" if options.pace else "as fast as can be"
+    console.print(f"The Ambler walks {options.metres:g} m {how}, {pace}.")
     began = time.monotonic()
     try:
         walk = Walk(options, _fresh(options.out))
@@ -198,6 +240,8 @@ def main() -> int:
         console.print(f"ambler: {error}", style="red")
         return 1
     console.print(f"{'Done' if code == 0 else 'Ended'} after {time.monotonic() - began:.0f} s:")
+    for line in report(walk.folder / "journal"):
+        console.print(f"  {line}")
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
     console.print(f"Look at any moment again: [bold]tca tree {walk.folder}/journal --at 5[/bold]", soft_wrap=True)

@@ -7,6 +7,7 @@ import numpy as np
 
 from robots.ambler_sim import motion, scanner
 from robots.ambler_sim.body import require_reach
+from robots.ambler_sim.errors import TerrainContact
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, joints_of, to_body, to_world
 from robots.ambler_sim.motion import blend, ease, expected_seconds, leg_segments
 from robots.ambler_sim.pacing import OnTick, Pacer, Watch
@@ -17,6 +18,7 @@ from robots.ambler_sim.vocabulary import (
     LEGS,
     NO_LEG,
     BodyMove,
+    Contact,
     Foot,
     Footfall,
     LegMove,
@@ -92,17 +94,22 @@ class Ambler:
         return Readings(self._time, attitude.roll, attitude.pitch, tuple(float(load) for load in self._plant.loads()))
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
-        """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet."""
+        """Carry out a leg move. When stopped, the foot is put down where it is: the robot always stands on six feet.
+
+        Raises TerrainContact, standing again, when the leg met something on its way.
+        """
         self._rebase()
         segments = leg_segments(move, self._plant.attitude().pose, self._command[move.leg])
         watch = Watch(expected_seconds(segments), on_tick)
         self._airborne.add(move.leg)
-        for segment in segments:
-            self._swing(move.leg, segment, watch)
+        contact = self._swing_over(move.leg, segments, watch)
         self._lower(move.leg, segments[-1].end[2] + motion.GUARD + motion.SEARCH_DEPTH, watch)
         self._rebase()
         self._settle()
-        return self._landed(move.leg, reached=not watch.stopped)
+        footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
+        if contact is not None:
+            raise TerrainContact(contact)
+        return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
         """Carry the body to a pose over standing feet; returns the pose reached. When stopped it comes to rest gently.
@@ -154,15 +161,42 @@ class Ambler:
         self._command = self._plant.joints()
         self._pacer.restart()
 
-    def _swing(self, leg: int, segment: motion.Segment, watch: Watch) -> None:
-        """Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in physics."""
+    def _swing_over(self, leg: int, segments: list[motion.Segment], watch: Watch) -> Contact | None:
+        """Bring a leg over its foothold; what it met on its way, if anything. Then it is some way back from there."""
+        lift, *others = segments
+        self._swing(leg, lift, watch)
+        for segment in others:
+            share = self._swing(leg, segment, watch, feels=True)
+            if share < 1.0 and not watch.stopped:
+                contact = self._contact(leg)
+                self._swing(leg, motion.back_off(segment, share), watch)
+                return contact
+        return None
+
+    def _swing(self, leg: int, segment: motion.Segment, watch: Watch, *, feels: bool = False) -> float:
+        """Move a leg; the share of the segment that was done until it was stopped or, if it *feels*, met something.
+
+        Other legs hold still meanwhile: levelling on five feet was seen to rock the robot over in physics.
+        """
         ticks = math.ceil(segment.duration / self._plant.tick)
         for number in range(1, ticks + 1):
             if watch.stopped:
-                return
+                return (number - 1) / ticks
             joints = self._command.copy()
             joints[leg] = segment.at(number / ticks)
             self._drive(joints, watch)
+            if feels and self._feels_something(leg) and number < ticks:
+                return number / ticks
+        return 1.0
+
+    def _feels_something(self, leg: int) -> bool:
+        plant = self._plant
+        return bool(plant.pushes()[leg] > motion.CONTACT_FORCE or plant.loads()[leg] > motion.TOUCH_LOAD)
+
+    def _contact(self, leg: int) -> Contact:
+        foot = self.stance().feet[leg]
+        force = math.hypot(self._plant.pushes()[leg], self._plant.loads()[leg])
+        return Contact(leg, foot.x, foot.y, foot.z, force)
 
     def _lower(self, leg: int, deepest: float, watch: Watch) -> None:
         """The guarded move: slowly down until the force sensor feels the ground."""

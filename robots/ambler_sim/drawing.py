@@ -19,7 +19,7 @@ SOIL, LOW_SOIL, HIGH_SOIL = "#dcc29e", (196, 164, 122), (242, 230, 208)
 LEFT_COLOUR, RIGHT_COLOUR = "#2a5ca8", "#d9701a"
 STYLE = (
     "text{font:13px sans-serif;fill:#444}.ink{stroke:#33363d;fill:none;stroke-linecap:round}"
-    ".box{fill:#ede6d2;stroke:#33363d;stroke-width:1.5}.dark{fill:#33363d}.print{fill:#8d7656;opacity:.45}"
+    ".box{fill:#ede6d2;stroke:#33363d;stroke-width:1.5}.dark{fill:#33363d}.rock{fill:#8c8781;stroke:#5d5954}.print{fill:#8d7656;opacity:.45}"
 )
 
 
@@ -67,12 +67,22 @@ def _from_the_side(view: View, stance: Stance, terrain: Terrain) -> list[str]:
     feet = [(foot.leg, _relative(pose, foot.x, foot.y)[0], foot.z - floor) for foot in stance.feet]
     return [
         f'<g clip-path="url(#side)"><rect x="{view.left}" y="30" width="100%" height="100%" fill="#eef3f8"/>',
+        *_rocks_from_the_side(view, pose, terrain, floor),
         f'<polygon points="{view.points(ground)}" fill="{SOIL}" stroke="#8d7656"/>',
         *(_leg_from_the_side(view, leg, ahead, z, low) for leg, ahead, z in feet if leg in (0, 1, 2)),
         *_body_from_the_side(view, low),
         *(_leg_from_the_side(view, leg, ahead, z, low) for leg, ahead, z in feet if leg in (3, 4, 5)),
         f'</g><text x="{view.left + 6}" y="22">from the right, x = {pose.x:.1f} m</text>',
     ]
+
+
+def _rocks_from_the_side(view: View, pose: Pose, terrain: Terrain, floor: float) -> list[str]:
+    boxes = []
+    for rock in terrain.spec.rocks:
+        ahead, _ = _relative(pose, rock.x, rock.y)
+        foot, top = terrain.height(rock.x, rock.y) - 0.5, terrain.top(rock)
+        boxes.append(_box(view, (ahead - rock.radius, foot - floor), (2 * rock.radius, top - foot), "rock"))
+    return boxes
 
 
 def _body_from_the_side(view: View, low: float) -> list[str]:
@@ -103,6 +113,7 @@ def _from_above(view: View, stance: Stance, terrain: Terrain, trail: Sequence[Fo
     return [
         '<g clip-path="url(#above)">',
         *_height_bands(view, pose, terrain),
+        *(_disc(view, _relative(pose, rock.x, rock.y), rock.radius, "rock") for rock in terrain.spec.rocks),
         *(_disc(view, _relative(pose, foot.x, foot.y), 0.2, "print") for foot in trail),
         f'<polygon points="{view.points(corners)}" fill="#3a7d44" fill-opacity=".16" stroke="#3a7d44"/>',
         _box(view, (-0.35, -1.3), (0.7, 2.6), "box"),

@@ -48,9 +48,15 @@ def height_at(ground: ElevationMap, x: float, y: float) -> float:
     return float(heights_along(ground, np.array([x]), np.array([y]))[0])
 
 
-def coverage(ground: ElevationMap) -> float:
-    """The measured part of the map, 0 to 1."""
-    return float(known_cells(ground).mean())
+def with_patch(ground: ElevationMap, x: float, y: float, radius: float, height: float) -> ElevationMap:
+    """The map with all cells within *radius* of a point at *height*: infinite for what can't be stepped over, NaN for
+    what should not be stepped on.
+    """
+    heights = heights_of(ground).copy()
+    rows, columns = np.indices(heights.shape)
+    away = np.hypot(ground.x + ground.resolution * rows - x, ground.y + ground.resolution * columns - y)
+    heights[away <= radius] = height
+    return make_map(ground.x, ground.y, ground.resolution, heights, known_cells(ground))
 
 
 def windows(ground: ElevationMap, x: float, y: float, reach: float) -> tuple[slice, slice]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from robots.ambler_sim.errors import ArcFinished
 from robots.ambler_sim.geometry import BODY_HEIGHT, TRACK, circulating_angle, offset, side_of
-from robots.ambler_sim.vocabulary import LEGS, Arc, Foot, Pose, Stance, Step
+from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, Foot, Pose, Stance, Step
 
 ADVANCE = 0.5
 TOLERANCE = 0.1
@@ -18,8 +18,9 @@ TOLERANCE = 0.1
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
 
-def next_step(stance: Stance, arc: Arc) -> Step:
-    """The footstep to take from *stance* along *arc*; raises ArcFinished when nothing remains.
+def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG) -> Step:
+    """The footstep to take from *stance* along *arc*, with *leg* if one is named, else the one whose turn it is; raises
+    ArcFinished when nothing remains.
 
     The ideal foothold is beside the body, TRACK to the side, half way through the six steps for which the leg will
     stand.
@@ -29,7 +30,7 @@ def next_step(stance: Stance, arc: Arc) -> Step:
         message = f"the arc of {arc.length:.2f} m has been walked: {done:.2f} m"
         raise ArcFinished(message)
     target = min(done + ADVANCE, arc.length)
-    leg = next_leg(stance)
+    leg = leg if leg in LEGS else next_leg(stance)
     support = tuple(_beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1))
     return Step(
         leg=leg,
@@ -59,8 +60,12 @@ def after_step(step: Step, foothold: Foot | None = None, goal: Pose | None = Non
     Without *foothold* and *goal* the ideal ones are assumed: good enough to choose the next leg and its ideal foothold.
     """
     landed = foothold or step.ideal
-    feet = tuple(landed if foot.leg == step.leg else foot for foot in step.before.feet)
-    return Stance(goal or step.goal, feet, last_leg=step.leg)
+    return replace(with_foot(step.before, landed), pose=goal or step.goal, last_leg=step.leg)
+
+
+def with_foot(stance: Stance, landed: Foot) -> Stance:
+    """The stance with one foot where it has *landed*."""
+    return replace(stance, feet=tuple(landed if foot.leg == landed.leg else foot for foot in stance.feet))
 
 
 def progress(arc: Arc, pose: Pose) -> float:
@@ -99,8 +104,27 @@ def pose_on(arc: Arc, distance: float) -> Pose:
 
 def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
     """The standard configuration around *pose*: where feet are put at the beginning, or to recover from a muddle."""
-    places = [offset(pose, x, TRACK if leg in LEGS[:3] else -TRACK) for leg, x in enumerate(STANDARD_POSITIONS)]
-    return tuple(Foot(leg, x, y, height) for leg, (x, y) in enumerate(places))
+    return tuple(_standard_foot(pose, leg, ahead, height) for leg, ahead in enumerate(STANDARD_POSITIONS))
+
+
+def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
+    """Where the feet would stand in the standard configuration around the body, or in its mirror image if the side of
+    leg *first* is to step first and is the right one. Within a stack the legs keep their order: a leg half way through
+    its recovery goes back to the rear.
+    """
+    height = mean_height(stance.feet)
+    places: dict[int, Foot] = {}
+    for side in (LEGS[:3], LEGS[3:]):
+        ahead = STANDARD_POSITIONS[:3] if first in side else STANDARD_POSITIONS[3:]
+        order = sorted(side, key=lambda leg: circulating_angle(stance.pose, stance.feet[leg]))
+        for leg, x in zip(order, ahead, strict=True):
+            places[leg] = _standard_foot(stance.pose, leg, x, height)
+    return tuple(places[leg] for leg in LEGS)
+
+
+def _standard_foot(pose: Pose, leg: int, ahead: float, height: float) -> Foot:
+    x, y = offset(pose, ahead, TRACK if leg in LEGS[:3] else -TRACK)
+    return Foot(leg, x, y, height)
 
 
 def mean_height(feet: tuple[Foot, ...]) -> float:

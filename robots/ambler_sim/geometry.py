@@ -125,12 +125,6 @@ def leg_joints(pose: Pose, foot: Foot, near: float = 0.0) -> tuple[float, float,
     return float(angle), float(reach), float(drop)
 
 
-def foot_position(pose: Pose, leg: int, joints: Sequence[float]) -> Foot:
-    """Where a leg's foot is in the world."""
-    x, y, z = to_world(pose, feet_of(np.array([joints]), [leg]))[0]
-    return Foot(leg, float(x), float(y), float(z))
-
-
 def within_limits(joints: Array, reserve: float = 0.0) -> NDArray[np.bool_]:
     """Which (angle, reach, drop) rows the links allow with *reserve* metres to spare; shoulders turn without end."""
     parts, reach, drop = AMBLER, joints[:, 1], joints[:, 2]

@@ -14,7 +14,7 @@ from robots.ambler_sim.drawing import draw
 from robots.ambler_sim.geometry import AMBLER, Array, feet_of, posture_pose, to_world
 from robots.ambler_sim.plant import Attitude
 from robots.ambler_sim.stability import WEIGHT, centre_of_gravity
-from robots.ambler_sim.terrain import Terrain
+from robots.ambler_sim.terrain import STANDS_ON, Terrain
 from robots.ambler_sim.vocabulary import Foot, Pose, Posture, Stance
 
 RAY_STEP = 0.25
@@ -57,6 +57,16 @@ class KinematicPlant:
     def loads(self) -> Array:
         """The spring forces."""
         return self._loads.copy()
+
+    def pushes(self) -> Array:
+        """Of the rocks that feet run into, as if rocks were as hard as feet."""
+        feet = to_world(self._pose, feet_of(self._joints))
+        pushes = np.zeros(len(feet))
+        for rock in self._terrain.spec.rocks:
+            depth = rock.radius + AMBLER.foot_radius - np.hypot(feet[:, 0] - rock.x, feet[:, 1] - rock.y)
+            beside = feet[:, 2] < self._terrain.top(rock) - STANDS_ON
+            pushes = np.maximum(pushes, np.where(beside, AMBLER.foot_stiffness * depth, 0.0))
+        return pushes
 
     def attitude(self) -> Attitude:
         """The pose in equilibrium."""
@@ -102,8 +112,9 @@ class KinematicPlant:
 
     def _stand(self, feet: Array) -> None:
         """Height, roll and pitch at which the springs of the feet below ground bear the weight."""
-        spot = np.where((self._loads > 0)[:, None], self._anchors, to_world(self._pose, feet)[:, :2])
-        wanted = self._terrain.heights_at(spot[:, 0], spot[:, 1]) - feet[:, 2]
+        spot = to_world(self._pose, feet)
+        spot[:, :2] = np.where((self._loads > 0)[:, None], self._anchors, spot[:, :2])
+        wanted = self._terrain.under(spot) - feet[:, 2]
         arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]], axis=1)
         x, y, _ = centre_of_gravity(self._joints)
         pull = WEIGHT / AMBLER.foot_stiffness * np.array([1.0, y, -x])

@@ -28,8 +28,12 @@ def plan_leg_move(ground: ElevationMap, step: Step, foothold: Foot) -> LegMove:
     return plan_swing(ground, step.before, foothold, sense=circulation(step.leg))
 
 
-def plan_swing(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int = 0) -> LegMove:
+def plan_swing(
+    ground: ElevationMap, stance: Stance, foothold: Foot, sense: int = 0, radius: float | None = None
+) -> LegMove:
     """Move a leg to *foothold* turning in *sense* (0: the short way), lifted CLEARANCE over everything on its way.
+
+    It turns at *radius* from its shaft; unless told otherwise at RECOVERY_RADIUS or, if an end is nearer, at that.
 
     Raises OutOfReach for a foothold that the leg cannot reach from here, PathBlocked when the ground is too high.
     """
@@ -37,7 +41,7 @@ def plan_swing(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int 
     if not within_limits(np.array([end])).all():
         message = f"leg {foothold.leg} cannot reach x {foothold.x:.2f}, y {foothold.y:.2f}: reach {end[1]:.2f} m"
         raise OutOfReach(message)
-    radius = min(start[1], end[1], RECOVERY_RADIUS)
+    radius = radius or min(start[1], end[1], RECOVERY_RADIUS)
     lift = _highest(ground, stance.pose, foothold.leg, start, end, radius) + CLEARANCE
     ceiling = stance.pose.height + float(SHOULDER_Z[foothold.leg]) - AMBLER.min_drop
     if lift > ceiling:

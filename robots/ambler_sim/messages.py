@@ -2,8 +2,21 @@
 
 from dataclasses import dataclass
 
-from robots.ambler_sim.vocabulary import Arc, BodyMove, ElevationMap, Foot, Footfall, LegMove, Pose, Scan, Stance, Step
-from tca_module import Broadcast, Command, Failure, Goal, Query
+from robots.ambler_sim.vocabulary import (
+    Arc,
+    BodyMove,
+    Contact,
+    ElevationMap,
+    Foot,
+    Footfall,
+    LegMove,
+    Pose,
+    Readings,
+    Scan,
+    Stance,
+    Step,
+)
+from tca_module import Broadcast, Command, Failure, Goal, PointMonitor, Query
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +58,9 @@ TRAVERSE_ARC = Goal("traverse arc", Bend)
 TAKE_STEPS = Goal("take steps", Ahead)
 MOVE_LEG = Command("move leg", LegMove, result=Footfall)
 MOVE_BODY = Command("move body", BodyMove, result=Pose)
-ACHIEVED_POSITION = Command("achieved position?", Pose, result=Stance)
+WALKED = Broadcast("walked", Pose)
+POSITION_REACHED = Query("position reached", Pose, reply=Pose)
+ACHIEVED_POSITION = PointMonitor("achieved position?", Pose, condition=POSITION_REACHED, action=WALKED)
 
 # What planners ask.
 ELEVATION_MAP = Query("elevation map", Stance, reply=ElevationMap)
@@ -54,11 +69,11 @@ PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
 
 # What the controller knows.
 STANCE = Query("stance", reply=Stance)
+READINGS = Query("readings", reply=Readings)
 SCAN = Query("scan", reply=Scan)
 PICTURE = Query("picture", str, reply=str)
 
-WALKED = Broadcast("walked", Pose)
-
 PLANNER_FAILED = Failure("planner failed", str)
+TERRAIN_COLLISION = Failure("terrain collision", Contact)
 MOTION_FAULT = Failure("motion fault", str)
 NOT_THERE = Failure("position not achieved", str)

@@ -13,11 +13,20 @@ from robots.ambler_sim.vocabulary import LegMove, Pose
 SPEEDS: Array = np.array([3.0, 1.2, 1.6])
 """Greatest speeds of angle (rad/s), reach and drop (m/s)."""
 
+ACCELERATIONS: Array = np.array([6.0, 6.0, 12.0])
+"""Greatest accelerations (rad/s2, m/s2): a foot that is jerked aside feels forces as if it met something."""
+
 SHORTEST = 0.1
 GUARD = 0.15
 GUARDED_SPEED = 0.25
 TOUCH_LOAD = 1500.0
 """A foot with this vertical force (N) stands."""
+
+CONTACT_FORCE = 800.0
+"""A lifted foot that is pushed aside with this force (N) has met something; swinging freely it feels at most half."""
+
+BACK_OFF = 0.25
+"""How far (m) a foot goes back from what it met before it is put down."""
 
 SEARCH_DEPTH = 0.5
 """How far below the expected ground a foot is lowered before the leg gives up."""
@@ -59,10 +68,25 @@ def leg_segments(move: LegMove, pose: Pose, joints: Array) -> list[Segment]:
     return [make_segment(a, b) for a, b in itertools.pairwise(corners)]
 
 
+def back_off(segment: Segment, share: float) -> Segment:
+    """The way back from where *share* of a segment has been done, until the foot is BACK_OFF away or at its start."""
+    here = segment.at(share)
+    while share > 0 and _distance(segment.at(share), here) < BACK_OFF:
+        share = max(share - 0.01, 0.0)
+    return make_segment(here, segment.at(share))
+
+
+def _distance(first: Array, second: Array) -> float:
+    """Between a foot's places at two (angle, reach, drop) of one leg."""
+    (a, r, d), (b, s, e) = first, second
+    return math.dist((r * math.cos(a), r * math.sin(a), d), (s * math.cos(b), s * math.sin(b), e))
+
+
 def make_segment(start: Array, end: Array) -> Segment:
-    """As quick as the speeds allow; a cosine profile peaks at pi/2 of its mean speed."""
-    slowest = float((np.abs(end - start) / SPEEDS).max())
-    return Segment(start, end, max(slowest * math.pi / 2, SHORTEST))
+    """As quick as is allowed; a cosine profile peaks at pi/2 of its mean speed, and pi^2/2 of its mean acceleration."""
+    way = np.abs(end - start)
+    slowest, laziest = float((way / SPEEDS).max()), float((way / ACCELERATIONS).max())
+    return Segment(start, end, max(slowest * math.pi / 2, math.pi * math.sqrt(laziest / 2), SHORTEST))
 
 
 def expected_seconds(segments: list[Segment]) -> float:

@@ -43,12 +43,14 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A rendering: RGB colours, depths (0 near to 1 far), ground and robot pixels, world-to-screen matrix, camera."""
+    """A rendering: RGB colours, depths (0 near to 1 far), which pixels are ground or objects on it, the world-to-screen
+    matrix and the camera.
+    """
 
     colours: Pixels = field(repr=False)
     depths: Array = field(repr=False)
     ground: Mask = field(repr=False)
-    robot: Mask = field(repr=False)
+    objects: Mask = field(repr=False)
     looking: Array
     camera: Camera
 
@@ -74,7 +76,7 @@ def develop(frame: Frame, from_sun: Frame, terrain: Terrain, trail: Sequence[Foo
     light = _sunlight(places, terrain) * _lines(places) * _footprints(places, trail) * _shadow(places, from_sun)
     far = _haze(frame)
     image[frame.ground] = SOIL * (light * (1 - far))[:, None] + SKY_HORIZON * far[:, None]
-    sky = ~(frame.ground | frame.robot)
+    sky = ~(frame.ground | frame.objects)
     rows = np.linspace(0, 1, image.shape[0])[:, None, None]
     image[sky] = np.broadcast_to(SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows), image.shape)[sky]
     return _halved(image)
@@ -126,12 +128,12 @@ def _footprints(places: Array, trail: Sequence[Foot]) -> Array:
 
 
 def _shadow(places: Array, from_sun: Frame) -> Array:
-    """Brightness: SHADOW where the sun sees the robot instead of the ground, with soft edges."""
-    height, width = from_sun.robot.shape
+    """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
+    height, width = from_sun.objects.shape
     x, y, _, w = from_sun.looking @ np.vstack([places.T, np.ones(len(places))])
     column, row = ((x / w + 1) / 2 * width).astype(np.intp), ((1 - y / w) / 2 * height).astype(np.intp)
     lit = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    hidden = _softened(from_sun.robot.astype(np.float64))[row.clip(0, height - 1), column.clip(0, width - 1)]
+    hidden = _softened(from_sun.objects.astype(np.float64))[row.clip(0, height - 1), column.clip(0, width - 1)]
     return np.where(lit, 1 - (1 - SHADOW) * hidden, 1.0)
 
 

@@ -13,7 +13,7 @@ from robots.ambler_sim.plant import Attitude, rotation_matrix
 from robots.ambler_sim.png import write_png
 from robots.ambler_sim.terrain import RESOLUTION, Terrain
 from robots.ambler_sim.urdf import EFFORT, ambler_urdf
-from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture
+from robots.ambler_sim.vocabulary import LEGS, Foot, Pose, Posture, Rock
 
 # 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
 TICK = 0.01
@@ -21,6 +21,13 @@ ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
 JOINTS_PER_LEG = ("shoulder", "extension", "vertical")
 FRICTION = 1.0
+UNSEEN = 64
+"""The collision group of what the scanner looks through."""
+
+ROOTS = 1.0
+"""How deep (m) rocks are in the ground."""
+
+STONE = (0.45, 0.43, 0.41, 1.0)
 
 
 class BulletPlant:
@@ -37,6 +44,7 @@ class BulletPlant:
             fixedTimeStep=TICK, numSolverIterations=ITERATIONS, physicsClientId=self._world
         )
         self._ground = self._make_ground()
+        self._rocks = [self._make_rock(rock) for rock in terrain.spec.rocks]
         self._robot = self._load_robot()
         names = self._joint_numbers()
         self._motors = [names[f"{joint}{leg}"] for leg in LEGS for joint in JOINTS_PER_LEG]
@@ -67,8 +75,12 @@ class BulletPlant:
 
     def loads(self) -> Array:
         """From the force sensors between vertical links and feet."""
-        states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
-        return np.array([-state[2][2] for state in states])
+        return -self._forces()[:, 2]
+
+    def pushes(self) -> Array:
+        """From the same sensors."""
+        pushes: Array = np.hypot(*self._forces()[:, :2].T)
+        return pushes
 
     def attitude(self) -> Attitude:
         """The true position of the body: as from a perfect inertial sensor."""
@@ -81,7 +93,9 @@ class BulletPlant:
     def cast(self, origin: Array, directions: Array, limit: float) -> Array:
         """Ray casting; rays that meet the robot's own feet see nothing."""
         ends = origin + limit * directions
-        hits = pybullet.rayTestBatch([origin.tolist()] * len(ends), ends.tolist(), physicsClientId=self._world)
+        hits = pybullet.rayTestBatch(
+            [origin.tolist()] * len(ends), ends.tolist(), collisionFilterMask=~UNSEEN, physicsClientId=self._world
+        )
         return np.array([limit * hit[2] if hit[0] == self._ground else np.nan for hit in hits])
 
     def picture(self, path: Path, trail: Sequence[Foot]) -> Path:
@@ -98,7 +112,7 @@ class BulletPlant:
         pybullet.disconnect(physicsClientId=self._world)
 
     def _frame(self, camera: photograph.Camera, size: tuple[int, int]) -> photograph.Frame:
-        """What a camera sees: colours, depths, and what is ground or robot."""
+        """What a camera sees: colours, depths, and what is ground or object."""
         width, height = size
         view = pybullet.computeViewMatrix(camera.eye, camera.target, (0, 0, 1))
         lens = pybullet.computeProjectionMatrixFOV(camera.angle, width / height, camera.near, camera.far)
@@ -116,9 +130,10 @@ class BulletPlant:
             physicsClientId=self._world,
         )
         colours, depths, bodies = (np.array(part) for part in image[2:])
+        objects = [self._robot, *self._rocks]
         looking = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
         rgb = colours.astype(np.uint8).reshape(height, width, -1)[..., :3]
-        return photograph.Frame(rgb, depths, bodies == self._ground, bodies == self._robot, looking, camera)
+        return photograph.Frame(rgb, depths, bodies == self._ground, np.isin(bodies, objects), looking, camera)
 
     def _make_ground(self) -> int:
         """The terrain as a height field. The engine puts the middle of its height range at z = 0, hence the offset."""
@@ -141,6 +156,16 @@ class BulletPlant:
         pybullet.changeDynamics(ground, -1, lateralFriction=FRICTION, physicsClientId=self._world)
         return ground
 
+    def _make_rock(self, rock: Rock) -> int:
+        """An upright cylinder that does not move, seen by cameras and felt by feet."""
+        size, height = {"radius": rock.radius, "physicsClientId": self._world}, rock.height + ROOTS
+        shape = pybullet.createCollisionShape(pybullet.GEOM_CYLINDER, height=height, **size)
+        look = pybullet.createVisualShape(pybullet.GEOM_CYLINDER, length=height, rgbaColor=STONE, **size)
+        place = rock.x, rock.y, self._terrain.top(rock) - height / 2
+        body: int = pybullet.createMultiBody(0, shape, look, basePosition=place, physicsClientId=self._world)
+        pybullet.setCollisionFilterGroupMask(body, -1, UNSEEN, -1, physicsClientId=self._world)
+        return body
+
     def _load_robot(self) -> int:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "ambler.urdf")
@@ -149,6 +174,11 @@ class BulletPlant:
             robot: int = pybullet.loadURDF(str(file), flags=flags, physicsClientId=self._world)
         self._centre = np.array(pybullet.getDynamicsInfo(robot, -1, physicsClientId=self._world)[3])
         return robot
+
+    def _forces(self) -> Array:
+        """What the six-axis sensors over the feet measure, (6, 3); a hanging foot pulls."""
+        states = pybullet.getJointStates(self._robot, self._feet, physicsClientId=self._world)
+        return np.array([state[2][:3] for state in states])
 
     def _joint_numbers(self) -> dict[str, int]:
         count = pybullet.getNumJoints(self._robot, physicsClientId=self._world)

@@ -37,6 +37,9 @@ class Plant(Protocol):
     def loads(self) -> Array:
         """The vertical force (N) of the ground on each foot, (6,)."""
 
+    def pushes(self) -> Array:
+        """The horizontal force (N) on each foot, (6,)."""
+
     def attitude(self) -> Attitude:
         """Position and inclination of the body."""
 

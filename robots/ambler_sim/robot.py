@@ -52,7 +52,7 @@ class Robot(Protocol):
         """Inclinometers and foot force sensors."""
 
     def move_leg(self, move: LegMove, on_tick: OnTick | None = None) -> Footfall:
-        """Carry out a leg move."""
+        """Carry out a leg move; raises TerrainContact when the leg met something on its way."""
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
         """Carry the body to a pose over standing feet."""

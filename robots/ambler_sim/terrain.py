@@ -7,12 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robots.ambler_sim.geometry import Array
-from robots.ambler_sim.vocabulary import TerrainSpec
+from robots.ambler_sim.vocabulary import Rock, TerrainSpec
 
 RESOLUTION = 0.25
 BEHIND_START = 6.0
 PATH_HALF_WIDTH = 3.5
 WAVES = 14
+STANDS_ON = 0.15
+"""A foot that is no further (m) below the top of a rock stands on it; a lower one is beside it."""
+
+ROCK_RADIUS = (0.2, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,28 +44,18 @@ class Terrain:
         between: Array = near * (1 - u) + far * u
         return between
 
-    def gradient(self, x: float, y: float) -> tuple[float, float]:
-        """The rise per metre in x and in y."""
-        d = RESOLUTION / 2
-        east, west, north, south = self.heights_at(np.array([x + d, x - d, x, x]), np.array([y, y, y + d, y - d]))
-        return float(east - west) / RESOLUTION, float(north - south) / RESOLUTION
+    def top(self, rock: Rock) -> float:
+        """The height of a rock's highest point in the world."""
+        return self.height(rock.x, rock.y) + rock.height
 
-    def slope(self, x: float, y: float) -> float:
-        """The steepest rise per metre at a point."""
-        return math.hypot(*self.gradient(x, y))
-
-    def normal(self, x: float, y: float) -> Array:
-        """The unit vector out of the ground."""
-        dx, dy = self.gradient(x, y)
-        up = np.array([-dx, -dy, 1.0])
-        unit: Array = up / np.linalg.norm(up)
-        return unit
-
-    def contains(self, x: float, y: float) -> bool:
-        """Whether there is ground at all."""
-        rows, columns = self.heights.shape
-        length, width = (rows - 1) * RESOLUTION, (columns - 1) * RESOLUTION
-        return 0.0 <= x - self.x0 <= float(length) and 0.0 <= y - self.y0 <= float(width)
+    def under(self, places: Array) -> Array:
+        """What bears feet at these points (n, 3): the ground, or the top of a rock that they are not below."""
+        heights = self.heights_at(places[:, 0], places[:, 1])
+        for rock in self.spec.rocks:
+            top = self.top(rock)
+            over = np.hypot(places[:, 0] - rock.x, places[:, 1] - rock.y) <= rock.radius
+            heights = np.where(over & (places[:, 2] >= top - STANDS_ON), np.maximum(heights, top), heights)
+        return heights
 
 
 def make_terrain(spec: TerrainSpec) -> Terrain:
@@ -74,16 +68,23 @@ def make_terrain(spec: TerrainSpec) -> Terrain:
     return Terrain(spec, x0, y0, heights * (spec.slope / max(steepest(band), 1e-9)))
 
 
+def scattered_rocks(seed: int, count: int, metres: float, height: tuple[float, float]) -> tuple[Rock, ...]:
+    """*count* rocks where legs swing: one in each of as many equal parts of a straight path of *metres*, left and right
+    in turn. Their heights are within these bounds.
+    """
+    seeded = random.Random(seed)  # noqa: S311 - stones need no secrets
+    rocks = []
+    for number in range(count):
+        x = metres * (number + seeded.uniform(0.3, 0.7)) / count
+        y = seeded.uniform(1.2, 1.7) * (1 if number % 2 == 0 else -1)
+        rocks.append(Rock(x, y, seeded.uniform(*ROCK_RADIUS), seeded.uniform(*height)))
+    return tuple(rocks)
+
+
 def steepest(heights: Array) -> float:
     """The largest rise per metre between neighbours of a height grid, both directions taken together."""
     dx, dy = np.gradient(heights, RESOLUTION)
     return float(np.hypot(dx, dy).max())
-
-
-def on_path(terrain: Terrain) -> Array:
-    """The heights of the band along y = 0 that the robot walks on."""
-    columns = terrain.y0 + RESOLUTION * np.arange(terrain.heights.shape[1])
-    return terrain.heights[:, np.abs(columns) <= PATH_HALF_WIDTH]
 
 
 def _every_resolution(first: float, length: float) -> Array:

@@ -95,6 +95,17 @@ class Footfall:
 
 
 @dataclass(frozen=True, slots=True)
+class Contact:
+    """A leg on its way met something: where its foot was, and with what force (N) it was stopped."""
+
+    leg: int
+    x: float
+    y: float
+    z: float
+    force: float
+
+
+@dataclass(frozen=True, slots=True)
 class ElevationMap:
     """Ground heights in square cells; x grows with the row, y with the column.
 
@@ -120,6 +131,16 @@ class Scan:
 
 
 @dataclass(frozen=True, slots=True)
+class Rock:
+    """An upright round stone that the scanner does not see; *height* is that of its top over the ground around it."""
+
+    x: float
+    y: float
+    radius: float
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
 class TerrainSpec:
     """All that is needed to make the same ground again. *slope* is the steepest gradient (rise per run) on the path."""
 
@@ -127,6 +148,7 @@ class TerrainSpec:
     slope: float = 0.10
     length: float = 40.0
     width: float = 16.0
+    rocks: tuple[Rock, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

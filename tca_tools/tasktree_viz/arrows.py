@@ -6,9 +6,10 @@ from tca_tools.history import History
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
 
+SEQ = "SEQ"
 DELAYED = "DP"
 KINDS = {
-    (Moment.END_ACHIEVING, Moment.START_ACHIEVING): "SEQ",
+    (Moment.END_ACHIEVING, Moment.START_ACHIEVING): SEQ,
     (Moment.END_PLANNING, Moment.START_PLANNING): "SEQ planning",
     (Moment.END_ACHIEVING, Moment.START_PLANNING): DELAYED,
     (Moment.START_ACHIEVING, Moment.START_PLANNING): "plan ahead",
@@ -18,7 +19,7 @@ _OWN_KINDS = {
     (Moment.END_PLANNING, Moment.START_ACHIEVING): "plan first",
 }
 MEANINGS = {
-    "SEQ": "achieved one after the other",
+    SEQ: "achieved one after the other",
     "SEQ planning": "planned one after the other",
     DELAYED: "planned only when it may be achieved",
     "plan ahead": "planned no earlier than the other is begun",
@@ -57,7 +58,21 @@ def arrows(history: History, shown: set[int]) -> Arrows:
         found.between |= {(before, task_id): kinds for before, kinds in incoming.items()}
         if own:
             found.own[task_id] = own
+    _leave_out_detours(found.between)
     return found
+
+
+def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
+    """What stands in a row needs no arrow from the first to the third: whoever waited for a killed task waits for what
+    that one waited for.
+    """
+    rows = {pair for pair, kinds in between.items() if SEQ in kinds}
+    following: dict[int, list[int]] = {}
+    for before, after in rows:
+        following.setdefault(before, []).append(after)
+    for before, after in rows:
+        if between[before, after] == [SEQ] and any((one, after) in rows for one in following[before]):
+            del between[before, after]
 
 
 def _kind(constraint: Constraint) -> str:
@@ -69,7 +84,7 @@ def _kind(constraint: Constraint) -> str:
 
 def _sequence(incoming: dict[int, list[str]]) -> list[str] | None:
     """The kinds of an arrow that says SEQ, if there is one."""
-    return next((kinds for kinds in incoming.values() if "SEQ" in kinds), None)
+    return next((kinds for kinds in incoming.values() if SEQ in kinds), None)
 
 
 def _add(kinds: list[str], kind: str) -> None:

@@ -6,7 +6,9 @@ temporal constraints.
 
 from collections.abc import Iterable, Iterator
 from html import escape
-from itertools import pairwise
+from itertools import pairwise, starmap
+from operator import itemgetter
+from textwrap import wrap
 
 from tca_tools.history import History
 from tca_tools.records import State, Task
@@ -15,6 +17,7 @@ from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
 from tca_wire.points import Interval
+from tca_wire.vocabulary import Role
 
 FILLS = {
     State.HELD: "#ffffff",
@@ -30,7 +33,7 @@ FILLS = {
     State.KILLED: "#d5d5d5",
 }
 _INK, _FAINT, _HEAVY = "#1f2933", "#52606d", "#0b4f8a"
-_LONGEST_NAME, _LONGEST_DATA, _LONGEST_NOTE = 36, 48, 160
+_LONGEST_NAME, _LONGEST_DATA, _LONGEST_NOTE, _MOST_LINES = 36, 48, 160, 3
 _LOOKS = f"""\
   graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{_INK}", labelloc=t, labeljust=l,
     bgcolor=white, pad=0.3, nodesep=0.35, ranksep=0.45, forcelabels=true, newrank=true];
@@ -38,6 +41,15 @@ _LOOKS = f"""\
     penwidth=1, margin="0.12,0.06", height=0.3];
   edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, color="{_FAINT}", penwidth=0.8, arrowsize=0.6];
 """
+ROLES = {
+    Role.EXCEPTION: ("#b3261e", "exception handler"),
+    Role.LISTENER: ("#7b3fa0", "sent by a wiretap"),
+    Role.TERMINATION: ("#8a6d00", "to leave things safe"),
+}
+"""The colour of the border of what central itself sent, and what that is."""
+
+_LEGEND_LINE = 15
+_MONITOR = "#00796b", "monitor"
 _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
 
 
@@ -94,7 +106,14 @@ def _node(history: History, row: Row, found: Arrows, with_data: bool) -> str:
     style += ",dashed" if state is State.HELD else ""
     tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(history, task), words.data(task)]))
     label = "<br/>".join(_label_lines(history, task, found.own.get(task.id, []), with_data))
-    return f'{_id(row)} [label=<{label}>, style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}];'
+    border = f', color="{looks[0]}", penwidth=2.2' if (looks := _looks_of(task)) else ""
+    rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
+    return f"{_id(row)} [label=<{label}>, {rest}];"
+
+
+def _looks_of(task: Task) -> tuple[str, str] | None:
+    """The border of a task that no module sent, or that no module handles; and what it is."""
+    return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role)
 
 
 def _label_lines(history: History, task: Task, own: list[str], with_data: bool) -> Iterator[str]:
@@ -104,7 +123,8 @@ def _label_lines(history: History, task: Task, own: list[str], with_data: bool) 
     if own:
         yield f'<font point-size="9" color="{_HEAVY}">{escape(", ".join(own))}</font>'
     if task.failure:
-        yield _small(cut(words.note(history, task), _LONGEST_NAME))
+        for line in wrap(words.note(history, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
+            yield _small(line)
     if with_data and (data := words.data(task)):
         yield _small(cut(data, _LONGEST_DATA))
 
@@ -134,13 +154,22 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         width = sum(len(state) * 7 + 18 for state in states)  # generous: dot complains of tables too small
         looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
         lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
-    lines += [
-        f'<font point-size="10" color="{_HEAVY}"><b>{kind}</b>  {meaning}</font>'
-        for kind, meaning in MEANINGS.items()
-        if kind in found.kinds
-    ]
+    meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
+    borders = {border for row in rows if row.task and (border := _looks_of(row.task))}
+    meanings += [(colour, "border", meaning) for colour, meaning in sorted(borders, key=itemgetter(1))]
+    if meanings:
+        size = f'fixedsize="true" width="360" height="{_LEGEND_LINE * len(meanings)}"'
+        looks_of_table = f'border="0" cellborder="0" cellspacing="0" align="left" {size}'
+        lines.append(f"<table {looks_of_table}>{''.join(starmap(_meaning, meanings))}</table>")
     rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)
     return f'<table border="0" cellborder="0" cellspacing="2" cellpadding="1">{rows_of_table}</table>'
+
+
+def _meaning(colour: str, what: str, meaning: str) -> str:
+    """A line of the legend."""
+    font = f'<font point-size="10" color="{colour}">'
+    first = f'<td align="left">{font}<b>{what}</b></font></td>'
+    return f'<tr>{first}<td align="left" width="280">{font}{meaning}</font></td></tr>'
 
 
 def _quoted(text: str) -> str:

@@ -13,7 +13,6 @@ from robots.ambler_sim.geometry import (
     circulating_angle,
     circulation,
     feet_of,
-    foot_position,
     joints_of,
     leg_joints,
     stance_joints,
@@ -27,15 +26,8 @@ from robots.ambler_sim.vocabulary import LEGS, Foot, Pose
 angles = st.floats(-20.0, 20.0)
 places = st.floats(-50.0, 50.0)
 poses = st.builds(Pose, x=places, y=places, heading=angles, height=st.floats(0.0, 6.0))
-legs = st.sampled_from(LEGS)
 reaches = st.floats(AMBLER.min_reach, AMBLER.max_reach)
 drops = st.floats(AMBLER.min_drop, AMBLER.max_drop)
-
-
-@given(poses, legs, angles, reaches, drops)
-def test_inverse_undoes_forward(pose: Pose, leg: int, angle: float, reach: float, drop: float) -> None:
-    foot = foot_position(pose, leg, (angle, reach, drop))
-    assert leg_joints(pose, foot, near=angle) == pytest.approx((angle, reach, drop), abs=1e-6)
 
 
 @given(poses, st.lists(st.tuples(angles, reaches, drops), min_size=6, max_size=6))

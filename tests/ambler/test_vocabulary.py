@@ -11,7 +11,7 @@ from robots.ambler_sim.body import plan_body_move
 from robots.ambler_sim.leg_recovery import plan_leg_move
 from robots.ambler_sim.perception import pack_scan
 from robots.ambler_sim.robot import make_robot
-from robots.ambler_sim.vocabulary import Foot, Footfall, TerrainSpec
+from robots.ambler_sim.vocabulary import Contact, Foot, Footfall, Rock, TerrainSpec
 
 STEP = a_step()
 ROBOT = make_robot("kinematic")
@@ -26,7 +26,9 @@ EXAMPLES = [
     Footfall(STEP.ideal, 3000.0, reached=True),
     a_map(size=2.0),
     pack_scan(a_stance(), ROBOT.scan()),
-    TerrainSpec(),
+    Rock(1.0, 1.5, 0.25, 0.7),
+    TerrainSpec(rocks=(Rock(1.0, 1.5, 0.25, 0.7),)),
+    Contact(2, 1.0, 1.5, 0.5, 2300.0),
     ROBOT.readings(),
     ROBOT.state(),
     ROBOT.state().posture,

@@ -5,17 +5,18 @@ scenario against the real modules.
 """
 
 from tca_explorer import Property, Scenario, Script, Task
-from tca_module import Broadcast, Command, Goal, Query, this
+from tca_module import Broadcast, Command, Goal, PointMonitor, Query, this
 
 TRAVERSE_ARC, TAKE_STEPS = Goal("traverse arc", int), Goal("take steps", int)
 MOVE_LEG, MOVE_BODY = Command("move leg", int), Command("move body", int)
-ACHIEVED_POSITION = Command("achieved position?", int)
 PLAN_LEG_MOVE: Query[None, None] = Query("plan leg move", reply=None)
 PLAN_BODY_MOVE: Query[None, None] = Query("plan body move", reply=None)
 ELEVATION_MAP: Query[None, None] = Query("elevation map", reply=None)
 SCAN: Query[None, None] = Query("scan", reply=None)
 STANCE: Query[None, None] = Query("stance", reply=None)
-WALKED = Broadcast("walked")
+POSITION_REACHED = Query("position reached", int, reply=int)
+WALKED = Broadcast("walked", int)
+ACHIEVED_POSITION = PointMonitor("achieved position?", int, condition=POSITION_REACHED, action=WALKED)
 
 
 def walk(steps: int, *properties: Property, plans_ahead: bool = True) -> Scenario:
@@ -46,16 +47,16 @@ def plan_gait(scenario: Scenario, *, plans_ahead: bool) -> None:
         task.query(PLAN_BODY_MOVE)
         task.command(MOVE_LEG, left)
         task.command(MOVE_BODY, left)
-        task.command(ACHIEVED_POSITION, left)
+        task.monitor(ACHIEVED_POSITION, left)
         if left > 1:
             # Planned once this one is being achieved: the constraint without which planning runs away.
             constraints = [task.achieving.start <= this.planning.start] if plans_ahead else []
             task.goal(TAKE_STEPS, left - 1, constraints=constraints)
 
-    @planner.handles(ACHIEVED_POSITION, resource="position check")
-    def achieved_position(task: Task) -> None:
+    @planner.handles(POSITION_REACHED, resource="position check")
+    def position_reached(task: Task, left: int) -> int:
         task.query(STANCE)
-        task.broadcast(WALKED)
+        return left
 
 
 def plan_moves(scenario: Scenario) -> None:

@@ -70,16 +70,15 @@ def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> N
         chain = steps_of(history, arc)
         assert len(chain) >= 4
         for now, following in pairwise(chain):
-            leg, body = (history.tasks[child].reached for child in history.children(now)[:2])
-            times = history.tasks[following].reached
-            assert leg[Moment.START_HANDLING] < times[Moment.END_HANDLING]
-            assert times[Moment.START_HANDLING] < body[Moment.END_HANDLING]
+            body = history.tasks[history.children(now)[1]].reached
+            begun, planned = history.tasks[now].reached[Moment.START_ACHIEVING], history.tasks[following].reached
+            assert begun <= planned[Moment.START_HANDLING] < planned[Moment.END_HANDLING] < body[Moment.END_HANDLING]
 
 
 def test_perception_scans_while_the_leg_moves(history: History) -> None:
     moves = [handling for handling in history.handlings if handling.name in ("move leg", "move body")]
     scans = [handling for handling in history.handlings if handling.name == "scan"]
-    during = [s for s in scans if any(m.start < s.start and s.end and m.end and s.end < m.end for m in moves)]
+    during = [s for s in scans if any(s.end and m.end and s.start < m.end and m.start < s.end for m in moves)]
     assert len(during) >= len(scans) // 2 > 0
 
 

@@ -9,11 +9,24 @@ from functools import partial
 import pytest
 from module.gait_messages import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
 
-from tca_module import CentralLost, Client, FormatRefused, MisuseError, Module, QueryFailed, Task, Timeout, connect
+from tca_module import (
+    CentralLost,
+    Client,
+    Command,
+    Condition,
+    FormatRefused,
+    MisuseError,
+    Module,
+    QueryFailed,
+    Task,
+    Timeout,
+    connect,
+)
 from tca_module.testing import LocalCentral, LocalTransport
-from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received
+from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received, TapAdded
 
 SOON = 5.0
+CHECK = Command("check")
 
 
 class Busy:
@@ -133,6 +146,39 @@ def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: Loca
         with legs.sequence():
             assert legs.command(MOVE_LEG, 1).result(SOON) == Footfall(1, 0.0)
     assert {fact.sender for fact in central.facts if isinstance(fact, Received)} == {"legs"}
+
+
+def test_what_a_module_does_at_its_start_is_done_before_it_handles_anything(
+    legs: Module, central: LocalCentral, user: Client
+) -> None:
+    safety, checked = Module("safety", central), []
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
+
+    @safety.handles(CHECK)
+    def check(task: Task) -> None:
+        checked.append(task.heard.message)
+
+    @safety.at_start
+    def watch(module: Module) -> None:
+        module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, CHECK)
+
+    with legs.running(), safety.running():
+        user.command(MOVE_LEG, 3).result(timeout=SOON)
+    begun = [fact for fact in central.facts if isinstance(fact, TapAdded | HandlerAdded)]
+    assert [type(fact) for fact in begun] == [HandlerAdded, TapAdded, HandlerAdded]
+    assert checked == ["move leg"]
+
+
+def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) -> None:
+    safety = Module("safety", central)
+
+    @safety.at_start
+    def watch(_: Module) -> None:
+        raise ValueError("nothing to watch")
+
+    with pytest.raises(ValueError, match="nothing to watch"), safety.running():
+        raise AssertionError
+    assert [fact.module for fact in central.facts if isinstance(fact, ModuleLeft)] == ["safety"]
 
 
 def test_a_module_that_does_not_run_sends_nothing(legs: Module) -> None:

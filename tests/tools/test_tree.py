@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import msgspec
 import pytest
 from click.testing import Result
 from tools.story import THIS, Story, arcs, stumbling, walking
@@ -17,9 +18,11 @@ from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
+from tca_wire import facts
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
 from tca_wire.facts import Failed
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Role
 
 Tca = Callable[..., Result]
 needs_dot = pytest.mark.skipif(not shutil.which("dot"), reason="Graphviz is not installed")
@@ -167,6 +170,38 @@ def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
     found = arrows(history, {1, 2, 3})
     assert found.own == {1: ["plan first"], 2: ["DP"]}
     assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
+
+
+def test_what_stands_in_a_row_needs_no_arrow_from_the_first_to_the_third() -> None:
+    """After a kill who waited for the killed task waits for what that one waited for: a constraint like any other."""
+    story = Story()
+    leg = story.command("move leg", "x")
+    body = story.command("move body", "x", 0, sequential_achievement(TaskId(leg), THIS))
+    story.command(
+        "check", "x", 0, sequential_achievement(TaskId(body), THIS), sequential_achievement(TaskId(leg), THIS)
+    )
+    history = story.fold()
+    assert arrows(history, {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
+    assert arrows(history, {1, 3}).between == {(1, 3): ["SEQ"]}
+
+
+def test_the_picture_tells_what_central_sent_itself() -> None:
+    story = Story()
+    leg = story.goal("move leg", "x")
+    for name, role, message_class in (
+        ("raise leg", Role.EXCEPTION, MessageClass.EXCEPTION),
+        ("stability check", Role.LISTENER, MessageClass.COMMAND),
+        ("achieved position?", Role.NONE, MessageClass.POINT_MONITOR),
+    ):
+        number = story.received(name, message_class, "central", leg)
+        (birth,) = [f for f in story.entries[-1].facts if isinstance(f, facts.Received) and f.id == number]
+        story.entries[-1].facts[story.entries[-1].facts.index(birth)] = msgspec.structs.replace(birth, role=role)
+    history = story.fold()
+    dot = dot_source(history, whole_outline(history), "roles")
+    nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
+    assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [False, True, True, True]
+    for meaning in ("exception handler", "sent by a wiretap", "monitor"):
+        assert f">{meaning}</font>" in dot
 
 
 def test_the_picture_shows_classes_states_and_order() -> None:

@@ -8,13 +8,22 @@ import argparse
 from pathlib import Path
 from typing import cast
 
-from robots.ambler_sim.errors import AmblerError
+from robots.ambler_sim.errors import AmblerError, TerrainContact
 from robots.ambler_sim.machine import Machine
-from robots.ambler_sim.messages import MOTION_FAULT, MOVE_BODY, MOVE_LEG, PICTURE, SCAN, STANCE
+from robots.ambler_sim.messages import (
+    MOTION_FAULT,
+    MOVE_BODY,
+    MOVE_LEG,
+    PICTURE,
+    READINGS,
+    SCAN,
+    STANCE,
+    TERRAIN_COLLISION,
+)
 from robots.ambler_sim.pacing import OnTick
 from robots.ambler_sim.robot import Backend, Robot, make_robot
 from robots.ambler_sim.snapshot import load_snapshot, save_snapshot
-from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Scan, Stance, TerrainSpec
+from robots.ambler_sim.vocabulary import BodyMove, Footfall, LegMove, Pose, Readings, Rock, Scan, Stance, TerrainSpec
 from tca_module import Module, Task
 
 
@@ -35,10 +44,13 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
 
     @controller.handles(MOVE_LEG)
     def move_leg(task: Task, move: LegMove) -> Footfall:
-        with machine.moving(move.leg):
-            footfall = robot.move_leg(move, on_tick=lambda _: goes_on(task))
-        save()
-        return footfall
+        try:
+            with machine.moving(move.leg):
+                return robot.move_leg(move, on_tick=lambda _: goes_on(task))
+        except TerrainContact as error:
+            raise TERRAIN_COLLISION(error.contact, str(error)) from error
+        finally:
+            save()
 
     @controller.handles(MOVE_BODY)
     def move_body(task: Task, move: BodyMove) -> Pose:
@@ -47,10 +59,24 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
         save()
         return pose
 
+    _answer_questions(controller, machine)
+    save()
+    return controller
+
+
+def _answer_questions(controller: Module, machine: Machine) -> None:
+    """What is known of the robot."""
+    robot = machine.robot
+
     @controller.handles(STANCE)
     def stance(_: Task) -> Stance:
         with machine.moving():
             return robot.stance()
+
+    @controller.handles(READINGS)
+    def readings(_: Task) -> Readings:
+        with machine.moving():
+            return robot.readings()
 
     @controller.handles(SCAN, resource="scanner")
     def scan(_: Task) -> Scan:
@@ -60,9 +86,6 @@ def make_module(robot: Robot, state_file: Path | None) -> Module:
     def picture(_: Task, path: str) -> str:
         with machine.moving():
             return str(robot.picture(path))
-
-    save()
-    return controller
 
 
 def _moved_body(robot: Robot, move: BodyMove, on_tick: OnTick) -> Pose:
@@ -80,9 +103,13 @@ def main() -> None:
     parser.add_argument("--pace", type=float, default=0.0, help="times real time; 0 is as fast as possible")
     parser.add_argument("--seed", type=int, default=1, help="which hills")
     parser.add_argument("--slope", type=float, default=0.10, help="steepest rise per run on the path")
+    parser.add_argument("--rock", nargs=4, type=float, action="append", default=[],
+                        metavar=("X", "Y", "RADIUS", "HEIGHT"),
+                        help="a rock that the scanner does not see; may be given several times")  # fmt: skip
     options = parser.parse_args()
     saved = load_snapshot(options.state) if options.state else None
-    terrain = TerrainSpec(seed=options.seed, slope=options.slope)
+    rocks = tuple(Rock(*rock) for rock in options.rock)
+    terrain = TerrainSpec(seed=options.seed, slope=options.slope, rocks=rocks)
     robot = make_robot(cast("Backend", options.backend), terrain=terrain, pace=options.pace, state=saved)
     try:
         make_module(robot, options.state).run()

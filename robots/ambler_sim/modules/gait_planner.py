@@ -15,10 +15,10 @@ from robots.ambler_sim.messages import (
     NOT_THERE,
     PLAN_BODY_MOVE,
     PLAN_LEG_MOVE,
+    POSITION_REACHED,
     STANCE,
     TAKE_STEPS,
     TRAVERSE_ARC,
-    WALKED,
     Ahead,
     Bend,
     Placing,
@@ -70,21 +70,20 @@ def take_steps(task: Task, ahead: Ahead) -> None:
     with task.sequence():
         task.command(MOVE_LEG, leg_move)
         task.command(MOVE_BODY, body_move)
-        task.command(ACHIEVED_POSITION, body_move.goal)
+        task.monitor(ACHIEVED_POSITION, body_move.goal)
         if step.remaining >= TOLERANCE:
             rest = Ahead(ahead.arc, after_step(step, leg_move.foothold, body_move.goal))
             task.goal(TAKE_STEPS, rest, constraints=[task.achieving.start <= this.planning.start])
 
 
-@planner.handles(ACHIEVED_POSITION, resource="position check")
-def achieved_position(task: Task, goal: Pose) -> Stance:
-    """Check that the body is where the step should have brought it."""
+@planner.handles(POSITION_REACHED, resource="position check")
+def position_reached(task: Task, goal: Pose) -> Pose:
+    """Whether the body is where the step should have brought it: where it is, or a failure."""
     memory.measured = stance = task.query(STANCE)
-    task.broadcast(WALKED, stance.pose)
     distance = math.hypot(stance.pose.x - goal.x, stance.pose.y - goal.y)
     if distance > CLOSE_ENOUGH:
         raise NOT_THERE(f"{distance:.2f} m", f"the body is {distance:.2f} m from where the step should have brought it")
-    return stance
+    return stance.pose
 
 
 if __name__ == "__main__":

@@ -1,0 +1,61 @@
+"""What is checked before and after a move: from a stance, a planned move and sensors to a verdict."""
+
+import math
+from dataclasses import replace
+
+from robots.ambler_sim.gait import with_foot
+from robots.ambler_sim.reactions import Margins
+from robots.ambler_sim.stability import conservative_margin, energy_margin, support_margin
+from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
+
+LEAST_SUPPORT = 0.3
+LEAST_CONSERVATIVE = -0.2
+"""Metres: below 0 the failure of one more leg could tip the robot. On slopes of 30 % the gait itself comes to -0.15."""
+
+LEAST_ENERGY = 0.015
+"""Metres: a little less than LEAST_SUPPORT means on level ground; downhill the robot tips more easily."""
+
+LEAST_LOAD = 500.0
+"""Newtons that a foot bears which stands."""
+
+FARTHEST_ASIDE = 0.25
+FARTHEST_OFF_LEVEL = 0.35
+
+
+def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
+    """The least while the leg is in the air, and when it stands on its foothold."""
+    after = with_foot(stance, move.foothold)
+    return Margins(
+        min(support_margin(stance, move.leg), support_margin(after)),
+        conservative_margin(after),
+        min(energy_margin(stance, move.leg), energy_margin(after)),
+    )
+
+
+def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
+    """The least at either end of the move: between them the body is nowhere nearer to an edge, feet are convex."""
+    both = stance, replace(stance, pose=move.goal)
+    return Margins(*(min(map(margin, both)) for margin in (support_margin, conservative_margin, energy_margin)))
+
+
+def is_stable(margins: Margins) -> bool:
+    """Whether a move with these margins may be made."""
+    return (
+        margins.support >= LEAST_SUPPORT
+        and margins.conservative >= LEAST_CONSERVATIVE
+        and margins.energy >= LEAST_ENERGY
+    )
+
+
+def fault_of_footfall(move: LegMove, stance: Stance, readings: Readings) -> str:
+    """What is wrong with how the foot stands after a leg move; "" if nothing is."""
+    foot, load = stance.feet[move.leg], readings.loads[move.leg]
+    aside = math.hypot(foot.x - move.foothold.x, foot.y - move.foothold.y)
+    off_level = foot.z - move.foothold.z
+    if load < LEAST_LOAD:
+        return f"leg {move.leg} bears {load / 1000:.1f} kN only"
+    if aside > FARTHEST_ASIDE:
+        return f"leg {move.leg} stands {aside:.2f} m beside its foothold"
+    if abs(off_level) > FARTHEST_OFF_LEVEL:
+        return f"leg {move.leg} stands {abs(off_level):.2f} m {'above' if off_level > 0 else 'below'} its foothold"
+    return ""

@@ -1,0 +1,79 @@
+"""Verdicts on moves and footfalls."""
+
+from dataclasses import replace
+
+import pytest
+from ambler.builders import a_map, a_stance, a_step
+
+from robots.ambler_sim.body import plan_body_move
+from robots.ambler_sim.checks import (
+    LEAST_ENERGY,
+    LEAST_SUPPORT,
+    fault_of_footfall,
+    is_stable,
+    margins_of_body_move,
+    margins_of_leg_move,
+)
+from robots.ambler_sim.gait import with_foot
+from robots.ambler_sim.leg_recovery import plan_leg_move
+from robots.ambler_sim.reactions import Margins
+from robots.ambler_sim.vocabulary import BodyMove, Foot, Pose, Readings
+
+STEP = a_step()
+LEG_MOVE = plan_leg_move(a_map(), STEP, STEP.ideal)
+LANDED = with_foot(STEP.before, LEG_MOVE.foothold)
+EVEN = Readings(0.0, 0.0, 0.0, (4000.0,) * 6)
+
+
+def test_a_step_is_stable() -> None:
+    for margins in (
+        margins_of_leg_move(STEP.before, LEG_MOVE),
+        margins_of_body_move(LANDED, plan_body_move(STEP, LEG_MOVE.foothold)),
+    ):
+        assert is_stable(margins)
+        assert margins.support > LEAST_SUPPORT
+        assert margins.energy > LEAST_ENERGY
+
+
+def test_a_body_that_goes_too_far_is_not() -> None:
+    margins = margins_of_body_move(a_stance(), BodyMove(Pose(1.3, 0.0, 0.0, 2.7), 2.0))
+    assert not is_stable(margins)
+    assert margins.support < LEAST_SUPPORT
+
+
+def test_a_move_begun_near_the_edge_is_not_stable_wherever_it_leads() -> None:
+    near_the_edge = a_stance()
+    near_the_edge = replace(near_the_edge, pose=replace(near_the_edge.pose, x=1.3))
+    assert not is_stable(margins_of_body_move(near_the_edge, BodyMove(Pose(0.0, 0.0, 0.0, 2.7), 2.0)))
+
+
+def test_lifting_a_leg_on_which_the_robot_stands_is_not_stable() -> None:
+    stance = with_foot(with_foot(a_stance(), Foot(0, -0.6, 2.3, 0.0)), Foot(1, -1.0, 2.3, 0.0))
+    margins = margins_of_leg_move(replace(stance, pose=replace(stance.pose, x=0.5)), LEG_MOVE)
+    assert not is_stable(margins)
+
+
+@pytest.mark.parametrize("worse", [Margins(0.2, 0.3, 0.1), Margins(0.6, -0.3, 0.1), Margins(0.6, 0.3, 0.01)])
+def test_each_margin_counts(worse: Margins) -> None:
+    assert not is_stable(worse)
+    assert is_stable(Margins(0.6, 0.3, 0.1))
+
+
+def test_a_foot_on_its_foothold_that_bears_its_part_stands_well() -> None:
+    assert fault_of_footfall(LEG_MOVE, LANDED, EVEN) == ""
+
+
+@pytest.mark.parametrize(
+    ("shift", "load", "fault"),
+    [
+        ((0.0, 0.0, 0.0), -200.0, "leg 2 bears -0.2 kN only"),
+        ((0.3, 0.4, 0.0), 4000.0, "leg 2 stands 0.50 m beside its foothold"),
+        ((0.0, 0.0, 0.4), 4000.0, "leg 2 stands 0.40 m above its foothold"),
+        ((0.0, 0.0, -0.4), 4000.0, "leg 2 stands 0.40 m below its foothold"),
+    ],
+)
+def test_what_is_wrong_with_a_footfall_is_said(shift: tuple[float, float, float], load: float, fault: str) -> None:
+    planned = LEG_MOVE.foothold
+    foot = Foot(planned.leg, planned.x + shift[0], planned.y + shift[1], planned.z + shift[2])
+    loads = tuple(load if leg == planned.leg else 4000.0 for leg in range(6))
+    assert fault_of_footfall(LEG_MOVE, with_foot(LANDED, foot), replace(EVEN, loads=loads)) == fault

@@ -1,0 +1,106 @@
+"""Rocks that the scanner does not see: legs feel them, stop, and stand again."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ambler.builders import an_arc
+
+from robots.ambler_sim.errors import TerrainContact
+from robots.ambler_sim.footfall import choose_foothold
+from robots.ambler_sim.gait import next_step
+from robots.ambler_sim.leg_recovery import plan_leg_move
+from robots.ambler_sim.motion import BACK_OFF
+from robots.ambler_sim.perception import build_elevation_map
+from robots.ambler_sim.robot import Backend, Robot, make_robot, pybullet_is_installed
+from robots.ambler_sim.stability import WEIGHT
+from robots.ambler_sim.terrain import scattered_rocks
+from robots.ambler_sim.vocabulary import Contact, LegMove, Rock, TerrainSpec
+
+BACKENDS = [
+    "kinematic",
+    pytest.param("pybullet", marks=pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")),
+]
+IN_THE_WAY = Rock(1.1, 1.85, 0.25, 0.7)
+ON_THE_FOOTHOLD = Rock(1.4, 2.2, 0.25, 0.3)
+
+
+def a_robot(backend: Backend, *rocks: Rock) -> Robot:
+    return make_robot(backend, terrain=TerrainSpec(seed=1, slope=0.1, length=20.0, rocks=rocks))
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request: pytest.FixtureRequest) -> Backend:
+    name: Backend = request.param
+    return name
+
+
+def the_first_leg_move(robot: Robot) -> LegMove:
+    stance = robot.stance()
+    ground = build_elevation_map(robot.scan(), stance)
+    step = next_step(stance, an_arc())
+    return plan_leg_move(ground, step, choose_foothold(ground, step))
+
+
+def contact_of(robot: Robot, move: LegMove) -> Contact:
+    with pytest.raises(TerrainContact) as raised:
+        robot.move_leg(move)
+    return raised.value.contact
+
+
+def test_a_leg_that_meets_a_rock_stops_goes_back_and_is_put_down(backend: Backend) -> None:
+    robot = a_robot(backend, IN_THE_WAY)
+    before, move = robot.stance(), the_first_leg_move(robot)
+    contact = contact_of(robot, move)
+    after = robot.stance()
+    foot = after.feet[move.leg]
+    assert contact.leg == move.leg == 2
+    assert math.dist((contact.x, contact.y), (IN_THE_WAY.x, IN_THE_WAY.y)) == pytest.approx(0.37, abs=0.06)
+    assert contact.z == pytest.approx(move.lift, abs=0.05)
+    assert contact.force > 800
+    assert math.dist((contact.x, contact.y), (foot.x, foot.y)) == pytest.approx(BACK_OFF, abs=0.06)
+    assert min(robot.readings().loads) > 1000
+    assert math.degrees(robot.peak_tilt) < 1.0
+    assert (after.pose.x, after.pose.y) == pytest.approx((before.pose.x, before.pose.y), abs=0.02)
+    assert after.last_leg == before.last_leg
+    robot.close()
+
+
+def test_lifted_higher_the_leg_passes_over_it(backend: Backend) -> None:
+    robot = a_robot(backend, IN_THE_WAY)
+    move = the_first_leg_move(robot)
+    contact = contact_of(robot, move)
+    footfall = robot.move_leg(replace(move, lift=contact.z + 0.4))
+    assert footfall.reached
+    assert (footfall.foot.x, footfall.foot.y) == pytest.approx((move.foothold.x, move.foothold.y), abs=0.05)
+    robot.close()
+
+
+def test_a_rock_on_the_foothold_is_felt_before_the_foot_is_set_down(backend: Backend) -> None:
+    robot = a_robot(backend, ON_THE_FOOTHOLD)
+    contact = contact_of(robot, the_first_leg_move(robot))
+    foot = robot.stance().feet[2]
+    assert contact.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)
+    assert foot.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)  # it stands on it
+    assert sum(robot.readings().loads) == pytest.approx(WEIGHT, rel=0.1)
+    robot.close()
+
+
+def test_the_scanner_does_not_see_rocks(backend: Backend) -> None:
+    with_rocks, without = a_robot(backend, IN_THE_WAY, ON_THE_FOOTHOLD), a_robot(backend)
+    assert np.allclose(with_rocks.scan(), without.scan(), atol=1e-6)
+
+
+def test_rocks_are_in_the_picture(tmp_path: Path) -> None:
+    with_rocks, without = a_robot("kinematic", IN_THE_WAY), a_robot("kinematic")
+    drawn = with_rocks.picture(tmp_path / "with").read_text().count('class="rock"')
+    assert (drawn, without.picture(tmp_path / "without").read_text().count('class="rock"')) == (2, 0)
+
+
+def test_scattered_rocks_are_the_same_for_the_same_seed_and_lie_along_the_path() -> None:
+    rocks = scattered_rocks(4, 5, 10.0, (0.6, 0.8))
+    assert rocks == scattered_rocks(4, 5, 10.0, (0.6, 0.8)) != scattered_rocks(5, 5, 10.0, (0.6, 0.8))
+    assert [int(rock.x / 2.0) for rock in rocks] == [0, 1, 2, 3, 4]
+    assert all(0.6 <= rock.height <= 0.8 and 1.2 <= abs(rock.y) <= 1.7 for rock in rocks)

@@ -1,0 +1,112 @@
+"""Checks and recoveries around the real modules, in one process: what sensors may say, and who knows of whom."""
+
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+
+import pytest
+
+from robots.ambler_sim.messages import MOVE_BODY, MOVE_LEG, TRAVERSE_PATH, Bend, Path
+from robots.ambler_sim.modules import (
+    body_planner,
+    controller,
+    error_recovery,
+    gait_planner,
+    leg_planner,
+    monitoring,
+    perception,
+)
+from robots.ambler_sim.reactions import FOOTFALL_CHECK, REPLAN_MOVE, STABILITY_CHECK, UNSTABLE_MOVE
+from robots.ambler_sim.robot import Robot, make_robot
+from robots.ambler_sim.task_manager import make_module as make_task_manager
+from robots.ambler_sim.vocabulary import BodyMove, Readings
+from tca_module import Client, TaskFailed, connect
+from tca_module.testing import LocalCentral
+from tca_tools.history import History
+from tca_wire.facts import Received
+
+WALKERS = (
+    "task_manager",
+    *(f"modules.{name}" for name in ("body_planner", "controller", "gait_planner", "leg_planner", "perception")),
+)
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return make_robot("kinematic")
+
+
+@pytest.fixture
+def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
+    """All modules of a walk."""
+    planners = gait_planner.planner, leg_planner.planner, body_planner.planner, perception.perception
+    walkers = (*planners, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None))
+    for program in (gait_planner, perception, error_recovery):
+        monkeypatch.setattr(program, "memory", program.Memory())
+    with LocalCentral() as local, ExitStack() as stack:
+        for module in (*walkers, monitoring.monitoring, error_recovery.recovery):
+            monkeypatch.setattr(module, "central", local)
+            stack.enter_context(module.running())
+        yield local
+
+
+@pytest.fixture
+def user(central: LocalCentral) -> Iterator[Client]:
+    with connect("user", central) as client:
+        yield client
+
+
+def sent(central: LocalCentral, name: str) -> list[Received]:
+    return [fact for fact in central.facts if isinstance(fact, Received) and fact.message == name]
+
+
+@pytest.mark.parametrize("walker", WALKERS)
+def test_the_modules_that_walk_have_never_heard_of_checks_and_recoveries(walker: str) -> None:
+    code = f"import sys; import robots.ambler_sim.{walker}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    added = ("reactions", "checks", "replanning", "report", "modules.monitoring", "modules.error_recovery")
+    assert not {f"robots.ambler_sim.{name}" for name in added} & set(done.stdout.split())
+
+
+def test_a_move_that_would_tip_the_robot_over_is_not_made(robot: Robot, user: Client, central: LocalCentral) -> None:
+    before = robot.stance()
+    too_far = BodyMove(replace(before.pose, x=before.pose.x + 1.2), 2.0)
+    with pytest.raises(TaskFailed) as failed:
+        user.command(MOVE_BODY, too_far).result(timeout=10)
+    assert failed.value.failure == UNSTABLE_MOVE.name
+    assert failed.value.data_as(UNSTABLE_MOVE).support < 0.3
+    assert robot.stance() == before
+    assert len(sent(central, STABILITY_CHECK.name)) == 1
+
+
+def test_a_check_tells_its_margins(user: Client, robot: Robot, central: LocalCentral) -> None:
+    pose = robot.stance().pose
+    user.command(MOVE_BODY, BodyMove(replace(pose, x=pose.x + 0.1), 1.0)).result(timeout=10)
+    (check,) = sent(central, STABILITY_CHECK.name)
+    margins = STABILITY_CHECK.decode_reply(History.until(central.entries).tasks[check.id].result)
+    assert margins.support > 0.5
+    assert margins.energy > 0.05
+
+
+def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
+    robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A force sensor that says nothing once: who asks cannot know that the foot stands well."""
+    truth, lies = robot.readings, iter([(0.0,) * 6])
+
+    def readings() -> Readings:
+        now = truth()
+        return replace(now, loads=next(lies, now.loads))
+
+    monkeypatch.setattr(robot, "readings", readings)
+    user.goal(TRAVERSE_PATH, Path((Bend(0.0, 1.0),))).result(timeout=30)
+    (replan,) = sent(central, REPLAN_MOVE.name)
+    moves = [(move.parent, MOVE_LEG.decode_data(move.body)) for move in sent(central, MOVE_LEG.name)]
+    first, again = moves[0][1], next(move for parent, move in moves if parent == replan.id)
+    assert first.leg == again.leg == 2
+    assert math.dist((first.foothold.x, first.foothold.y), (again.foothold.x, again.foothold.y)) > 0.2
+    assert len(sent(central, FOOTFALL_CHECK.name)) == 3
+    assert robot.stance().pose.x == pytest.approx(1.0, abs=0.05)

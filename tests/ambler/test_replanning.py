@@ -1,0 +1,125 @@
+"""Other ways for a leg that met something."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ambler.builders import a_map, a_stance, a_step
+
+from robots.ambler_sim.checks import is_stable, margins_of_leg_move
+from robots.ambler_sim.elevation import height_at
+from robots.ambler_sim.errors import NoFootfall, PathBlocked
+from robots.ambler_sim.footfall import choose_foothold
+from robots.ambler_sim.gait import next_leg, standard_feet, standard_places, with_foot
+from robots.ambler_sim.geometry import leg_joints
+from robots.ambler_sim.leg_recovery import RECOVERY_RADIUS, plan_leg_move, swing_path
+from robots.ambler_sim.replanning import OBSTACLE_RADIUS, RAISE, Avoided, another_way, felt, raised, shuffle, without
+from robots.ambler_sim.vocabulary import Contact, Foot, LegMove, Stance
+
+STEP = a_step()
+LEG_MOVE = plan_leg_move(a_map(), STEP, STEP.ideal)
+AHEAD_OF_THE_SHAFT = Avoided(1.15, 1.0, is_wall=True)
+
+
+def way_of(move: LegMove, stance: Stance) -> np.ndarray:
+    foot = stance.feet[move.leg]
+    start, end = leg_joints(stance.pose, foot), leg_joints(stance.pose, move.foothold)
+    turn = math.remainder(end[0] - start[0], math.tau)
+    turn += move.sense * math.tau if move.sense * turn < 0 else 0.0
+    return swing_path(stance.pose, move.leg, start[:2], (start[0] + turn, end[1]), move.radius)
+
+
+def test_a_raised_move_goes_over_what_was_met_and_otherwise_the_same_way() -> None:
+    contact = Contact(2, 1.0, 1.5, LEG_MOVE.lift, 3000.0)
+    higher = raised(LEG_MOVE, STEP.before, contact)
+    assert higher == replace(LEG_MOVE, lift=LEG_MOVE.lift + RAISE)
+
+
+def test_a_leg_cannot_be_raised_for_ever() -> None:
+    with pytest.raises(PathBlocked, match=r"leg 2 can be lifted to 3\.20 m, not to 3\.40 m"):
+        raised(LEG_MOVE, STEP.before, Contact(2, 1.0, 1.5, 3.0, 3000.0))
+
+
+def test_what_a_leg_met_lies_beyond_where_it_met_it() -> None:
+    wall = felt(Contact(2, 1.0, 1.0, 0.5, 900.0), Foot(2, 1.0, 0.75, 0.0))
+    assert wall.is_wall
+    assert (wall.x, wall.y) == pytest.approx((1.0, 1.0 + OBSTACLE_RADIUS - 0.1))
+
+
+def test_what_a_foot_was_set_upon_is_not_to_be_stood_upon() -> None:
+    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0), Foot(2, 1.41, 2.2, 0.3)) == Avoided(1.4, 2.2, is_wall=False)
+
+
+def test_walls_and_bad_footholds_are_in_the_map_and_nothing_else_is_changed() -> None:
+    ground = without(a_map(), [Avoided(1.0, 1.0, is_wall=True), Avoided(-1.0, 1.0, is_wall=False)])
+    assert height_at(ground, 1.0, 1.0) == math.inf
+    assert math.isnan(height_at(ground, -1.0, 1.0))
+    assert height_at(ground, 1.0 + OBSTACLE_RADIUS + 0.1, 1.0) == 0.0
+
+
+def test_the_leg_swings_around_a_wall() -> None:
+    ground = without(a_map(), [AHEAD_OF_THE_SHAFT])
+    move = another_way(ground, STEP)
+    assert move.radius > RECOVERY_RADIUS
+    assert move.lift == pytest.approx(LEG_MOVE.lift)
+    away = np.hypot(*(way_of(move, STEP.before) - (AHEAD_OF_THE_SHAFT.x, AHEAD_OF_THE_SHAFT.y)).T)
+    assert away.min() > OBSTACLE_RADIUS
+
+
+def test_another_foothold_is_found_where_the_first_is_not_to_be_stood_upon() -> None:
+    bad = choose_foothold(a_map(), STEP)
+    move = another_way(without(a_map(), [Avoided(bad.x + 0.2, bad.y, is_wall=False)]), STEP)
+    assert math.dist((move.foothold.x, move.foothold.y), (bad.x + 0.2, bad.y)) > OBSTACLE_RADIUS
+
+
+def test_a_leg_that_has_passed_the_nose_goes_on_the_short_way() -> None:
+    before = with_foot(STEP.before, Foot(2, 1.1, 1.3, 0.0))
+    assert another_way(a_map(), replace(STEP, before=before)).sense == 0
+    assert another_way(a_map(), STEP).sense == 1
+
+
+def test_where_there_is_no_way_that_is_said() -> None:
+    ring = [Avoided(x, 1.0, is_wall=True) for x in (1.0, 1.6, 2.2)]
+    with pytest.raises(PathBlocked, match="leg 2 finds no way to"):
+        another_way(without(a_map(), ring), STEP)
+    everywhere = [Avoided(x, y, is_wall=False) for x in (1.0, 1.5, 2.0) for y in (1.8, 2.3, 2.8)]
+    with pytest.raises(NoFootfall):
+        another_way(without(a_map(), everywhere), STEP)
+
+
+def test_legs_keep_their_order_in_the_standard_configuration() -> None:
+    stance = with_foot(a_stance(), Foot(2, 1.5, 2.3, 0.0))  # in front of 0 and 1
+    places = standard_places(stance, first=0)
+    assert [(place.leg, place.x) for place in places] == [(0, -0.5), (1, -1.5), (2, 0.5), (3, 1.0), (4, 0.0), (5, -1.0)]
+
+
+def test_the_standard_configuration_may_be_mirrored() -> None:
+    left, right = standard_places(a_stance(), first=1), standard_places(a_stance(), first=4)
+    assert left == standard_feet(a_stance().pose, 0.0)
+    assert [place.x for place in right] == [1.0, 0.0, -1.0, 0.5, -0.5, -1.5]
+
+
+def test_a_leg_half_way_goes_back_to_the_rear_of_its_stack() -> None:
+    stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
+    back = next(move for move in shuffle(a_map(), stance, blocked=2) if move.leg == 2)
+    assert back.sense == -1
+    assert (back.foothold.x, back.foothold.y) == pytest.approx((-1.0, 2.3))
+
+
+def test_a_shuffle_is_stable_move_by_move_and_the_blocked_leg_goes_last() -> None:
+    stance = with_foot(a_stance(), Foot(2, -1.2, 1.4, 0.0))
+    moves = shuffle(a_map(), stance, blocked=2)
+    assert sorted(move.leg for move in moves) == list(range(6))
+    assert moves[-1].leg == 2
+    for move in moves:
+        assert is_stable(margins_of_leg_move(stance, move))
+        stance = with_foot(stance, move.foothold)
+    assert next_leg(replace(stance, last_leg=2)) in (3, 4, 5)
+    assert shuffle(a_map(), stance, blocked=2) == []
+
+
+def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
+    stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
+    wall = [Avoided(-0.6, y / 2, is_wall=True) for y in range(-6, 8)]
+    assert 2 not in {move.leg for move in shuffle(without(a_map(), wall), stance, blocked=2)}
