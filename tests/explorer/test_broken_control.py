@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from explorer.recoveries import BATTERY, HIGHER, RECHARGE, ladder, late, polling, suspending, tapped
 from explorer.scenarios import REST, SLIPPED, STEP, WALK
-from explorer.test_control import parting, retried_while_running, walk_is_over
+from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
 from tca_central import control, failures, monitors, requests
