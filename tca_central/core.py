@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tca_central import availability, control, failures, joining, monitors, requests, sharing, taps
+from tca_central import availability, control, direct, failures, joining, monitors, requests, sharing, taps
 from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
@@ -21,6 +21,7 @@ from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Refused
+from tca_wire.routes import Noted, WatchEntrance
 from tca_wire.vocabulary import Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000
@@ -198,6 +199,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.GetVariable: sharing.on_get_variable,
     headers.SetVariable: sharing.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,
+    Noted: direct.on_noted,
+    WatchEntrance: direct.on_watch_entrance,
 }
 """One row per message: what happens when it arrives."""
 

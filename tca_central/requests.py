@@ -11,6 +11,7 @@ from tca_central import status
 from tca_central.availability import HandledWait
 from tca_central.clock import checked_seconds
 from tca_central.control import keep_for_termination, set_deadline
+from tca_central.direct import tell_sender
 from tca_central.errors import RequestError
 from tca_central.failures import attach, check_attachments, fail_task, failure_of, kill, reissue
 from tca_central.fan_out import copies, route_statement
@@ -67,6 +68,8 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
         if header.number:
             central.send(connection, header.number, Accepted(header.number))
         return
+    if message.route:
+        tell_sender(central, connection, message)
     ROUTES[message.message_class](central, connection, header, message, body)
 
 

@@ -67,6 +67,7 @@ def messages(central: State) -> list[dict[str, Any]]:
             "handlers": [handler.module.name for handler in reversed(message.handlers)],
             "handled_by": [_handler(handler) for handler in reversed(message.handlers)],
             "awaited_by": [wait.connection.module.name for wait in message.awaited_by],
+            "direct": bool(message.route),
             "waiting": len(message.waiting),
             "data": message.format.data,
             "reply": message.format.reply,

@@ -276,6 +276,33 @@ class Answered(_Fact, frozen=True, tag="answered"):
     id: int
 
 
+class HandledDirectly(_Fact, frozen=True, tag="direct"):
+    """A module handled a message that came from its sender directly; central has seen nothing of it but this note.
+
+    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data; its handler ended at *ended*
+    on the clock of the entries and took so many *seconds*.
+    """
+
+    message: str
+    module: str
+    resource: str
+    sender: str
+    origin: int
+    size: int
+    ended: float
+    seconds: float
+    outcome: Outcome
+    failure: str
+
+
+class LostDirectly(_Fact, frozen=True, tag="direct lost"):
+    """As *module* says, so many informs of *message* ("": notes of direct messages) were sent directly and lost."""
+
+    module: str
+    message: str
+    number: int
+
+
 class WaitBegan(_Fact, frozen=True, tag="wait began"):
     """The handler of delivery *origin* (0: code outside a handler) of a module blocks until a task reaches a moment."""
 
@@ -304,7 +331,7 @@ class RequestRefused(_Fact, frozen=True, tag="refused"):
 Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
-    | WaitBegan | WaitEnded | RequestRefused
+    | WaitBegan | WaitEnded | RequestRefused | HandledDirectly | LostDirectly
     | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
 )  # fmt: skip

@@ -108,6 +108,15 @@ class Wording:
     def _answered(self, fact: facts.Answered) -> str:
         return self._name(fact.id)
 
+    def _handled_directly(self, fact: facts.HandledDirectly) -> str:
+        words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
+        words += f" in {self._name(fact.origin)}" if fact.origin else ""
+        words += f", {fact.size} bytes, {fact.seconds:.6f} s: {fact.outcome}"
+        return words + (f": {fact.failure}" if fact.failure else "")
+
+    def _lost_directly(self, fact: facts.LostDirectly) -> str:
+        return f"{fact.module}: {fact.number} of {fact.message or 'the notes of direct messages'}"
+
     def _wait_began(self, fact: facts.WaitBegan) -> str:
         return f"{self._waiter(fact)} until {_moments(fact.moment)} of {self._name(fact.task)}"
 
@@ -189,6 +198,8 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Killed: Wording._killed,
     facts.Dropped: Wording._dropped,
     facts.Answered: Wording._answered,
+    facts.HandledDirectly: Wording._handled_directly,
+    facts.LostDirectly: Wording._lost_directly,
     facts.WaitBegan: Wording._wait_began,
     facts.WaitEnded: Wording._wait_ended,
     facts.Attached: Wording._attached,

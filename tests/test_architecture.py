@@ -20,7 +20,7 @@ MAY_IMPORT = {
 """Beside the package itself and the standard library."""
 
 ONLY_IN = {
-    "zmq": {"tca_central/server.py", "tca_module/transport.py"},
+    "zmq": {"tca_central/server.py", "tca_module/transport.py", "tca_module/direct_sockets.py"},
     "pybullet": {"robots/ambler_sim/physics.py"},
 }
 EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
@@ -46,7 +46,8 @@ CENTRAL: dict[str, set[str]] = {
     "making": {"fan_out", "intervals", "registry", "state", "task_tree"},
     "notices": {"making", "state"},
     "availability": {"errors", "notices", "registry", "state"},
-    "taps": {"errors", "intervals", "making", "registry", "state", "task_tree"},
+    "direct": {"errors", "registry", "state"},
+    "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree"},
     "watching": {"clock", "making", "registry", "state", "task_tree"},
     "failures": {"errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
@@ -56,6 +57,7 @@ CENTRAL: dict[str, set[str]] = {
         "availability",
         "clock",
         "control",
+        "direct",
         "errors",
         "failures",
         "fan_out",
@@ -69,11 +71,23 @@ CENTRAL: dict[str, set[str]] = {
         "task_tree",
     },
     "sharing": {"errors", "fan_out", "registry", "state", "variables"},
-    "joining": {"errors", "events", "monitors", "notices", "registry", "requests", "sharing", "state", "task_tree"},
+    "joining": {
+        "direct",
+        "errors",
+        "events",
+        "monitors",
+        "notices",
+        "registry",
+        "requests",
+        "sharing",
+        "state",
+        "task_tree",
+    },
     "core": {
         "availability",
         "clock",
         "control",
+        "direct",
         "errors",
         "events",
         "failures",
