@@ -44,6 +44,7 @@ class DirectRoutes:
         self._routes: dict[str, deque[Path]] = {}  #: by message; its slots take turns
         self._paths: dict[str, Path] = {}  #: by endpoint
         self._numbers = itertools.count(1)
+        self._is_tidy = True  #: no way is open that leads nowhere
         self._epoch = ""
         self._now = 0.0
         self._log = logging.getLogger(f"tca.{session.module}")
@@ -82,6 +83,7 @@ class DirectRoutes:
             return
         self._now = now = clock()
         while self._session.routing:
+            self._is_tidy = False
             header = self._session.routing.popleft()
             if isinstance(header, Route):
                 self._on_route(header)
@@ -94,7 +96,9 @@ class DirectRoutes:
             path.tend(now)
             while path.complaints:
                 self._log.warning("%s", path.complaints.pop())
-        self._close_unused()
+            self._is_tidy &= not path.is_over
+        if not self._is_tidy:
+            self._close_unused()
 
     def _on_route(self, header: Route) -> None:
         self._routes.pop(header.message, None)
@@ -149,12 +153,13 @@ class DirectRoutes:
     # --- ends ------------------------------------------------------------------------------------------------------
 
     def _close_unused(self) -> None:
-        if self._paths:
-            used = {path for paths in self._routes.values() for path in paths}
-            for path in [path for path in self._paths.values() if path not in used or path.is_over]:
-                if not path.requests:
-                    del self._paths[path.entrance.endpoint]
-                    self._close(path)
+        used = {path for paths in self._routes.values() for path in paths if not path.is_over}
+        unused = [path for path in self._paths.values() if path not in used]
+        for path in unused:
+            if not path.requests:
+                del self._paths[path.entrance.endpoint]
+                self._close(path)
+        self._is_tidy = not any(path.requests for path in unused)
 
     def _close(self, path: Path) -> None:
         assert self._transport is not None

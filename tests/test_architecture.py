@@ -103,7 +103,7 @@ CENTRAL: dict[str, set[str]] = {
     "journal_writer": {"errors"},
     "server": {"core", "errors", "events", "journal_writer"},
     "__main__": {"core", "errors", "journal_writer", "server"},
-    "invariants": {"availability", "clock", "holds", "intervals", "registry", "state", "task_tree"},
+    "invariants": {"availability", "clock", "direct", "holds", "intervals", "registry", "state", "task_tree"},
 }
 
 

@@ -13,6 +13,7 @@ from tca_wire.facts import Entry
 from tca_wire.notices import NOTICES
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.routes import Entrance
 from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
@@ -50,24 +51,35 @@ class Player:
         self.numbers[connection] = self.numbers.get(connection, 0) + 1
         return self.numbers[connection]
 
-    def hello(self, connection: str, module: str = "", resource: str = "", incarnation: str = "") -> list[Any]:
+    def hello(
+        self, connection: str, module: str = "", resource: str = "", incarnation: str = "", *, direct: bool = False
+    ) -> list[Any]:
         module = module or connection
         number = 0 if not resource else sum(c.startswith(f"{module}/") for c in self.inbox) + 1
         return self.receive(
             connection,
             headers.Hello(
-                self.number(connection), 1, module, incarnation or f"run of {module}", number, resource, "here:1"
+                self.number(connection),
+                1,
+                module,
+                incarnation or f"run of {module}",
+                number,
+                resource,
+                "here:1",
+                Entrance(f"ipc:///{connection}", f"key of {connection}") if direct else None,
             ),
         )
 
-    def module(self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0) -> None:
+    def module(
+        self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0, direct: bool = False
+    ) -> None:
         """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
         self.hello(name)
         messages = [self.format(words) for words in handles]
-        handlers = [HandlerFormat(message.name, name, pool, pending) for message in messages]
+        handlers = [HandlerFormat(message.name, name, pool, pending, direct) for message in messages]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
         for index in range(capacity if handles else 0):
-            self.hello(f"{name}/{index + 1}", name, name)
+            self.hello(f"{name}/{index + 1}", name, name, direct=direct)
 
     @staticmethod
     def format(words: str) -> MessageFormat:
