@@ -134,12 +134,12 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
         raise RequestError(Refusal.OVERLOAD, f"more than {2 * MOST_NOTES} notes in one report: send several")
     module, resource = connection.module.name, connection.resource.name if connection.resource else ""
     for note in header.notes:
-        _check_name(central, note.message)
         if not _is_time(note.ago) or not _is_time(note.seconds):
-            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message}' has times that are none")
-    for loss in header.losses:
-        if loss.message:
-            _check_name(central, loss.message)
+            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times that are none")
+    names = [name for note in header.notes for name in (note.message, note.sender, note.failure)]
+    for name in (*names, *(loss.message for loss in header.losses)):
+        if not name.isprintable() or len(name) > Limit.NAME:
+            raise RequestError(Refusal.PROTOCOL, f"a note says {name!r:.60}, which is no name")
     for note in header.notes:
         ended = max(0.0, central.clock.now - note.ago)
         fact = facts.HandledDirectly(
@@ -148,11 +148,6 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
         )  # fmt: skip
         central.facts.append(fact)
     central.facts.extend(facts.LostDirectly(module, loss.message, loss.number) for loss in header.losses)
-
-
-def _check_name(central: State, name: str) -> None:
-    if name not in central.registry.messages:
-        raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}', which a note is about")
 
 
 def _is_time(seconds: float) -> bool:

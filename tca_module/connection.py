@@ -290,7 +290,7 @@ is alive: it is overloaded; whether it took the request is not known"
                 self.attend(*delivery)
                 continue
             session.tend(now, since)
-            self._flush(_SEND_WAIT if session.is_welcome else STEP)
+            self._flush(_SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP)
             step = self.direct.patience(min(STEP, max(0.0, deadline - now)))
             self._listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
@@ -343,6 +343,7 @@ it listens"
         if self.session.outgoing:
             outgoing, self.session.outgoing = self.session.outgoing, []
             if not all(self.transport.send(packet, wait_seconds) for packet in _packets(outgoing)):
+                self.direct.unsent(outgoing)
                 self.session.outgoing = outgoing
                 self.session.break_off()
 

@@ -17,7 +17,7 @@ from tca_module.session import Request, Session
 from tca_module.transport import DealerTransport
 from tca_wire.declarations import Message
 from tca_wire.headers import Deliver, Send, ToCentral
-from tca_wire.routes import Entrance
+from tca_wire.routes import Entrance, Noted
 from tca_wire.vocabulary import MessageClass
 
 
@@ -116,13 +116,24 @@ class Direct:
         if self._notes.due != FAR:
             self._notes.report(self._session, self._clock())
 
+    def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
+        """These could not be sent to central: notes among them are kept."""
+        for header, _ in items:
+            if isinstance(header, Noted):
+                self._notes.restore(header, self._clock())
+
+    @property
+    def is_used(self) -> bool:
+        """Whether something may come, so that nobody should wait for central alone."""
+        return self._inbox is not None or self._routes.is_used
+
     def shut(self) -> None:
         """Take nothing more, and say what is yet to be noted. What was not begun with is sent to somebody else."""
         if self._inbox is not None:
             self._inbox.close()
             self._inbox = None
         if self._notes.due != FAR:
-            self._notes.report(self._session, FAR)
+            self._notes.report(self._session, self._clock(), at_once=True)
 
     def close(self) -> None:
         """Close everything; without ``shut`` before, what was begun with has failed."""

@@ -76,7 +76,7 @@ class Path:
         self._module = module
         self._end, self._hand_over, self._lose = end, hand_over, lose
         self._newest = 0
-        self._under_way: dict[int, tuple[str, int]] = {}  #: message and size of what may not have been begun with
+        self._under_way: dict[int, tuple[str, int]] = {}  #: inform ("": a query) and size of what may not be begun with
         self._bytes = 0
         self._said = float("-inf")  #: when the slot was last sent a query or greeting
         self._gives_up: tuple[float, str] | None = None  #: the slot is gone: when its queries have failed, and why
@@ -97,7 +97,7 @@ class Path:
             request.refused = Refused(0, Refusal.OVERLOAD, text)
             self._end(request)
             return True
-        if not self._send(request.header, request.body):
+        if not self._send(request.header, request.body, inform=""):
             return False
         self.requests[self._newest] = request
         request.path, request.number = self, self._newest
@@ -109,7 +109,7 @@ class Path:
         if self._is_full(len(body)):
             self._lose(header.message)
             return True
-        return self._send(header, body)
+        return self._send(header, body, inform=header.message)
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
@@ -119,12 +119,12 @@ class Path:
     def _is_full(self, size: int) -> bool:
         return len(self._under_way) >= MOST_UNDER_WAY or bool(self._under_way and self._bytes + size > MOST_BYTES)
 
-    def _send(self, header: headers.Send, body: bytes) -> bool:
+    def _send(self, header: headers.Send, body: bytes, *, inform: str) -> bool:
         if not self.socket.send(pack_item(Direct(self._newest + 1, header.message, header.origin), body)):
             self._is_open, self._said = False, float("-inf")
             return False
         self._newest += 1
-        self._under_way[self._newest] = header.message, len(body)
+        self._under_way[self._newest] = inform, len(body)
         self._bytes += len(body)
         return True
 
@@ -210,12 +210,13 @@ class Path:
             self.is_over = self.is_over or not header.number
             self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
 
-    def _on_greeting(self, header: Greeting, _: bytes) -> None:
+    def _on_greeting(self, header: Greeting, _body: bytes) -> None:
         self._is_open, self._is_first = True, False
         missing, waits = frozenset(header.missing), frozenset(header.open)
         for number in [number for number in self._under_way if number <= header.newest and number not in self.requests]:
-            if number in missing:
-                self._lose(self._under_way[number][0])
+            inform = self._under_way[number][0]
+            if inform and number in missing:
+                self._lose(inform)
             self._begun(number)
         for number in [number for number in self.requests if number <= header.newest and number not in waits]:
             request = self.requests[number]

@@ -75,6 +75,11 @@ class DirectRoutes:
                 return path
         return None
 
+    @property
+    def is_used(self) -> bool:
+        """Whether there is a way to anywhere."""
+        return bool(self._paths)
+
     # --- what comes ------------------------------------------------------------------------------------------------
 
     def listen(self, clock: Callable[[], float]) -> None:

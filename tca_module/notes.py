@@ -40,9 +40,9 @@ class Notes:
         self._losses[message] += 1
         self.due = min(self.due, now + WITHIN)
 
-    def report(self, session: Session, now: float) -> None:
+    def report(self, session: Session, now: float, *, at_once: bool = False) -> None:
         """Say them if it is time, or if something is sent anyway."""
-        if not session.is_welcome or (now < self.due and not session.outgoing):
+        if not session.is_welcome or (not at_once and now < self.due and not session.outgoing):
             return
         notes = [
             Note(message, sender, origin, size, max(0.0, now - ended), seconds, outcome, failure)
@@ -52,3 +52,15 @@ class Notes:
         self._notes.clear()
         self._losses.clear()
         self.due = FAR
+
+    def restore(self, said: Noted, now: float) -> None:
+        """What was said could not be sent: keep it."""
+        for note in said.notes:
+            self.handled(now - note.ago, *_what(note))
+        for loss in said.losses:
+            self._losses[loss.message] += loss.number
+            self.due = min(self.due, now + WITHIN)
+
+
+def _what(note: Note) -> tuple[str, str, int, int, float, Outcome, str]:
+    return note.message, note.sender, note.origin, note.size, note.seconds, note.outcome, note.failure

@@ -176,10 +176,10 @@ def test_notes_become_facts(player: Player) -> None:
 @pytest.mark.parametrize(
     ("header", "refusal"),
     [
-        (Noted([Note("unheard of", "user", 0, 1, 0, 0)]), Refusal.UNKNOWN),
+        (Noted([Note("un\nheard of", "user", 0, 1, 0, 0)]), Refusal.PROTOCOL),
         (Noted([Note("height", "user", 0, 1, float("nan"), 0)]), Refusal.PROTOCOL),
         (Noted([Note("height", "user", 0, 1, 0, -1)]), Refusal.PROTOCOL),
-        (Noted([Note("height", "user", 0, 1, 0, 0)], [Loss("unheard of", 1)]), Refusal.UNKNOWN),
+        (Noted([Note("height", "user", 0, 1, 0, 0)], [Loss("x" * 129, 1)]), Refusal.PROTOCOL),
         (Noted([Note("height", "user", 0, 1, 0, 0)] * 2001), Refusal.OVERLOAD),
         (headers.Register(1000, [], [HandlerFormat("walk", "map", direct=True)]), Refusal.PROTOCOL),
     ],
