@@ -84,7 +84,8 @@ class PathSocket:
 
     def __init__(self, endpoint: str) -> None:
         self._socket = _socket(zmq.DEALER)
-        self._socket.setsockopt(zmq.IMMEDIATE, 1)  # nothing is queued for a slot that is not there
+        # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when the far end closes,
+        # and that would be the last answers of a slot. What waits for a slot that is gone is bounded by the count.
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
         try:
             self._socket.connect(endpoint)

@@ -31,7 +31,7 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Delivered, HandledDirectly, LostDirectly
+from tca_wire.facts import Delivered, HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Outcome, Refusal
 
 HEIGHT = Query("height", float, reply=float)
@@ -108,7 +108,7 @@ def test_informs_go_directly_in_order_and_all_are_noted(central: RealCentral, us
             user.inform(POSE, float(number))
         until(lambda: len(seen) == 500, "all have come")
         assert seen == [float(number) for number in range(500)]
-    assert direct(central, "pose") > 500
+    until(lambda: direct(central, "pose") > 500, "its last word tells of those that were not noted yet")
     assert not central.facts(LostDirectly)
 
 
@@ -123,7 +123,7 @@ def test_a_handler_asks_directly_and_the_journal_says_for_whom(central: RealCent
     with a_map(central).running(), walker.running():
         task = user.command(WALK, -2.0)
         assert task.result(SOON) == 2.0
-    assert {fact.origin for fact in central.facts(HandledDirectly)} == {task.id}
+    until(lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id}, "all were noted")
 
 
 def test_coroutines_ask_and_answer_directly(central: RealCentral, user: Client) -> None:
@@ -145,7 +145,7 @@ def test_coroutines_ask_and_answer_directly(central: RealCentral, user: Client) 
         began = time.monotonic()
         assert user.command(WALK, -2.0).result(SOON) == 40.0
         assert time.monotonic() - began < 20 * 0.1  # what is missed costs a step of 0.2 s each time
-    assert direct(central, "depth")
+    until(lambda: direct(central, "depth"), "it was noted")
 
 
 def test_failures_and_bad_data_are_those_that_central_brings(central: RealCentral, user: Client) -> None:
@@ -164,7 +164,8 @@ def test_failures_and_bad_data_are_those_that_central_brings(central: RealCentra
         ask(-1.0)
         with pytest.raises(BadData):
             user.query(HEIGHT, "here")  # type: ignore[misc]
-    assert {fact.failure for fact in central.facts(HandledDirectly)} == {"handler error", "bad data"}
+    failures = {"handler error", "bad data"}
+    until(lambda: {fact.failure for fact in central.facts(HandledDirectly)} == failures, "both were noted")
 
 
 def test_a_wiretap_sees_all_while_it_lasts(central: RealCentral, user: Client) -> None:
@@ -217,7 +218,8 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
         pending = [user.query_send(HEIGHT, float(x)) for x in range(1, 6)]
         assert begun.wait(SOON)
         leaving.stop()
-        until(lambda: user.query(HEIGHT, 50.0) == 150.0, "the first is withdrawn")
+        until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
+        assert user.query(HEIGHT, 50.0) == 150.0
         go_on.set()
         answers = [one.receive(SOON) for one in pending]
         thread.join(SOON)
