@@ -67,7 +67,6 @@ def messages(central: State) -> list[dict[str, Any]]:
             "handlers": [handler.module.name for handler in reversed(message.handlers)],
             "handled_by": [_handler(handler) for handler in reversed(message.handlers)],
             "awaited_by": [wait.connection.module.name for wait in message.awaited_by],
-            "direct": bool(message.route),
             "waiting": len(message.waiting),
             "data": message.format.data,
             "reply": message.format.reply,
@@ -83,6 +82,7 @@ def _handler(handler: Handler) -> dict[str, Any]:
         "resource": resource.name,
         "pool": handler.pool,
         "pending": handler.pending,
+        "direct": bool(handler.message.route) and handler is handler.message.handlers[-1],
         "capacity": resource.capacity,
         "waiting": resource.waiting,
     }

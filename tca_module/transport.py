@@ -162,8 +162,12 @@ class DealerTransport:
         if timeout_seconds <= 0:
             # Asking is cheaper than the exception that an empty socket raises.
             return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
-        if self._waker is not None or self._beside:
+        if self._waker is not None:
             wait(self, timeout_seconds)
+            return self.receive(0)
+        if self._beside:
+            if not self.has_arrived():
+                self._together().select(timeout_seconds)
             return self.receive(0)
         milliseconds = int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
         if milliseconds != self._receive_timeout:
