@@ -76,7 +76,11 @@ class Player:
         """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
         self.hello(name)
         messages = [self.format(words) for words in handles]
-        handlers = [HandlerFormat(message.name, name, pool, pending, direct) for message in messages]
+        may_be_direct = (MessageClass.INFORM, MessageClass.QUERY) if direct else ()
+        handlers = [
+            HandlerFormat(message.name, name, pool, pending, message.message_class in may_be_direct)
+            for message in messages
+        ]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
         for index in range(capacity if handles else 0):
             self.hello(f"{name}/{index + 1}", name, name, direct=direct)
