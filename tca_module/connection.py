@@ -323,6 +323,8 @@ it listens"
         packet = self.transport.receive(timeout)
         if packet is not None:
             self._take_in(packet)
+        else:
+            self.direct.report()  # now that all is read that central said: it may have ended
         self.direct.listen()
         return packet is not None
 
@@ -339,7 +341,6 @@ it listens"
 
     def _flush(self, wait_seconds: float = _SEND_WAIT) -> None:
         """Send what the session has to say."""
-        self.direct.report()
         if self.session.outgoing:
             outgoing, self.session.outgoing = self.session.outgoing, []
             if not all(self.transport.send(packet, wait_seconds) for packet in _packets(outgoing)):

@@ -12,7 +12,7 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
+from tca_module.transport import DONTWAIT, EVENTS, KEEPALIVE, POLLIN, SNDMORE, context
 from tca_wire.vocabulary import Limit
 
 MOST_UNDER_WAY = 1000
@@ -24,8 +24,7 @@ _OPTIONS = (
     (zmq.LINGER, 1000),
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.HANDSHAKE_IVL, 2000),
-    (zmq.HEARTBEAT_IVL, 1000),
-    (zmq.HEARTBEAT_TIMEOUT, 5000),
+    *KEEPALIVE,  # and no heartbeats: see transport.py; senders greet
 )
 _LONGEST_PATH = 100  # bytes in the path of a Unix socket; systems differ between 103 and 107
 _SUFFIX = ".direct"

@@ -16,6 +16,14 @@ import zmq
 
 from tca_module.errors import MisuseError
 
+KEEPALIVE = (
+    (zmq.TCP_KEEPALIVE, 1),
+    (zmq.TCP_KEEPALIVE_IDLE, 5),  # seconds
+    (zmq.TCP_KEEPALIVE_INTVL, 1),
+    (zmq.TCP_KEEPALIVE_CNT, 5),
+)
+"""Options by which a line whose far end has vanished is noticed."""
+
 _OPTIONS = (
     # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).
     (zmq.IMMEDIATE, 1),  # refuse to queue for a central that is not there, instead of losing it
@@ -23,8 +31,9 @@ _OPTIONS = (
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 5000),
-    (zmq.HEARTBEAT_IVL, 1000),  # of the network only: a busy handler answers these too
-    (zmq.HEARTBEAT_TIMEOUT, 5000),
+    # No HEARTBEAT_IVL, central's beats tell enough: one that is due while a socket lingers whose far end has closed
+    # ends the process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
+    *KEEPALIVE,
 )
 
 
