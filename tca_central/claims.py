@@ -6,6 +6,7 @@ connection, or when an operator takes it away.
 """
 
 from tca_central.clock import Due, checked_seconds
+from tca_central.direct import review_resource
 from tca_central.errors import RequestError
 from tca_central.registry import Connection, Delivery, Module, ModuleResource
 from tca_central.resources import Claim, Resource
@@ -39,6 +40,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     if header.timeout >= 0:
         claim.timer = central.clock.after(header.timeout, Due.CLAIM, claim)
     central.dispatcher.claim(claim)
+    review_resource(central, resource)
     if header.blocking:
         central.block(connection, header.number, header.origin)
 
@@ -160,6 +162,7 @@ def end_on_module(central: State, module: Module, why: str) -> None:
 
 def _end(central: State, claim: Claim[Connection], why: str) -> None:
     central.dispatcher.end_claim(claim)
+    review_resource(central, claim.resource)
     central.clock.cancel(claim.timer)
     del central.claims[claim.slot, claim.number]
     if (mine := central.claimed_for.get(claim.holder)) is not None:

@@ -17,6 +17,7 @@ from tca_central import (
     claims,
     control,
     deadlocks,
+    direct,
     failures,
     joining,
     keeping,
@@ -24,6 +25,7 @@ from tca_central import (
     requests,
     sharing,
     taps,
+    waits,
 )
 from tca_central.clock import Due
 from tca_central.errors import RequestError
@@ -33,6 +35,7 @@ from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Refused
+from tca_wire.routes import Noted, WatchEntrance
 from tca_wire.vocabulary import Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000
@@ -202,7 +205,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.Reply: requests.on_reply,
     headers.Fail: requests.on_fail,
     headers.Constrain: requests.on_constrain,
-    headers.WaitFor: requests.on_wait_for,
+    headers.WaitFor: waits.on_wait_for,
     headers.GiveUp: requests.on_give_up,
     headers.Kill: control.on_kill,
     headers.Ask: requests.on_ask,
@@ -223,6 +226,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.WaitUntilHandled: availability.on_wait_until_handled,
     headers.Lock: claims.on_lock,
     headers.Unlock: claims.on_unlock,
+    Noted: direct.on_noted,
+    WatchEntrance: direct.on_watch_entrance,
 }
 """One row per message: what happens when it arrives."""
 

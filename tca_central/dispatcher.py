@@ -92,7 +92,6 @@ class Dispatcher:
 
     def _attend(self, delivery: Delivery, slot: Connection) -> None:
         delivery.slot = slot
-        slot.handling.append(delivery)
         self.attended[delivery.given_as] = delivery
         self._deliver(delivery, slot)
 
@@ -103,7 +102,7 @@ class Dispatcher:
         del self.attended[delivery.given_as]
         slot, delivery.slot = delivery.slot, None
         assert slot is not None
-        slot.handling.remove(delivery)
+        del slot.handling[delivery]
         if delivery.nested:
             delivery.nested = False
         elif slot.resource is not None:
@@ -178,7 +177,7 @@ class Dispatcher:
             self.freed.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
-        orphans, slot.handling = slot.handling, []
+        orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
             del self.attended[delivery.given_as]
             delivery.slot, delivery.nested = None, False

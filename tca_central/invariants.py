@@ -8,6 +8,7 @@ from collections import Counter
 
 from tca_central.availability import HandledWait
 from tca_central.clock import Due
+from tca_central.direct import route_of
 from tca_central.holds import Release, held_counts
 from tca_central.intervals import (
     END_ACHIEVING,
@@ -47,6 +48,7 @@ def check_invariants(central: State) -> None:
     _check_connections(central)
     _check_variables(central)
     _check_kept(central)
+    _check_routes(central)
 
 
 def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:
@@ -237,3 +239,17 @@ def _check_variables(central: State) -> None:
         assert not message.waiting, f"variable '{name}': waits for a handler"
         for handler in message.handlers:
             assert handler.resource.limits[name].most == 1, f"variable '{name}': older values may wait"
+
+
+def _check_routes(central: State) -> None:
+    """Who is told of a message's route, and of a slot's end, is connected; and both sides know it."""
+    connections = set(central.registry.connections.values())
+    for message in central.registry.messages.values():
+        assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
+        assert message.told.keys() <= connections, f"'{message.name}': one who is gone is told of its route"
+        assert all(message in sender.routes for sender in message.told), f"'{message.name}': told without knowing"
+    for connection in connections:
+        assert all(connection in message.told for message in connection.routes), "it is no longer told"
+        assert connection.watches.keys() <= connections, "it watches a slot that is gone"
+        assert all(connection in slot.watchers for slot in connection.watches), "it watches in vain"
+        assert connection.watchers.keys() <= connections, "one who is gone watches"

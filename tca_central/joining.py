@@ -1,6 +1,6 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
-from tca_central import claims, notices
+from tca_central import claims, direct, notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.keeping import release_all
@@ -29,6 +29,8 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
     ):
         raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
+    if header.entrance is not None:
+        direct.check_entrance(header.entrance)
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process))
@@ -40,14 +42,16 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection.id = connection_id
         registry.connections[connection_id] = connection
     else:
-        connection = _join(central, Connection(connection_id, session, module), header.resource)
+        connection = Connection(connection_id, session, module)
+        connection.entrance = header.entrance if header.resource else None
+        _join(central, connection, header.resource)
     on_hello_again(central, connection, header, b"")
     for delivery in list(central.dispatcher.attended.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
 
 
-def _join(central: State, connection: Connection, resource_name: str) -> Connection:
+def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
@@ -57,11 +61,12 @@ def _join(central: State, connection: Connection, resource_name: str) -> Connect
         resource = module.resource(resource_name)
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
         central.dispatcher.slot_came(connection, resource)
-    return connection
+        direct.review_slots(central, connection)
 
 
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
     """A connection that is known asks whether it still is."""
+    direct.forget_sender(connection)
     welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
     central.tell(connection, welcome)
 
@@ -75,6 +80,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
     module = connection.module
     central.registry.forget_connection(connection)
+    direct.forget_sender(connection)
     for number in list(connection.outstanding):
         give_up(central, connection, number)
     claims.end_of_connection(central, connection)
@@ -84,6 +90,8 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
+        direct.review_slots(central, connection)
+        direct.slot_gone(central, connection, why, lost=lost)
     if not module.connections:
         remove_handlers(central, list(module.handlers.values()))
         claims.end_on_module(central, module, why)
@@ -123,13 +131,13 @@ def on_register(central: State, connection: Connection, header: headers.Register
     for declared in header.messages:
         registry.check(declared, module)
         check_parts(central, declared, new)
-    declared_now = {declared.name for declared in header.messages}
     for handled in header.handlers:
-        if handled.message not in declared_now and handled.message not in registry.messages:
+        if handled.message not in new and handled.message not in registry.messages:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
         if handled.pending < 0:
             text = f"{handled.pending} of '{handled.message}' can't wait: the limit is 1 or more, or 0 for none"
             raise RequestError(Refusal.PROTOCOL, text)
+        direct.check_handler(handled, new.get(handled.message) or registry.messages[handled.message].message_class)
     for declared in header.messages:
         message, is_new = registry.declare(declared, module)
         if is_new:
@@ -150,8 +158,9 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     message = central.registry.messages[handled.message]
     # Of a variable only the newest value is wanted.
     pending = 1 if message.message_class is MessageClass.VARIABLE else handled.pending
-    handler = Handler(message, module, resource, handled.pool, pending)
+    handler = Handler(message, module, resource, handled.pool, pending, direct=handled.direct)
     central.dispatcher.handler_came(handler)
+    direct.review(central, [message])
     tell_new_watcher(central, handler)
 
 
@@ -172,3 +181,4 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
                 fail_delivery(central, delivery, Failure(MODULE_LOST, why))
             else:
                 central.facts.append(facts.Dropped(delivery.id, why))
+        direct.review(central, [handler.message])

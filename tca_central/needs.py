@@ -20,10 +20,10 @@ from tca_central.intervals import (
     delivered_at,
 )
 from tca_central.registry import Connection, Delivery, ModuleResource
-from tca_central.requests import Wait
 from tca_central.resources import Claim
 from tca_central.state import State
 from tca_central.task_tree import Task
+from tca_central.waits import Wait
 
 
 class Waiting(NamedTuple):
@@ -88,12 +88,10 @@ def _of_wait(central: State, node: Waiting) -> Groups:
 
 def _of_handler(_: State, node: Returning) -> Groups:
     """A handler returns after it has got all that it, or whatever is handled within its waits, waits for."""
-    delivery = node.delivery
-    slot = delivery.slot
-    for number, wait in slot.waits.items() if slot is not None else ():
-        if not wait.origin or wait.origin >= delivery.given_as:
-            assert slot is not None
-            yield [Waiting(slot, number)]
+    slot = node.delivery.slot
+    if slot is not None:
+        given = slot.handling[node.delivery]
+        yield from ([Waiting(slot, number)] for number, wait in slot.waits.items() if wait.since > given)
 
 
 def _of_turn(_: State, node: Turn) -> Groups:
@@ -111,7 +109,7 @@ def _of_turn_at(_: State, node: TurnAt) -> Groups:
         key = -delivery.priority, delivery.arrival
         yield from ([Granting(claim)] for claim in resource.claims if (-claim.priority, claim.arrival) < key)
     if resource.slots and not resource.free:
-        yield [Returning(slot.handling[0]) for slot in resource.slots if slot.handling]
+        yield [Returning(next(iter(slot.handling))) for slot in resource.slots if slot.handling]
 
 
 def _of_claim(_: State, node: Granting) -> Groups:
@@ -123,7 +121,7 @@ def _of_claim(_: State, node: Granting) -> Groups:
         yield [Releasing(resource.held_by)]
     for slot in resource.slots:
         if slot.handling and slot is not claim.slot:
-            yield [Returning(slot.handling[0])]
+            yield [Returning(next(iter(slot.handling)))]
     key = -claim.priority, claim.arrival
     yield from ([Granting(one)] for one in resource.claims if (-one.priority, one.arrival) < key)
 

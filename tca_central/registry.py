@@ -10,6 +10,7 @@ from tca_wire.formats import first_difference
 from tca_wire.headers import ToModule
 from tca_wire.notices import NOTICES, PREFIX
 from tca_wire.parts import MessageFormat
+from tca_wire.routes import Entrance
 from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal, Role
 
 REMEMBERED_ANSWERS = 64
@@ -41,7 +42,8 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "handling", "id", "last_number", "module", "outstanding", "resource", "session", "waits")
+    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "outstanding", "resource", "routes",
+                 "session", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
@@ -51,8 +53,12 @@ class Connection:
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
         self.last_number = 0  #: the highest request number seen
-        self.handling: list[Delivery] = []  #: what it handles; a nested one after the one it is nested in
+        self.handling: dict[Delivery, int] = {}  #: what it handles, and the event in which it got that; oldest first
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
+        self.entrance: Entrance | None = None  #: where this slot takes messages directly
+        self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
+        self.watches: dict[Connection, None] = {}  #: slots whose end it is told of
+        self.watchers: dict[Connection, None] = {}  #: who is told of this slot's end
 
     def remember(self, number: int, header: ToModule, body: bytes) -> None:
         """Keep an answer in case the request is repeated."""
@@ -84,16 +90,18 @@ class Module:
 class Handler:
     """That a module handles a message, in one of its resources."""
 
-    __slots__ = ("message", "module", "pending", "pool", "resource")
+    __slots__ = ("direct", "message", "module", "pending", "pool", "resource")
 
     def __init__(
-        self, message: "MessageType", module: Module, resource: ModuleResource, pool: str, pending: int
-    ) -> None:
+        self, message: "MessageType", module: Module, resource: ModuleResource, pool: str, pending: int,
+        *, direct: bool = False,
+    ) -> None:  # fmt: skip
         self.message = message
         self.module = module
         self.resource = resource
         self.pool = pool  #: handlers of one pool share the messages
         self.pending = pending  #: so many messages may wait for it (0: no limit of its own)
+        self.direct = direct  #: senders may do without central, where nothing speaks against it
 
 
 class MessageType:
@@ -108,6 +116,8 @@ class MessageType:
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[Attached] = []  #: exception handlers of each of its tasks, newest last
         self.taps: list[Tap] = []  #: oldest first
+        self.route: tuple[Connection, ...] = ()  #: slots to which it may be sent directly
+        self.told: dict[Connection, None] = {}  #: senders that know the route
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
         """Take a format; those who declared another are gone."""

@@ -78,7 +78,8 @@ class Server:
     def stop(self, why: str) -> None:
         """End the loop; may be called from a signal handler or another thread."""
         self.stopping = why
-        self._wake.send(b".")
+        with contextlib.suppress(OSError):  # the loop may have seen it already, and be over
+            self._wake.send(b".")
 
     # --- the loop --------------------------------------------------------------------------------------------------
 

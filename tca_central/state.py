@@ -62,11 +62,20 @@ def involved(delivery: Delivery) -> Involved:
     return Involved(TaskId(delivery.id), delivery.message.name if delivery.id else "")
 
 
+def is_own(delivery: Delivery) -> bool:
+    """Whether a slot with an entrance is asked by its own resource: it may be busy, and central not know it."""
+    sender, slot = delivery.sender, delivery.slot
+    if sender is None or slot is None or slot.entrance is None:
+        return False
+    return sender.resource is slot.resource and delivery.message.message_class.has_reply
+
+
 def deliver(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
     context = delivery.context.header if delivery.context is not None else None
     if not isinstance(delivery, Task):
-        return headers.Deliver(delivery.given_as, delivery.message.name, ROOT, context)
+        own = is_own(delivery)
+        return headers.Deliver(delivery.given_as, delivery.message.name, ROOT, context, own=own)
     return headers.Deliver(delivery.given_as, delivery.message.name, TaskId(delivery.id), context, delivery.suspended)
 
 
@@ -106,6 +115,7 @@ class State:
 
     def deliver(self, delivery: Delivery, slot: Connection) -> None:
         """A handler gets a message: the one place where messages leave for modules."""
+        slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
         self.facts.append(facts.Delivered(delivery.given_as, delivery.message_id, resource.module, resource.name))

@@ -8,6 +8,7 @@ under the root, so that an observer's failure is not the observed one's. What is
 
 from typing import NamedTuple
 
+from tca_central import direct
 from tca_central.errors import RequestError
 from tca_central.intervals import (
     DELIVERED,
@@ -154,6 +155,7 @@ def _add(
     central.taps[tap.id] = tap
     task = TaskId(place.id) if isinstance(place, Task) else ROOT
     central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task))
+    direct.review(central, [tapped])
     return tap
 
 
@@ -162,6 +164,8 @@ def remove(central: State, tap: Tap) -> None:
     (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
     del central.taps[tap.id]
     central.facts.append(facts.Removed(tap.id))
+    if isinstance(tap.place, MessageType):
+        direct.review(central, [tap.place])
 
 
 def forget_task(central: State, task: Task) -> None:

@@ -1,8 +1,9 @@
 """Connections from outside of handlers: what opens one, and the client for scripts that are no module."""
 
+import logging
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from secrets import token_hex
 from types import TracebackType
 from typing import Any, Literal, Protocol, Self
@@ -10,10 +11,12 @@ from typing import Any, Literal, Protocol, Self
 import msgspec
 
 from tca_module.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
+from tca_module.direct import Direct, Door
 from tca_module.errors import MisuseError, Timeout
 from tca_module.sender import Sender
 from tca_module.session import Session
 from tca_module.transport import DealerTransport, Transport
+from tca_wire.declarations import Message
 from tca_wire.endpoint import default_endpoint
 from tca_wire.headers import PROTOCOL_VERSION, Ask, Hello
 
@@ -32,20 +35,37 @@ CentralAddress = str | CentralNearby | None
 
 
 def open_connection(
-    central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False
-) -> Connection:
-    """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds."""
+    central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
+    direct: Iterable[Message[Any, Any]] = (),
+) -> Connection:  # fmt: skip
+    """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds.
+
+    It takes the messages *direct* from their senders, too, without central.
+    """
     if central is None or isinstance(central, str):
-        transport: Transport = DealerTransport(central or default_endpoint())
+        connection = _connection_by_socket(central or default_endpoint(), hello, patience, list(direct))
     else:
-        transport = central.transport()
-    connection = Connection(transport, Session(hello), patience=patience)
+        connection = Connection(central.transport(), Session(hello), patience=patience)
     try:
         connection.open(is_stopped)
     except BaseException:
-        transport.close()
+        connection.drop()
         raise
     return connection
+
+
+def _connection_by_socket(address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]]) -> Connection:
+    transport, door = DealerTransport(address), None
+    if direct:
+        try:
+            door = Door(address, direct)
+            hello = msgspec.structs.replace(hello, entrance=door.entrance)
+        except OSError as error:
+            log = logging.getLogger(f"tca.{hello.module}")
+            log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
+    session = Session(hello)
+    without_central = Direct(session, transport, f"{hello.incarnation}/{hello.connection}", door)
+    return Connection(transport, session, patience=patience, direct=without_central)
 
 
 def hello(module: str, incarnation: str, connection: int = 0, resource: str = "") -> Hello:

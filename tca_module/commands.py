@@ -74,13 +74,17 @@ def messages(client: Client) -> tuple[Any, str]:
         [
             message["message"],
             message["class"],
-            ", ".join(message["handlers"]) or "nobody",
+            ", ".join(map(_handler, message["handled_by"])) or "nobody",
             str(message["waiting"] or ""),
         ]
         for message in known
     ]
     text = "\n".join(_table(["message", "class", "handled by", "waiting"], rows))
     return known, text if rows else "no messages have been declared"
+
+
+def _handler(handler: dict[str, Any]) -> str:
+    return f"{handler['module']} (direct)" if handler["direct"] else str(handler["module"])
 
 
 @_question("variables")

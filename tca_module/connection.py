@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
+from tca_module.direct import Direct
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
 from tca_module.session import Request, Session, refers_to_tasks
 from tca_module.transport import Transport
@@ -47,11 +48,12 @@ class Connection:
     """One connection to central."""
 
     def __init__(
-        self, transport: Transport, session: Session, *, patience: float = PATIENCE,
+        self, transport: Transport, session: Session, *, patience: float = PATIENCE, direct: Direct | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         self.session = session
         self.transport = transport
+        self.direct = direct or Direct(session)  #: what goes without central
         self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.outside: Any = None  #: the Sender with which callbacks send
         self.callbacks: deque[Callable[[], None]] = (
@@ -93,8 +95,15 @@ class Connection:
     def close(self) -> None:
         """Say goodbye."""
         with self._lock:
+            self.direct.shut()
             if self.session.post(Bye()):
                 self._flush()
+            self.drop()
+
+    def drop(self) -> None:
+        """Close without goodbye: what was begun and not answered has failed."""
+        with self._lock:
+            self.direct.close()
             self.transport.close()
 
     # --- requests --------------------------------------------------------------------------------------------------
@@ -133,6 +142,8 @@ is alive: it is overloaded; whether it took the request is not known"
             if self.session.epoch != epoch and refers_to_tasks(header):
                 msg = "central was restarted meanwhile and has forgotten its tasks: begin anew"
                 raise CentralLost(msg)
+            if wants_answer and (asked := self.direct.ask(header, body)) is not None:
+                return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
             self._flush()
             return request
@@ -183,6 +194,8 @@ is alive: it is overloaded; whether it took the request is not known"
         self._check_thread()
         with self._lock:
             self._catch_up()
+            if self.direct.tell(header, body):
+                return
             dropped = self.session.dropped
             self.session.post(header, body)
             self._flush()
@@ -192,8 +205,9 @@ is alive: it is overloaded; whether it took the request is not known"
     def reply(self, header: Any, body: bytes) -> None:
         """A handler ended."""
         with self._lock:
-            self.session.reply(header, body)
-            self._flush()
+            if not self.direct.reply(header, body):
+                self.session.reply(header, body)
+                self._flush()
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled has been killed."""
@@ -280,13 +294,15 @@ is alive: it is overloaded; whether it took the request is not known"
             if self.has_news:
                 self.take_news()
                 continue
-            if self.attend is not None and session.deliveries:
-                self.attend(*session.deliveries.popleft())
+            if self.attend is not None and (delivery := self.direct.next_delivery()) is not None:
+                self.attend(*delivery)
                 continue
             session.tend(now, since)
-            self._flush(_SEND_WAIT if session.is_welcome else STEP)
-            step = min(STEP, max(0.0, deadline - now))
+            self._flush(_SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP)
+            step = self.direct.patience(min(STEP, max(0.0, deadline - now)))
             self._listen(0.0 if idle is not None and idle(step) else step)
+            if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
+                self.attend(*message)  # one at a time, and central is heard in between
             before, now = now, self._clock()
             if now - before > STALL:
                 since = now  # this process stood still, and central's words have yet to be read: blame nobody
@@ -313,8 +329,14 @@ it listens"
 
     def _listen(self, timeout: float) -> bool:
         packet = self.transport.receive(timeout)
-        if packet is None:
-            return False
+        if packet is not None:
+            self._take_in(packet)
+        else:
+            self.direct.report()  # now that all is read that central said: it may have ended
+        self.direct.listen()
+        return packet is not None
+
+    def _take_in(self, packet: bytes) -> None:
         now = self._clock()
         try:
             for header, body in unpack_to_module(packet):
@@ -324,13 +346,13 @@ it listens"
         for complaint in self.session.complaints:
             self._log.warning("%s", complaint)
         self.session.complaints.clear()
-        return True
 
     def _flush(self, wait_seconds: float = _SEND_WAIT) -> None:
         """Send what the session has to say."""
         if self.session.outgoing:
             outgoing, self.session.outgoing = self.session.outgoing, []
             if not all(self.transport.send(packet, wait_seconds) for packet in _packets(outgoing)):
+                self.direct.unsent(outgoing)
                 self.session.outgoing = outgoing
                 self.session.break_off()
 

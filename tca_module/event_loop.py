@@ -95,7 +95,7 @@ class EventLoop:
             connection.transport.has_arrived()
             or connection.has_news
             or any(map(connection.session.is_cancelled, self._handled))
-            or bool(connection.session.deliveries and not self._is_closing)
+            or bool(connection.direct.has_delivery and not self._is_closing)
         )
 
     def _on_news(self) -> None:
@@ -121,8 +121,8 @@ class EventLoop:
         silence = connection.tend(self._since, 0.0)
         while connection.has_news:
             connection.take_news()
-        while connection.session.deliveries and not self._is_closing:
-            self._attend(*connection.session.deliveries.popleft())
+        while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
+            self._attend(*delivery)
         return silence
 
     def _keep_alive(self) -> None:

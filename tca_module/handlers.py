@@ -10,7 +10,7 @@ from tca_module.failing import Misfit, failed
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
 from tca_module.task import Task
-from tca_wire.declarations import D, Message, R, Variable
+from tca_wire.declarations import D, Inform, Message, Query, R, Variable
 from tca_wire.errors import BadData
 from tca_wire.headers import Fail, Reply
 from tca_wire.parts import HandlerFormat
@@ -63,8 +63,9 @@ class Handler:
     """That a function handles a message, in a resource."""
 
     def __init__(
-        self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None
-    ) -> None:
+        self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None,
+        *, direct: bool = False,
+    ) -> None:  # fmt: skip
         if not isinstance(message, Message):
             msg = f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none"
             raise MisuseError(msg)
@@ -73,6 +74,7 @@ class Handler:
         self.resource = resource
         self.pool = pool
         self.pending = self._checked_pending(pending)
+        self.direct = self._checked_direct(direct=direct)
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
         self._arguments = self._checked_arguments()
@@ -80,7 +82,7 @@ class Handler:
     @property
     def format(self) -> HandlerFormat:
         """What central is told of this handler."""
-        return HandlerFormat(self.message.name, self.resource, self.pool, self.pending)
+        return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
 
     def _checked_pending(self, pending: int | None) -> int:
         if pending is not None and (not isinstance(pending, int) or not 1 <= pending <= _MOST_PENDING):
@@ -91,6 +93,17 @@ class Handler:
             msg = f"variable '{self.message.name}' can't be handled with pending={pending}: only its newest value waits"
             raise MisuseError(msg)
         return pending or 0
+
+    def _checked_direct(self, *, direct: bool) -> bool:
+        what = f"{self.message.message_class} '{self.message.name}' can't be handled with direct=True"
+        if direct and not isinstance(self.message, Inform | Query):
+            why = "tasks belong into the task tree, and what goes to many, or is kept for all, to central"
+            msg = f"{what}: only informs and queries can; {why}"
+            raise MisuseError(msg)
+        if direct and self.pending:
+            msg = f"{what} and pending={self.pending}: what comes directly waits with its senders, not in central"
+            raise MisuseError(msg)
+        return bool(direct)
 
     def _checked_arguments(self) -> int:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""

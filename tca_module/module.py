@@ -80,25 +80,31 @@ class Module(Sender):
 
     @overload
     def handles(
-        self, message: Message[None, R], *, resource: str = "", pool: str = "", pending: int | None = None
-    ) -> DeclareWithoutData[R]: ...
+        self, message: Message[None, R], *, resource: str = "", pool: str = "", pending: int | None = None,
+        direct: bool = False,
+    ) -> DeclareWithoutData[R]: ...  # fmt: skip
     @overload
     def handles(
-        self, message: Message[D, R], *, resource: str = "", pool: str = "", pending: int | None = None
-    ) -> Declare[D, R]: ...
+        self, message: Message[D, R], *, resource: str = "", pool: str = "", pending: int | None = None,
+        direct: bool = False,
+    ) -> Declare[D, R]: ...  # fmt: skip
     def handles(
-        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None
-    ) -> Any:
+        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None,
+        direct: bool = False,
+    ) -> Any:  # fmt: skip
         """Declare the decorated function, plain or ``async def``, as this module's handler of *message*.
 
         The newest module to declare a handler gets the messages; modules that name the same *pool* share them. With
         *pending*, at most so many of them wait for this handler; when one more comes, the one that has waited longest
         gives way: an inform or broadcast is dropped, a query fails with "overload", a goal or command is killed.
+
+        With *direct*, senders of this inform or query may send it without central: faster, with no priority, and in
+        the journal as a note without data. It goes through central while a wiretap or another handler wants to see it.
         """
         self._check_not_running("handles()")
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, resource or self.name, pool, pending)
+            handler = Handler(message, function, resource or self.name, pool, pending, direct=direct)
             if known := self._handlers.get(message.name):
                 msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
                 raise MisuseError(msg)

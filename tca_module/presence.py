@@ -42,6 +42,8 @@ class HandlerInfo(msgspec.Struct, frozen=True):
     """How many of the message may wait for it (0: no such limit)."""
     waiting: int
     """Number of messages that wait for its resource."""
+    direct: bool = False
+    """Whether those who send the message may do so directly, as things are now."""
 
 
 class _MessageInfo(msgspec.Struct, frozen=True):

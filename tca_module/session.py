@@ -18,6 +18,7 @@ import msgspec
 from tca_wire import headers
 from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
 from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.routes import EntranceGone, Route
 from tca_wire.vocabulary import Refusal
 
 HELLO_NUMBER = 1
@@ -60,8 +61,8 @@ class Request:
     was to be sent only if somebody handles it, and nobody does.
     """
 
-    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "refused", "repeated",
-                 "wants_answer", "was_sent")  # fmt: skip
+    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path", "refused",
+                 "repeated", "wants_answer", "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -74,6 +75,8 @@ class Request:
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""
+        self.path: Any = None  #: the way that it went directly, under that way's *number*
+        self.number = 0
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
 
 
@@ -94,6 +97,7 @@ class Session:
         self.outgoing: list[Item] = []
         self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
         self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
+        self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: what concerns direct messages
         self.complaints: list[str] = []  #: what central said that answers no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
         self.is_welcome = False
@@ -114,6 +118,13 @@ class Session:
     def _send(self, request: Request) -> None:
         request.was_sent = True
         self.outgoing.append((request.header, request.body))
+
+    def adopt(self, request: Request) -> None:
+        """Ask central for what was asked directly, and not begun with."""
+        request.path = None
+        self._number(request)
+        if self.is_welcome:
+            self._send(request)
 
     def _number(self, request: Request) -> None:
         self._newest += 1
@@ -149,12 +160,19 @@ class Session:
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
-        if self._requests.pop(request.header.number, None) is not None and request.wants_answer:
+        if request.path is not None:
+            request.path.abandon(request)
+        elif self._requests.pop(request.header.number, None) is not None and request.wants_answer:
             self.post(headers.GiveUp(request.header.number))
 
+    @property
+    def is_attending(self) -> bool:
+        """Whether a delivery of central's is handled, or about to be."""
+        return bool(self._attended)
+
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether the task of a delivery was killed while it was handled, or forgotten."""
-        return self._attended.get(delivery, True)
+        """Whether the task of a delivery was killed while it was handled, or forgotten; of direct ones (< 0) never."""
+        return self._attended.get(delivery, delivery > 0)
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is handled is suspended."""
@@ -185,6 +203,7 @@ class Session:
         self._ON[type(header)](self, header, body)
 
     def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
+        self.routing.append(header)  # whoever is welcomed is told of all routes anew
         if self.is_welcome:
             return  # Hello was said twice
         is_back = bool(self.epoch)
@@ -254,8 +273,12 @@ class Session:
                 self.news.append(request.notify)
 
     def _end(self, request: Request) -> None:
-        request.is_over = True
         del self._requests[request.header.number]
+        self.end(request)
+
+    def end(self, request: Request) -> None:
+        """A request is over; whoever wants to know is called soon."""
+        request.is_over = True
         if request.notify is not None:
             self.news.append(request.notify)
 
@@ -275,6 +298,9 @@ class Session:
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
         if header.delivery in self._attended:
             self._attended[header.delivery] = True
+
+    def _on_routing(self, header: Route | EntranceGone, _: bytes) -> None:
+        self.routing.append(header)
 
     def _on_suspended(self, header: headers.Suspended, _: bytes) -> None:
         if header.is_suspended:
@@ -305,6 +331,8 @@ class Session:
         headers.Beat: _on_beat,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,
+        Route: _on_routing,
+        EntranceGone: _on_routing,
     }
     """One row per message from central."""
 

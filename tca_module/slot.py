@@ -55,8 +55,10 @@ class Slot:
         self._thread.join()
 
     def _run(self) -> None:
+        handlers = [one for one in self._handlers.values() if one.resource == self._hello.resource]
+        direct = [handler.message for handler in handlers if handler.direct]
         try:
-            self._serve(open_connection(self._central, self._hello, self._patience, self._stop.is_set))
+            self._serve(open_connection(self._central, self._hello, self._patience, self._stop.is_set, direct))
         except Stopped:
             self._opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread
@@ -70,7 +72,8 @@ class Slot:
         connection.outside = Outside(connection)
         self._callbacks.begin(connection)
         self._opened.set()
-        with contextlib.closing(connection.transport):  # without goodbye if an error comes: what was begun has failed
+        with contextlib.ExitStack() as stack:
+            stack.callback(connection.drop)  # without goodbye if an error comes: what was begun has failed
             try:
                 connection.serve(self._stop.is_set, self._idle)
             finally:

@@ -25,7 +25,7 @@ class Task(Sender, Intervals):
     """
 
     def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
-        Sender.__init__(self, delivery.task, delivery.delivery)
+        Sender.__init__(self, delivery.task, max(0, delivery.delivery))  # central knows no direct delivery
         Intervals.__init__(self, delivery.task)
         self._link: Connection | None = connection
         self._born = connection.session.epoch
@@ -38,8 +38,8 @@ class Task(Sender, Intervals):
 
     @property
     def delivery(self) -> int:
-        """The number by which the handler's answer names the message."""
-        return self._origin
+        """The number by which the handler's answer names the message; below 0 if it came directly."""
+        return self._delivery.delivery
 
     @property
     def id(self) -> TaskId:
@@ -55,14 +55,14 @@ class Task(Sender, Intervals):
     def cancelled(self) -> bool:
         """Whether the task has been killed: its handler should clean up and return. Never waits."""
         try:
-            return self._connection().is_cancelled(self._origin)
+            return self._connection().is_cancelled(self.delivery)
         except CentralLost:
             return True
 
     @property
     def suspended(self) -> bool:
         """Whether the task is suspended: its handler may hold what it does, or finish it. Never waits."""
-        return self._connection().is_suspended(self._origin)
+        return self._connection().is_suspended(self.delivery)
 
     @property
     def handle(self) -> TaskHandle:
@@ -134,7 +134,7 @@ class Task(Sender, Intervals):
         if self._link is None:
             msg = f"{self} is used after its handler returned: send before it returns, or from the module"
             raise MisuseError(msg)
-        if self._link.session.epoch != self._born:
+        if self._link.session.epoch != self._born and self.delivery > 0:
             msg = f"central was restarted and has forgotten {self}: its handler should return"
             raise CentralLost(msg)
         return self._link

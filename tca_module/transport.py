@@ -1,11 +1,12 @@
 """How packets travel between one connection and central, and how to wait for them together with other things.
 
-The only file of this package that knows ZeroMQ.
+With direct_sockets.py the only file of this package that knows ZeroMQ.
 """
 
 import contextlib
 import functools
 import select
+import selectors
 import socket as sockets
 import threading
 from collections.abc import Collection
@@ -15,6 +16,14 @@ import zmq
 
 from tca_module.errors import MisuseError
 
+KEEPALIVE = (
+    (zmq.TCP_KEEPALIVE, 1),
+    (zmq.TCP_KEEPALIVE_IDLE, 5),  # seconds
+    (zmq.TCP_KEEPALIVE_INTVL, 1),
+    (zmq.TCP_KEEPALIVE_CNT, 5),
+)
+"""Options by which a line whose far end has vanished is noticed."""
+
 _OPTIONS = (
     # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).
     (zmq.IMMEDIATE, 1),  # refuse to queue for a central that is not there, instead of losing it
@@ -22,8 +31,9 @@ _OPTIONS = (
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 5000),
-    (zmq.HEARTBEAT_IVL, 1000),  # of the network only: a busy handler answers these too
-    (zmq.HEARTBEAT_TIMEOUT, 5000),
+    # No HEARTBEAT_IVL, central's beats tell enough: one that is due while a socket lingers whose far end has closed
+    # ends the process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
+    *KEEPALIVE,
 )
 
 
@@ -54,6 +64,16 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Close; what was sent still leaves, for a second."""
+
+
+class Beside(Protocol):
+    """Something that is waited for together with packets from central."""
+
+    def fileno(self) -> int:
+        """Of the file that becomes readable when there may be something: ask ``has_arrived`` before each wait."""
+
+    def has_arrived(self) -> bool:
+        """Whether there is something to do about it."""
 
 
 class Waker:
@@ -106,11 +126,12 @@ def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> d
 
 
 # As plain integers: combining pyzmq's enum members costs a microsecond each time.
-_EVENTS, _POLLIN, _DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
+EVENTS, POLLIN, DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
+SNDMORE = int(zmq.SNDMORE | zmq.DONTWAIT)
 
 
 @functools.cache
-def _context() -> "zmq.Context[zmq.Socket[bytes]]":
+def context() -> "zmq.Context[zmq.Socket[bytes]]":
     """The one ZeroMQ context of this process."""
     return zmq.Context()
 
@@ -120,9 +141,11 @@ class DealerTransport:
 
     def __init__(self, address: str) -> None:
         self.address = address
-        self._socket = _context().socket(zmq.DEALER)
+        self._socket = context().socket(zmq.DEALER)
         self._receive_timeout = -1
         self._waker: Waker | None = None
+        self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for; a file itself
+        self._beside: dict[Beside, int] = {}  #: what is waited for beside central, and its file
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
@@ -135,7 +158,7 @@ class DealerTransport:
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send, waiting so long for central to be there and take it; whether it left."""
         try:
-            self._socket.send(packet, _DONTWAIT)
+            self._socket.send(packet, DONTWAIT)
         except zmq.Again:
             if wait_seconds <= 0 or not self._socket.poll(int(wait_seconds * 1000), zmq.POLLOUT):
                 return False
@@ -147,9 +170,13 @@ class DealerTransport:
         socket = self._socket
         if timeout_seconds <= 0:
             # Asking is cheaper than the exception that an empty socket raises.
-            return socket.recv(_DONTWAIT) if int(socket.getsockopt(_EVENTS)) & _POLLIN else None
+            return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
         if self._waker is not None:
             wait(self, timeout_seconds)
+            return self.receive(0)
+        if self._beside:
+            if not self.has_arrived():
+                self._together().select(timeout_seconds)
             return self.receive(0)
         milliseconds = int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
         if milliseconds != self._receive_timeout:
@@ -160,14 +187,30 @@ class DealerTransport:
         except zmq.Again:
             return None
 
+    def add(self, beside: Beside) -> None:
+        """From now on ``receive`` waits for this, too."""
+        self._beside[beside] = beside.fileno()
+        self._together().register(self._beside[beside], selectors.EVENT_READ)
+
+    def remove(self, beside: Beside) -> None:
+        """Wait for it no longer."""
+        self._together().unregister(self._beside.pop(beside))
+
+    def _together(self) -> selectors.DefaultSelector:
+        if self._all is None:
+            self._all = selectors.DefaultSelector()
+            self._all.register(int(self._socket.getsockopt(zmq.FD)), selectors.EVENT_READ)
+        return self._all
+
     def has_arrived(self) -> bool:
-        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
+        """Whether there is something to receive, here or beside, or ``wake`` was called since this was asked last."""
         is_woken = self._waker is not None and self._waker.clear()
-        return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLIN) or is_woken
+        arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
+        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
     def fileno(self) -> int:
         """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
-        return int(self._socket.getsockopt(zmq.FD))
+        return self._together().fileno()
 
     def waker(self) -> Waker:
         """Ends waits from other threads; from now on ``wake`` takes effect at once."""
@@ -182,6 +225,8 @@ class DealerTransport:
 
     def close(self) -> None:
         """Close; what was sent still leaves, for a second."""
+        if self._all is not None:
+            self._all.close()
         self._socket.close()
         if self._waker is not None:
             self._waker.close()

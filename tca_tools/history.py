@@ -42,6 +42,8 @@ class History:
         """For each message its handlers: module and resource."""
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
+        self.lost_directly: dict[str, int] = {}
+        """How many informs of each message were sent directly and lost."""
         self._deliveries: dict[int, Handling] = {}
         self._queued: dict[int, Queueing] = {}
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
@@ -194,6 +196,16 @@ class History:
             handling.outcome = fact.outcome
             if message := self.messages.get(handling.message_id):
                 message.result = fact.body
+
+    def _direct(self, fact: facts.HandledDirectly) -> None:
+        start = max(0.0, fact.ended - fact.seconds)
+        handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
+        handling.direct_from = fact.sender
+        self.handlings.append(handling)
+        self._module(fact.module).resources.setdefault(fact.resource, 1)
+
+    def _direct_lost(self, fact: facts.LostDirectly) -> None:
+        self.lost_directly[fact.message] = self.lost_directly.get(fact.message, 0) + fact.number
 
     def _finish(self, delivery: int) -> Handling | None:
         """The handler of a delivery no longer has it."""
@@ -351,6 +363,8 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Unqueued: History._leave_queue,
     facts.Delivered: History._deliver,
     facts.Returned: History._return,
+    facts.HandledDirectly: History._direct,
+    facts.LostDirectly: History._direct_lost,
     facts.Reached: History._reach,
     facts.Failed: History._fail,
     facts.Killed: History._kill,

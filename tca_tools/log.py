@@ -12,9 +12,9 @@ from tca_tools.data import data_text, plain_data
 from tca_tools.logs import open_log
 from tca_tools.terminal import cut, line_width, printable
 from tca_wire.constraints import Constraint
-from tca_wire.facts import Entry, Fact, TimedOut, fields_of, kind_of
+from tca_wire.facts import Entry, Fact, TimedOut, kind_of
 from tca_wire.points import Point, describe_moments
-from tca_wire.wording import Wording
+from tca_wire.wording import Wording, fields_of
 
 KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
 _KIND_WIDTH = max(map(len, KINDS))

@@ -58,6 +58,8 @@ class Handling:
     end: float | None = None
     outcome: Outcome | None = None
     waits: list[Wait] = field(default_factory=list)
+    direct_from: str = ""
+    """The module that sent the message directly: it has no id (0), and no record of its own."""
 
 
 @dataclass(slots=True)

@@ -5,7 +5,8 @@ Items that wait for the same peer share a packet: with small messages, frames an
 """
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import msgspec
 
@@ -15,20 +16,18 @@ from tca_wire.vocabulary import Limit
 
 _LENGTHS = struct.Struct(">II")
 _encode = msgspec.msgpack.Encoder().encode
-_to_central = msgspec.msgpack.Decoder(ToCentral)
-_to_module = msgspec.msgpack.Decoder(ToModule)
 
 # What msgspec raises on hostile bytes; the last two are no MsgspecError.
 _BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
-def pack_item(header: ToCentral | ToModule, body: bytes = b"") -> bytes:
+def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
     """One item; packets are items joined."""
     encoded = _encode(header)
     return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
 
 
-def pack(items: Iterable[tuple[ToCentral | ToModule, bytes]]) -> bytes:
+def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
     """A packet of several items."""
     return b"".join(pack_item(header, body) for header, body in items)
 
@@ -51,19 +50,22 @@ def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:
         yield packet[header_end - header_length : header_end], packet[header_end:at]
 
 
-def unpack_to_central(packet: bytes) -> list[tuple[ToCentral, bytes]]:
-    """The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
-    try:
-        return [(_to_central.decode(header), body) for header, body in _split(packet)]
-    except _BAD_BYTES as error:
-        msg = f"a header is no message to central: {error}"
-        raise ProtocolError(msg) from None
+def unpacker(kinds: Any, what_it_is_not: str) -> Callable[[bytes], list[tuple[Any, bytes]]]:
+    """What takes packets with headers of these *kinds* apart. It raises ProtocolError, whatever the bytes."""
+    decode = msgspec.msgpack.Decoder(kinds).decode
+
+    def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
+        try:
+            return [(decode(header), body) for header, body in _split(packet)]
+        except _BAD_BYTES as error:
+            msg = f"a header is {what_it_is_not}: {error}"
+            raise ProtocolError(msg) from None
+
+    return unpack
 
 
-def unpack_to_module(packet: bytes) -> list[tuple[ToModule, bytes]]:
-    """The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
-    try:
-        return [(_to_module.decode(header), body) for header, body in _split(packet)]
-    except _BAD_BYTES as error:
-        msg = f"a header is no message to a module: {error}"
-        raise ProtocolError(msg) from None
+unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(ToCentral, "no message to central")
+"""The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
+
+unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(ToModule, "no message to a module")
+"""The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""

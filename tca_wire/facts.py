@@ -8,7 +8,7 @@ one handler; its id is the message's own, except that each receiver of a broadca
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.points import TaskId, describe_moments
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
@@ -290,6 +290,33 @@ class Answered(_Fact, frozen=True, tag="answered"):
     id: int
 
 
+class HandledDirectly(_Fact, frozen=True, tag="direct"):
+    """A module handled a message that came from its sender directly; central has seen nothing of it but this note.
+
+    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data; its handler ended at *ended*
+    on the clock of the entries and took so many *seconds*.
+    """
+
+    message: str
+    module: str
+    resource: str
+    sender: str
+    origin: int
+    size: int
+    ended: float
+    seconds: float
+    outcome: Outcome
+    failure: str
+
+
+class LostDirectly(_Fact, frozen=True, tag="direct lost"):
+    """As *module* says, so many informs of *message* ("": notes of direct messages) were sent directly and lost."""
+
+    module: str
+    message: str
+    number: int
+
+
 class WaitBegan(_Fact, frozen=True, tag="wait began"):
     """The handler of delivery *origin* (0: code outside a handler) of a module blocks until a task reaches a moment."""
 
@@ -342,7 +369,7 @@ class RequestRefused(_Fact, frozen=True, tag="refused"):
 Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
-    | WaitBegan | WaitEnded | RequestRefused
+    | WaitBegan | WaitEnded | RequestRefused | HandledDirectly | LostDirectly
     | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Claimed | Granted | ClaimEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
@@ -361,13 +388,3 @@ class Entry(msgspec.Struct, frozen=True, array_like=True):
 def kind_of(fact: Fact) -> str:
     """The word that names a fact's kind: "received"."""
     return str(fact.__struct_config__.tag)
-
-
-def fields_of(fact: Fact) -> dict[str, object]:
-    """A fact as a dictionary for text forms: moments as words, bodies left out."""
-    fields = {name: getattr(fact, name) for name in fact.__struct_fields__ if name != "body"}
-    if isinstance(fact, Reached):
-        fields["moments"] = describe_moments(fact.moments)
-    elif isinstance(fact, WaitBegan):
-        fields["moment"] = ", ".join(describe_moments(fact.moment))
-    return fields

@@ -12,6 +12,7 @@ import msgspec
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.parts import Attachment, HandlerFormat, MessageFormat, Tapped, Trouble, Watching, WatchOptions
 from tca_wire.points import Point, TaskId
+from tca_wire.routes import Entrance, EntranceGone, Noted, Route, WatchEntrance
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
 PROTOCOL_VERSION = 1
@@ -38,6 +39,8 @@ class Hello(_Header, frozen=True, tag=1):
     """The resource whose messages this connection handles, if any: one at a time."""
     process: str = ""
     """Where the module runs, for people: "host:pid"."""
+    entrance: Entrance | None = None
+    """Where this slot takes messages directly, if it does."""
 
 
 class Register(_Header, frozen=True, tag=2):
@@ -267,7 +270,7 @@ class EndMonitor(_Header, frozen=True, tag=66):
     monitor: TaskId
 
 
-class Keep(_Header, frozen=True, tag=80):
+class Keep(_Header, frozen=True, tag=25):
     """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no longer."""
 
     number: int
@@ -346,6 +349,9 @@ class Deliver(_Header, frozen=True, tag=37):
     context: Trouble | Tapped | Watching | None = None
     """What it is about, where central made it."""
     suspended: bool = False
+    own: bool = False
+    """A slot of the same resource sent it and waits for the answer, and this one takes messages directly: handle it
+    within whatever it handles now."""
 
 
 class Cancelled(_Header, frozen=True, tag=38):
@@ -378,6 +384,9 @@ class Suspended(_Header, frozen=True, tag=42):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Noted | WatchEntrance
 )  # fmt: skip
-ToModule = Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended
+ToModule = (
+    Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended | Route
+    | EntranceGone
+)  # fmt: skip

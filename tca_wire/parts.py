@@ -29,6 +29,8 @@ class HandlerFormat(_Part, frozen=True):
     pool: str = ""
     pending: int = 0
     """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
+    direct: bool = False
+    """Where nothing speaks against it, they come from their senders directly."""
 
 
 class Attachment(_Part, frozen=True):

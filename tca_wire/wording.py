@@ -108,6 +108,15 @@ class Wording:
     def _answered(self, fact: facts.Answered) -> str:
         return self._name(fact.id)
 
+    def _handled_directly(self, fact: facts.HandledDirectly) -> str:
+        words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
+        words += f" in {self._name(fact.origin)}" if fact.origin else ""
+        words += f", {fact.size} bytes, {fact.seconds:.6f} s: {fact.outcome}"
+        return words + (f": {fact.failure}" if fact.failure else "")
+
+    def _lost_directly(self, fact: facts.LostDirectly) -> str:
+        return f"{fact.module}: {fact.number} of {fact.message or 'the notes of direct messages'}"
+
     def _wait_began(self, fact: facts.WaitBegan) -> str:
         return f"{self._waiter(fact)} until {_moments(fact.moment)} of {self._name(fact.task)}"
 
@@ -174,6 +183,16 @@ class Wording:
         return f"{fact.sender}: {fact.refusal}: {fact.text}"
 
 
+def fields_of(fact: facts.Fact) -> dict[str, object]:
+    """A fact as a dictionary for text forms: moments as words, bodies left out."""
+    fields = {name: getattr(fact, name) for name in fact.__struct_fields__ if name != "body"}
+    if isinstance(fact, facts.Reached):
+        fields["moments"] = describe_moments(fact.moments)
+    elif isinstance(fact, facts.WaitBegan):
+        fields["moment"] = ", ".join(describe_moments(fact.moment))
+    return fields
+
+
 def place(module: str, resource: str) -> str:
     """A module's resource: only the module's name where both are named alike."""
     return module if resource in ("", module) else f"{module} / {resource}"
@@ -204,6 +223,8 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Killed: Wording._killed,
     facts.Dropped: Wording._dropped,
     facts.Answered: Wording._answered,
+    facts.HandledDirectly: Wording._handled_directly,
+    facts.LostDirectly: Wording._lost_directly,
     facts.WaitBegan: Wording._wait_began,
     facts.WaitEnded: Wording._wait_ended,
     facts.Attached: Wording._attached,

@@ -20,7 +20,7 @@ MAY_IMPORT = {
 """Beside the package itself and the standard library."""
 
 ONLY_IN = {
-    "zmq": {"tca_central/server.py", "tca_module/transport.py"},
+    "zmq": {"tca_central/server.py", "tca_module/transport.py", "tca_module/direct_sockets.py"},
     "pybullet": {"robots/ambler_sim/physics.py"},
 }
 EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
@@ -56,7 +56,8 @@ CENTRAL: dict[str, set[str]] = {
     "making": {"fan_out", "intervals", "registry", "state", "task_tree"},
     "notices": {"making", "state"},
     "availability": {"errors", "notices", "registry", "state"},
-    "taps": {"errors", "intervals", "making", "registry", "state", "task_tree"},
+    "direct": {"errors", "registry", "resources", "state"},
+    "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree"},
     "watching": {"clock", "making", "registry", "state", "task_tree"},
     "failures": {"errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
@@ -68,6 +69,7 @@ CENTRAL: dict[str, set[str]] = {
         "claims",
         "clock",
         "control",
+        "direct",
         "errors",
         "failures",
         "fan_out",
@@ -81,13 +83,16 @@ CENTRAL: dict[str, set[str]] = {
         "status",
         "taps",
         "task_tree",
+        "waits",
     },
-    "needs": {"cycles", "intervals", "registry", "requests", "resources", "state", "task_tree"},
+    "waits": {"errors", "intervals", "registry", "state", "task_tree"},
+    "needs": {"cycles", "intervals", "registry", "resources", "state", "task_tree", "waits"},
     "deadlocks": {"clock", "cycles", "failures", "needs", "registry", "requests", "resources", "state", "task_tree"},
-    "claims": {"clock", "errors", "registry", "resources", "state"},
+    "claims": {"clock", "direct", "errors", "registry", "resources", "state"},
     "sharing": {"errors", "fan_out", "registry", "state", "variables"},
     "joining": {
         "claims",
+        "direct",
         "errors",
         "events",
         "keeping",
@@ -105,6 +110,7 @@ CENTRAL: dict[str, set[str]] = {
         "clock",
         "control",
         "deadlocks",
+        "direct",
         "errors",
         "events",
         "failures",
@@ -116,12 +122,13 @@ CENTRAL: dict[str, set[str]] = {
         "sharing",
         "state",
         "taps",
+        "waits",
         "task_tree",
     },
     "journal_writer": {"errors"},
     "server": {"core", "errors", "events", "journal_writer"},
     "__main__": {"core", "errors", "journal_writer", "server"},
-    "invariants": {"availability", "clock", "holds", "intervals", "registry", "state", "task_tree"},
+    "invariants": {"availability", "clock", "direct", "holds", "intervals", "registry", "state", "task_tree"},
 }
 
 

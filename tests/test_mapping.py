@@ -12,7 +12,7 @@ import tca_module
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "tca-mapping.md").read_text()
 
-COMING = {"direct=", "module="}
+COMING = {"module="}
 """What is promised and may not be there yet."""
 
 ROWS = [row for row in re.findall(r"^\|(.+)\|$", PAGE, re.MULTILINE) if not set(row) <= set("|- ")]

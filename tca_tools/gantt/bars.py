@@ -117,7 +117,7 @@ def _queue_row(rows: dict[tuple[str, str], Row], queueing: Queueing) -> Row:
 
 def _handled(history: History, handling: Handling) -> Bar:
     end = history.time if handling.end is None else handling.end
-    where, message = place(handling.module, handling.resource), history.describe(handling.message_id)
+    where, message = place(handling.module, handling.resource), _described(history, handling)
     title = f"{message} handled by {where} {_span(handling.start, handling.end, end)}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
@@ -127,6 +127,12 @@ def _handled(history: History, handling: Handling) -> Bar:
     ]
     has_failed = handling.outcome is Outcome.FAILED
     return Bar(handling.name, title, handling.start, end, handling.end is None, has_failed, waits)
+
+
+def _described(history: History, handling: Handling) -> str:
+    if handling.direct_from:
+        return f"{handling.name}, directly from {handling.direct_from},"
+    return history.describe(handling.message_id)
 
 
 def _waited(history: History, module: str, wait: Wait) -> Bar:

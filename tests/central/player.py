@@ -13,6 +13,7 @@ from tca_wire.facts import Entry
 from tca_wire.notices import NOTICES
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.routes import Entrance
 from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
@@ -50,26 +51,46 @@ class Player:
         self.numbers[connection] = self.numbers.get(connection, 0) + 1
         return self.numbers[connection]
 
-    def hello(self, connection: str, module: str = "", resource: str = "", incarnation: str = "") -> list[Any]:
+    def hello(
+        self, connection: str, module: str = "", resource: str = "", incarnation: str = "", *, direct: bool = False
+    ) -> list[Any]:
         module = module or connection
         number = 0 if not resource else sum(c.startswith(f"{module}/") for c in self.inbox) + 1
         return self.receive(
             connection,
             headers.Hello(
-                self.number(connection), 1, module, incarnation or f"run of {module}", number, resource, "here:1"
+                self.number(connection),
+                1,
+                module,
+                incarnation or f"run of {module}",
+                number,
+                resource,
+                "here:1",
+                Entrance(f"ipc:///{connection}", f"key of {connection}") if direct else None,
             ),
         )
 
     def module(
-        self, name: str, *handles: str, capacity: int = 1, pool: str = "", pending: int = 0, resource: str = ""
+        self,
+        name: str,
+        *handles: str,
+        capacity: int = 1,
+        pool: str = "",
+        pending: int = 0,
+        resource: str = "",
+        direct: bool = False,
     ) -> None:
         """A module joins: "goal walk", "query where", ...: its words are class and name of what it handles."""
         self.hello(name)
         messages = [self.format(words) for words in handles]
-        handlers = [HandlerFormat(message.name, resource or name, pool, pending) for message in messages]
+        may_be_direct = (MessageClass.INFORM, MessageClass.QUERY) if direct else ()
+        handlers = [
+            HandlerFormat(message.name, resource or name, pool, pending, message.message_class in may_be_direct)
+            for message in messages
+        ]
         self.receive(name, headers.Register(self.number(name), messages, handlers))
         for index in range(capacity if handles else 0):
-            self.hello(f"{name}/{index + 1}", name, resource or name)
+            self.hello(f"{name}/{index + 1}", name, resource or name, direct=direct)
 
     @staticmethod
     def format(words: str) -> MessageFormat:

@@ -30,11 +30,12 @@ from central.player import ANY, Player
 from tca_central.holds import held_counts
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.facts import fields_of, kind_of
+from tca_wire.facts import kind_of
 from tca_wire.notices import NOTICES
 from tca_wire.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
 from tca_wire.vocabulary import Condition, MessageClass, Scope
+from tca_wire.wording import fields_of
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 

@@ -9,7 +9,7 @@ from explorer.scenarios import REST, SLIPPED, STEP, WALK
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
-from tca_central import control, failures, monitors, requests
+from tca_central import control, failures, monitors, waits
 from tca_central.agenda import Agenda
 from tca_central.clock import Clock
 from tca_central.core import HANDLERS
@@ -122,7 +122,7 @@ def nothing_is_done_on_termination(patch: Patch) -> None:
 
 
 def a_wait_is_never_over(patch: Patch) -> None:
-    patch.setattr(requests.Wait, "met", lambda _self, _central, _task: None)
+    patch.setattr(waits.Wait, "met", lambda _self, _central, _task: None)
 
 
 def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:

@@ -14,9 +14,8 @@ import click
 import pytest
 from click.testing import CliRunner
 from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+from module.real_central import RealCentral
 
-from tca_central.core import Central
-from tca_central.server import Server
 from tca_module import (
     Callback,
     CentralLost,
@@ -45,20 +44,8 @@ def address(tmp_path: Path) -> str:
 @pytest.fixture
 def central(address: str) -> Iterator[str]:
     """The address of a central that runs."""
-    ready, servers = threading.Event(), list[Server]()
-
-    def serve() -> None:
-        servers.append(server := Server(Central("real"), None, address))
-        ready.set()
-        server.serve()
-        server.close()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    assert ready.wait(SOON)
-    yield address
-    servers[0].stop("the test ends")
-    thread.join(SOON)
+    with RealCentral(address):
+        yield address
 
 
 def ask(command: click.Command, *arguments: str) -> tuple[int, str]:

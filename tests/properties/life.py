@@ -62,7 +62,8 @@ class Life:
         self.generation += 1
         name = f"{module}{self.generation}"
         pending = (2, 0, 3, 1)[self.generation % 4]
-        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "", pending=pending)
+        pool, direct = "all" if module == "map" else "", self.generation % 2 == 1
+        self.player.module(name, *MODULES[module], capacity=2, pool=pool, pending=pending, direct=direct)
 
     def copies_of(self, message: str) -> set[int]:
         """The deliveries of a message that goes to many."""

@@ -108,7 +108,7 @@ class Blocking(Player):
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:
-    return any(not wait.origin or wait.origin >= delivery.given_as for wait in slot.waits.values())
+    return any(wait.since > slot.handling[delivery] for wait in slot.waits.values())
 
 
 @given(steps)

@@ -326,3 +326,20 @@ def test_a_message_waits_for_a_locked_resource_and_a_handler_for_its_lock() -> N
     assert reasons(story.fold(), other) == ["for legs, busy with move {1}"]
     claim = story.fold().claims[20]
     assert (claim.start, claim.granted, claim.end, claim.ended) == (1.0, 1.0, 2.0, "released")
+
+
+def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -> None:
+    story = Story().module("map", "height").at(2.0)
+    story.say(facts.HandledDirectly("height", "map", "map", "walker", 0, 12, 1.5, 0.25, Outcome.DONE, ""))
+    story.say(facts.HandledDirectly("height", "map", "map", "walker", 0, 12, 1.75, 0.25, Outcome.FAILED, "fog"))
+    history = story.say(facts.LostDirectly("walker", "pose", 2), facts.LostDirectly("walker", "pose", 1)).fold()
+    assert [(one.name, one.direct_from, one.start, one.end, one.outcome) for one in history.handlings] == [
+        ("height", "walker", 1.25, 1.5, Outcome.DONE),
+        ("height", "walker", 1.5, 1.75, Outcome.FAILED),
+    ]
+    assert history.lost_directly == {"pose": 3}
+    assert not history.messages
+    (row,) = chart(history).rows
+    assert [bar.has_failed for bar in row.handled] == [False, True]
+    title = "height, directly from walker, handled by map from 1.250 s to 1.500 s, 0.250 s"
+    assert row.handled[0].title == title

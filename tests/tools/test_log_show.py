@@ -41,6 +41,9 @@ def told_of_everything() -> Story:
     story.say(facts.Dropped(77, "nobody listens"), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
     told_of_control(story, TaskId(goal))
+    story.say(facts.HandledDirectly("pose", "map", "map", "legs", goal, 88, 61.4, 0.00025, Outcome.DONE, ""))
+    story.say(facts.HandledDirectly("scan", "eyes", "left", "script", 0, 1, 61.4, 0.5, Outcome.FAILED, "dark"))
+    story.say(facts.LostDirectly("legs", "pose", 2), facts.LostDirectly("legs", "", 1))
     story.say(facts.RequestRefused("?", Refusal.PROTOCOL, "no hello\n"))
     return story.at(100.0).say(facts.Reached(TaskId(goal), ALL_MOMENTS), facts.Closed("interrupted"))
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_wire import codec, headers
+from tca_wire import codec, direct, headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.errors import ProtocolError
 from tca_wire.points import Moment, Point, TaskId
@@ -47,7 +47,9 @@ def test_a_packet_cut_anywhere_is_refused_or_ends_at_an_item(
 
 @given(st.binary(max_size=200))
 def test_no_bytes_do_worse_than_a_protocol_error(packet: bytes) -> None:
-    for unpack in (codec.unpack_to_central, codec.unpack_to_module):
+    for unpack in (
+        codec.unpack_to_central, codec.unpack_to_module, direct.unpack_to_entrance, direct.unpack_from_entrance,
+    ):  # fmt: skip
         with suppress(ProtocolError):
             unpack(packet)
 

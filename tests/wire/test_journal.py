@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
-from tca_wire.facts import Dropped, Entry, Fact, Opened, Reached, fields_of, kind_of
+from tca_wire.facts import Dropped, Entry, Fact, Opened, Reached, kind_of
 from tca_wire.journal import JournalReader, record
 from tca_wire.points import Moment, TaskId, describe_moments
+from tca_wire.wording import fields_of
 
 ENTRIES = [
     Entry(0, 0.0, [Opened(1, "epoch", 1, 1e9, "0.1")]),

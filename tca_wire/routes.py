@@ -1,0 +1,80 @@
+"""What modules and central say of messages that go from module to module directly: where to, and what came of them.
+
+Parts of headers.py, where the lists of all headers are; docs/protocol.md tells the story.
+"""
+
+import msgspec
+
+from tca_wire.vocabulary import Outcome
+
+MOST_NOTES = 1000
+"""Notes in one report."""
+
+
+class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """What all headers and their parts share: an array on the wire."""
+
+
+class Entrance(_Header, frozen=True):
+    """Where a slot takes messages directly: the ZeroMQ address of a ROUTER socket, and what opens it.
+
+    Central gives the key to those who send such messages, and to nobody else; no journal has it.
+    """
+
+    endpoint: str
+    key: str
+
+
+class Note(_Header, frozen=True):
+    """That a slot has handled a message which came directly."""
+
+    message: str
+    sender: str
+    """The module that sent it, by the name that central gave it."""
+    origin: int
+    """The delivery whose handler sent it (0: none)."""
+    size: int
+    """Bytes of its data."""
+    ago: float
+    """Seconds between the end of its handler and this report."""
+    seconds: float
+    """How long its handler took."""
+    outcome: Outcome = Outcome.DONE
+    failure: str = ""
+
+
+class Loss(_Header, frozen=True):
+    """That so many informs were sent directly and came to nothing; of message "": notes that could not be kept."""
+
+    message: str
+    number: int
+
+
+class Noted(_Header, frozen=True, tag=80):
+    """What became of direct messages; for the journal."""
+
+    notes: list[Note]
+    losses: list[Loss] = []
+
+
+class WatchEntrance(_Header, frozen=True, tag=81):
+    """Say EntranceGone when this entrance is gone, or at once if it is not there."""
+
+    endpoint: str
+
+
+class Route(_Header, frozen=True, tag=82):
+    """From now on send this message to one of these entrances; if there is none, through central."""
+
+    message: str
+    entrances: list[Entrance] = []
+
+
+class EntranceGone(_Header, frozen=True, tag=83):
+    """The slot of an entrance is gone: queries that it has not answered will not be. If it was not *lost* but left, it
+    answers what it has begun with, and says Closing to those whose queries it has not.
+    """
+
+    endpoint: str
+    text: str
+    lost: bool = True

@@ -1,0 +1,86 @@
+"""Direct messages between processes that are killed."""
+
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from integration.programs import Central, central, program, tca
+
+from tca_module import CentralLost, Client, PendingReply, Query, QueryFailed, connect
+from tca_tools.history import History
+from tca_tools.logs import open_log
+
+pytestmark = pytest.mark.slow
+
+HEIGHT = Query("height", float, reply=float)
+SOON = 20.0
+
+MAP = """
+    import time
+    from tca_module import Module, Query, Task
+    HEIGHT = Query("height", float, reply=float)
+    map_ = Module("map")
+
+    @map_.handles(HEIGHT, direct=True)
+    def height(_: Task, x: float) -> float:
+        if x < 0:
+            print("begun", flush=True)
+            time.sleep(60)
+        return x
+
+    with map_.running():
+        print("runs", flush=True)
+        map_._stop.wait()
+"""
+
+
+def ask_until_direct(daemon: Central, user: Client) -> None:
+    deadline = time.monotonic() + SOON
+    while not any(one.direct_from for one in History.until(open_log(daemon.journal)).handlings):
+        assert time.monotonic() < deadline
+        assert user.query(HEIGHT, 1.0, timeout=SOON) == 1.0
+
+
+def begin_slow_query(user: Client, module: "subprocess.Popen[str]") -> PendingReply[float]:
+    pending = user.query_send(HEIGHT, -1.0)
+    assert module.stdout
+    assert module.stdout.readline() == "begun\n"
+    return pending
+
+
+def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
+    """The query fails as it would through central; what is asked next waits for the next module that can answer."""
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user:
+        with program(MAP, daemon.address) as module:
+            assert module.stdout
+            assert module.stdout.readline() == "runs\n"
+            ask_until_direct(daemon, user)
+            pending = begin_slow_query(user, module)
+            queued = user.query_send(HEIGHT, 2.0)
+            module.send_signal(signal.SIGKILL)
+            for one in (pending, queued):
+                with pytest.raises(QueryFailed, match="module lost: module 'map' was lost: its connection closed"):
+                    one.receive(SOON)
+        (left_behind,) = tmp_path.glob("*.direct")
+        with program(MAP, daemon.address):
+            assert user.query(HEIGHT, 3.0, timeout=SOON) == 3.0
+            ask_until_direct(daemon, user)
+            assert not left_behind.exists()
+    shown = tca("log", "show", str(daemon.journal), "--kind", "direct").stdout
+    assert "direct         height from user to map, 9 bytes, 0.0" in shown
+
+
+def test_a_central_that_is_killed_while_direct_messages_flow(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user, program(MAP, daemon.address) as module:
+        assert module.stdout
+        assert module.stdout.readline() == "runs\n"
+        ask_until_direct(daemon, user)
+        daemon.signal(signal.SIGKILL)
+        daemon.process.wait(SOON)
+        for x in range(100):
+            assert user.query(HEIGHT, float(x), timeout=SOON) == x
+        pending = begin_slow_query(user, module)
+        with pytest.raises(CentralLost, match="does not answer"):
+            pending.receive(None)  # nobody could tell whether its module is lost

@@ -1,0 +1,77 @@
+"""A central behind a real socket, in a thread of the tests, with what it recorded."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Self
+
+from tca_central.core import Central
+from tca_central.events import Effect, Event, Record
+from tca_central.server import Server
+
+SOON = 10.0
+
+
+class _Recorded(Central):
+    def __init__(self, epoch: str) -> None:
+        super().__init__(epoch)
+        self.recorded: list[Any] = []
+
+    def handle(self, event: Event) -> list[Effect]:
+        effects = super().handle(event)
+        self.recorded += [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
+        return effects
+
+
+class RealCentral:
+    """A running central; ``end`` is sudden: no module hears of it."""
+
+    def __init__(self, address: str, epoch: str = "real") -> None:
+        self._central = _Recorded(epoch)
+        self.server = Server(self._central, None, address)
+        self.address = self.server.endpoint
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        self.server.serve()
+        self.server.close()
+
+    def facts(self, kind: type) -> list[Any]:
+        """All facts of a kind so far."""
+        return [fact for fact in self._central.recorded[:] if isinstance(fact, kind)]
+
+    def close(self) -> None:
+        if self._thread.is_alive():
+            self.server.stop("the test ends")
+            self._thread.join(SOON)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@contextmanager
+def soon(what: str) -> Iterator[Callable[[], bool]]:
+    """Gives a question: may we go on trying? Asked too late, it fails."""
+    deadline = time.monotonic() + SOON
+
+    def may_go_on() -> bool:
+        assert time.monotonic() < deadline, f"not within {SOON:g} s: {what}"
+        time.sleep(0.005)
+        return True
+
+    yield may_go_on
+
+
+def until(is_so: Callable[[], Any], what: str) -> None:
+    """Wait until something is so."""
+    with soon(what) as may_go_on:
+        while not is_so() and may_go_on():
+            pass

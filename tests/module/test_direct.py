@@ -1,0 +1,473 @@
+"""Direct messages between real modules over real sockets; what central sees of them is in its journal."""
+
+import asyncio
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+from module.real_central import SOON, RealCentral, until
+
+from tca_module import (
+    BadData,
+    Broadcast,
+    CentralLost,
+    Client,
+    Command,
+    Inform,
+    Later,
+    MisuseError,
+    Module,
+    MultiQuery,
+    Query,
+    QueryFailed,
+    Refused,
+    Task,
+    Variable,
+    connect,
+)
+from tca_module.testing import LocalCentral
+from tca_wire.facts import Delivered, HandledDirectly, HandlerRemoved, LostDirectly
+from tca_wire.vocabulary import Condition, Outcome, Refusal
+
+HEIGHT = Query("height", float, reply=float)
+DEPTH = Query("depth", float, reply=float)
+POSE = Inform("pose", float)
+HEARD = Inform("heard", float)
+WALK = Command("walk", float, result=float)
+
+
+@pytest.fixture
+def central(tmp_path: Path) -> Iterator[RealCentral]:
+    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
+        yield central
+
+
+@pytest.fixture
+def user(central: RealCentral) -> Iterator[Client]:
+    with connect("user", central.address) as user:
+        yield user
+
+
+def a_map(central: RealCentral | str, name: str = "map", height: Callable[[float], float] = abs) -> Module:
+    module = Module(name, central if isinstance(central, str) else central.address)
+    module.handles(HEIGHT, direct=True)(lambda _, x: height(x))
+    return module
+
+
+def direct(central: RealCentral, message: str = "height", module: str = "") -> int:
+    """How many messages were handled directly (by a module), as far as central has been told."""
+    noted = central.facts(HandledDirectly)
+    return sum(fact.message == message and module in ("", fact.module) for fact in noted)
+
+
+def through_central(central: RealCentral) -> int:
+    return len(central.facts(Delivered))
+
+
+def said_lost(central: RealCentral) -> int:
+    return sum(fact.number for fact in central.facts(LostDirectly))
+
+
+def ask_until_direct(
+    central: RealCentral, ask: Callable[[], object], message: str = "height", module: str = ""
+) -> None:
+    """Ask until the question goes directly (to a module)."""
+    before = direct(central, message, module)
+    until(lambda: (ask(), direct(central, message, module) > before)[1], f"'{message}' goes directly")
+
+
+def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: Client) -> None:
+    with a_map(central).running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, -1.0))
+        before = through_central(central)
+        assert [user.query(HEIGHT, float(-x)) for x in range(100)] == [float(x) for x in range(100)]
+        pending = [user.query_send(HEIGHT, float(x)) for x in range(100)]
+        assert [one.receive(SOON) for one in pending] == [float(x) for x in range(100)]
+        assert through_central(central) == before
+        heard: list[float] = []
+        note = user.query_notify(HEIGHT, -3.0, lambda _, height: heard.append(height))
+        assert note.wait(SOON)
+        assert heard == [3.0]
+    fact = central.facts(HandledDirectly)[-1]
+    assert (fact.message, fact.module, fact.resource, fact.sender, fact.size) == ("height", "map", "map", "user", 9)
+    assert fact.outcome is Outcome.DONE
+
+
+def test_informs_go_directly_in_order_and_all_are_noted(central: RealCentral, user: Client) -> None:
+    seen: list[float] = []
+    module = a_map(central)
+    module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
+    with module.running():
+        ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
+        for number in range(500):
+            user.inform(POSE, float(number))
+        until(lambda: len(seen) == 500, "all have come")
+        assert seen == [float(number) for number in range(500)]
+    until(lambda: direct(central, "pose") > 500, "its last word tells of those that were not noted yet")
+    assert not central.facts(LostDirectly)
+
+
+def test_a_handler_asks_directly_and_the_journal_says_for_whom(central: RealCentral, user: Client) -> None:
+    walker = Module("walker", central.address)
+
+    @walker.handles(WALK)
+    def walk(task: Task, x: float) -> float:
+        ask_until_direct(central, lambda: task.query(HEIGHT, x))
+        return task.query(HEIGHT, x)
+
+    with a_map(central).running(), walker.running():
+        task = user.command(WALK, -2.0)
+        assert task.result(SOON) == 2.0
+    until(lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id}, "all were noted")
+
+
+def test_coroutines_ask_and_answer_directly(central: RealCentral, user: Client) -> None:
+    walker, eyes = Module("walker", central.address), Module("eyes", central.address)
+
+    @eyes.handles(HEIGHT, direct=True)
+    async def height(task: Task, x: float) -> float:
+        await asyncio.sleep(0)
+        return await task.query_send(DEPTH, x)
+
+    @walker.handles(WALK)
+    async def walk(task: Task, x: float) -> float:
+        heights = await asyncio.gather(*(task.query_send(HEIGHT, x) for _ in range(20)))
+        return sum(heights)
+
+    walker.handles(DEPTH, direct=True, resource="sonar")(lambda _, x: -x)
+    with walker.running(), eyes.running():
+        ask_until_direct(central, lambda: user.command(WALK, -2.0).result(SOON))
+        began = time.monotonic()
+        assert user.command(WALK, -2.0).result(SOON) == 40.0
+        assert time.monotonic() - began < 20 * 0.1  # what is missed costs a step of 0.2 s each time
+    until(lambda: direct(central, "depth"), "it was noted")
+
+
+def test_failures_and_bad_data_are_those_that_central_brings(central: RealCentral, user: Client) -> None:
+    def fog(x: float) -> float:
+        if x > 0:
+            raise ValueError("fog")
+        return "high"  # type: ignore[return-value]
+
+    with a_map(central, height=fog).running():
+
+        def ask(x: float) -> None:
+            with pytest.raises(QueryFailed, match="fog" if x > 0 else "bad data"):
+                user.query(HEIGHT, x)
+
+        ask_until_direct(central, lambda: ask(1.0))
+        ask(-1.0)
+        with pytest.raises(BadData):
+            user.query(HEIGHT, "here")  # type: ignore[misc]
+    failures = {"handler error", "bad data"}
+    until(lambda: {fact.failure for fact in central.facts(HandledDirectly)} == failures, "both were noted")
+
+
+def test_a_wiretap_sees_all_while_it_lasts(central: RealCentral, user: Client) -> None:
+    heard: list[float] = []
+    observer = Module("observer", central.address)
+    observer.handles(HEARD)(lambda _, x: heard.append(x))
+    with a_map(central).running(), observer.running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        tap = user.tap(Condition.WHEN_SENT, HEIGHT, HEARD)
+        for x in range(1, 51):
+            user.query(HEIGHT, float(x))
+        until(lambda: len(heard) == 50, "the observer has heard all")
+        assert heard == [float(x) for x in range(1, 51)]
+        tap.remove()
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+
+
+def test_a_newer_handler_takes_over_and_gives_back(central: RealCentral, user: Client) -> None:
+    with a_map(central).running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
+        with a_map(central, "better map", lambda x: x + 100).running():
+            until(lambda: user.query(HEIGHT, 1.0) == 101.0, "the new one answers")
+            ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="better map")
+        assert user.query(HEIGHT, -7.0) == 7.0
+        ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
+
+
+def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: Client) -> None:
+    """Queries that wait at the entrance of a module which ends are answered by the next one, each once."""
+    begun, go_on = threading.Event(), threading.Event()
+    handled: list[float] = []
+
+    def slow(x: float) -> float:
+        handled.append(x)
+        if x == 1.0:
+            begun.set()
+            go_on.wait(SOON)
+        return x
+
+    def quick(x: float) -> float:
+        handled.append(x)
+        return x + 100
+
+    with a_map(central, "second", quick).running():
+        leaving = a_map(central, "first", slow)
+        thread = threading.Thread(target=leaving.run)
+        thread.start()
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0), module="first")
+        handled.clear()
+        pending = [user.query_send(HEIGHT, float(x)) for x in range(1, 6)]
+        assert begun.wait(SOON)
+        leaving.stop()
+        until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
+        assert user.query(HEIGHT, 50.0) == 150.0
+        go_on.set()
+        answers = [one.receive(SOON) for one in pending]
+        thread.join(SOON)
+    assert answers == [1.0, 102.0, 103.0, 104.0, 105.0]
+    assert sorted(x for x in handled if x < 50) == [1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(central: RealCentral, user: Client) -> None:
+    """While a direct handler waits, central, which does not know of it, delivers to its slot."""
+    diary: list[str] = []
+    module, other = Module("map", central.address), Module("other", central.address)
+
+    @module.handles(HEIGHT, direct=True)
+    def height(task: Task, x: float) -> float:
+        diary.append(f"height {x:g}")
+        if x:
+            task.query(DEPTH, x)
+            assert task.query(HEIGHT, 0.0) == 0.0  # what its own resource is asked is handled inside of the wait
+        diary.append(f"end of {x:g}")
+        return x
+
+    @module.handles(WALK)
+    def walk(task: Task, x: float) -> float:
+        diary.append("walk")
+        return task.query(HEIGHT, 0.0) if x else x
+
+    @other.handles(DEPTH)
+    def depth(task: Task, x: float) -> float:
+        walk = task.command(WALK, x)
+        walk.wait_for(walk.handling.start, SOON)  # it has been delivered
+        return x
+
+    with module.running(), other.running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        diary.clear()
+        assert user.query(HEIGHT, 1.0, timeout=SOON) == 1.0
+        until(lambda: len(diary) == 7, "the walk has ended")
+    assert diary == ["height 1", "height 0", "end of 0", "end of 1", "walk", "height 0", "end of 0"]
+
+
+def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Client) -> None:
+    module, owed = Module("map", central.address), list[Later[float]]()
+
+    @module.handles(HEIGHT, direct=True)
+    def height(task: Task, x: float) -> Later[float]:
+        owed.append(task.reply_later())
+        return owed[-1]
+
+    module.handles(WALK)(lambda _, x: x)
+
+    def ask() -> None:
+        pending = user.query_send(HEIGHT, 0.0)
+        until(lambda: owed, "it was asked")
+        assert not owed[-1].cancelled
+        owed.pop().reply(0.0)
+        pending.receive(SOON)
+
+    with module.running():
+        ask_until_direct(central, ask)
+        one, two, walk = user.query_send(HEIGHT, 1.0), user.query_send(HEIGHT, 2.0), user.command(WALK, 3.0)
+        walk.wait_for(walk.handling.start, SOON)  # as central sees it
+        until(lambda: owed, "it was asked")
+        assert len(owed) == 1
+        owed.pop().reply(1.5)
+        assert one.receive(SOON) == 1.5
+        assert walk.result(SOON) == 3.0
+        until(lambda: owed, "it was asked again")
+        owed.pop().reply(2.5)
+        assert two.receive(SOON) == 2.5
+
+
+def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(central: RealCentral, user: Client) -> None:
+    go_on, seen = threading.Event(), list[float]()
+
+    def slow(x: float) -> float:
+        go_on.wait(SOON)
+        return x
+
+    module = a_map(central, height=slow)
+    module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
+    with module.running():
+        go_on.set()
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
+        until(lambda: user.query(HEIGHT, 0.0) == 0.0, "all that was sent is done")
+        go_on.clear()
+        pending = [user.query_send(HEIGHT, 1.0) for _ in range(500)]
+        for number in range(1000):
+            user.inform(POSE, float(number))
+        with pytest.raises(Refused, match=r"\d+ direct messages wait for the handler of 'height'") as refused:
+            user.query(HEIGHT, 2.0)
+        assert refused.value.refusal is Refusal.OVERLOAD
+        go_on.set()
+        assert [one.receive(SOON) for one in pending] == [1.0] * 500
+        until(lambda: user.query(HEIGHT, 3.0) == 3.0, "it works on")
+        lost = 1000 - len(seen)
+        assert lost >= 500 - 64
+        assert seen == [float(number) for number in range(len(seen))]
+        until(lambda: (user.status(), said_lost(central) == lost)[1], "central has been told")
+
+
+def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
+    go_on, handled = threading.Event(), list[float]()
+
+    def slow(x: float) -> float:
+        handled.append(x)
+        go_on.wait(SOON)
+        return x
+
+    with a_map(central, height=slow).running():
+        go_on.set()
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        go_on.clear()
+        with pytest.raises(TimeoutError, match="was not answered within"):
+            user.query(HEIGHT, 1.0, timeout=0.05)
+        user.query_send(HEIGHT, 2.0).cancel()
+        go_on.set()
+        assert user.query(HEIGHT, 3.0) == 3.0
+    assert 2.0 not in handled
+
+
+def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
+    names: set[str] = set()
+    module = Module("map", central.address, capacity=3)
+
+    @module.handles(HEIGHT, direct=True)
+    def height(_: Task, x: float) -> float:
+        names.add(threading.current_thread().name)
+        return x
+
+    with module.running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots were asked")
+
+
+# --- breaks ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(central: RealCentral, user: Client) -> None:
+    with a_map(central).running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        connection = user._connection()
+        connection.session.break_off()
+        assert user.query(HEIGHT, -1.0) == 1.0  # goes on while it is away
+        user.status()
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+
+
+def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
+    """What is under way when another central comes is lost, as through central; then all is learnt anew."""
+    address = f"ipc://{tmp_path}/central.sock"
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(x: float) -> float:
+        if x < 0:
+            begun.set()
+            go_on.wait(SOON)
+        return x
+
+    central = RealCentral(address)
+    module = a_map(address, height=slow)
+    with module.running(), connect("user", address) as user:
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        central.close()
+        for x in range(100):
+            assert user.query(HEIGHT, float(x)) == x
+        pending = user.query_send(HEIGHT, -1.0)
+        assert begun.wait(SOON)
+        with RealCentral(address, "another run") as central:
+            with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten it"):
+                pending.receive(SOON)
+            go_on.set()
+            ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+
+
+# --- strangers, addresses --------------------------------------------------------------------------------------------
+
+
+def entrance(folder: Path) -> Path:
+    (path,) = folder.glob("*.direct")
+    return path
+
+
+def test_strangers_at_the_entrance_harm_nobody(central: RealCentral, user: Client, tmp_path: Path) -> None:
+    with a_map(central).running():
+        ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+        path = entrance(tmp_path)
+        assert path.stat().st_mode & 0o777 == 0o600
+        with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
+            stranger.connect(f"ipc://{path}")
+            for frames in ([b"garbage"], [b""], [b"a", b"b", b"c"], [os.urandom(1000)], [b"\xff" * 16]):
+                stranger.send_multipart(frames)
+                assert stranger.poll(int(SOON * 1000))
+                assert b"protocol" in stranger.recv()
+        assert user.query(HEIGHT, -2.0) == 2.0
+    until(lambda: not path.exists(), "the entrance is gone")
+
+
+def test_what_killed_modules_left_behind_is_cleared_away(central: RealCentral, tmp_path: Path) -> None:
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as alive:
+        gone, taken, foreign = (tmp_path / f"{name}.direct" for name in ("4194305-a", "4194306-b", "notes"))
+        alive.bind(f"ipc://{gone}")
+        gone_too = tmp_path / "4194307-c.direct"
+        gone.rename(gone_too)  # as if its process were on another machine: it still answers
+        with socket.socket(socket.AF_UNIX) as dead:
+            dead.bind(str(taken))
+        foreign.touch()
+        with a_map(central).running():
+            assert not taken.exists()
+            assert gone_too.exists()
+            assert foreign.exists()
+
+
+def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> None:
+    with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
+        with a_map(central).running():
+            ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
+            ((path,),) = user._connection().direct._routes._routes.values()
+            assert path.entrance.endpoint.startswith("tcp://127.0.0.1:")
+        assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_too_deep_costs_the_direct_way_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = tmp_path
+    while len(str(folder)) < 84:
+        folder = folder / ("x" * min(10, 84 - len(str(folder))))
+    folder.mkdir(parents=True)
+    with RealCentral(f"ipc://{folder}/c") as central, connect("user", central.address) as user:
+        with a_map(central).running():
+            assert user.query(HEIGHT, -1.0) == 1.0
+        assert "all goes through central" in caplog.text
+
+
+def test_with_a_local_central_all_goes_through_its_core() -> None:
+    with LocalCentral() as central, connect("user", central) as user:
+        module = Module("map", central)
+        module.handles(HEIGHT, direct=True)(lambda _, x: -x)
+        with module.running():
+            assert [user.query(HEIGHT, 1.0) for _ in range(5)] == [-1.0] * 5
+        assert sum(isinstance(fact, Delivered) for fact in central.facts) == 5
+
+
+@pytest.mark.parametrize("message", [WALK, Broadcast("news"), MultiQuery("all", reply=int), Variable("mode", int)])
+def test_only_informs_and_queries_go_directly(message: Command[float, float]) -> None:
+    with pytest.raises(MisuseError, match=f"'{message.name}' can't be handled with direct=True: only informs and quer"):
+        Module("map").handles(message, direct=True)(lambda *_: 0.0)
+
+
+def test_a_pending_limit_and_a_direct_way_exclude_each_other() -> None:
+    with pytest.raises(MisuseError, match="direct=True and pending=3: what comes directly waits with its senders"):
+        Module("map").handles(HEIGHT, direct=True, pending=3)(lambda _, x: x)

@@ -1,0 +1,418 @@
+"""The line between a sender and an entrance, without sockets: whatever breaks, nothing is handled twice or forgotten."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tca_module import direct_path
+from tca_module.direct_inbox import MOST_SENDERS, Inbox
+from tca_module.direct_path import MOST_UNDER_WAY, Path
+from tca_module.notes import FAR, Notes
+from tca_module.session import Request
+from tca_wire.codec import pack_item
+from tca_wire.direct import Direct, Greet, unpack_from_entrance
+from tca_wire.headers import PROTOCOL_VERSION, Fail, Refused, Reply, Send, Unknown
+from tca_wire.routes import Entrance
+from tca_wire.vocabulary import Outcome, Refusal
+
+KEY = "key"
+
+
+class Line:
+    """A line that can break: what is on its way is lost then, and the far end knows the sender under a new address."""
+
+    def __init__(self) -> None:
+        self.there: deque[tuple[bytes, list[bytes]]] = deque()
+        self.back: deque[bytes] = deque()
+        self.number = 1
+        self.is_connected = True
+
+    @property
+    def address(self) -> bytes:
+        return b"%d" % self.number
+
+    def cut(self) -> None:
+        self.there.clear()
+        self.back.clear()
+        self.number += 1
+
+
+class Near:
+    """The sender's socket."""
+
+    def __init__(self, line: Line) -> None:
+        self.line = line
+
+    @property
+    def is_connected(self) -> bool:
+        return self.line.is_connected
+
+    def send(self, packet: bytes) -> bool:
+        if self.line.is_connected:
+            self.line.there.append((self.line.address, [packet]))
+        return self.line.is_connected
+
+    def receive(self) -> bytes | None:
+        return self.line.back.popleft() if self.line.back else None
+
+    def fileno(self) -> int:
+        raise NotImplementedError
+
+    def has_arrived(self) -> bool:
+        return bool(self.line.back)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class Far:
+    """The entrance's socket."""
+
+    def __init__(self, line: Line) -> None:
+        self.line = line
+        self.is_paused = False
+
+    def send(self, to: bytes, packet: bytes) -> bool:
+        if to == self.line.address:
+            self.line.back.append(packet)
+        return to == self.line.address
+
+    def receive(self) -> tuple[bytes, list[bytes]] | None:
+        return self.line.there.popleft() if self.line.there else None
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class Pair:
+    """A sender and a slot."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.line = Line()
+        self.notes = Notes()
+        self.inbox = Inbox(
+            Far(self.line), KEY, {"height": True, "pose": False}, self.notes, lambda: self.now, logging.getLogger("t")
+        )
+        self.over: list[Request] = []
+        self.handed_over: list[Request] = []
+        self.lost: list[str] = []
+        self.handled: list[bytes] = []
+        self.path = Path(
+            Entrance("ipc:///there", KEY), Near(self.line), "run/0/1", "user",
+            end=self.end, hand_over=self.handed_over.append, lose=self.lost.append,
+        )  # fmt: skip
+
+    def end(self, request: Request) -> None:
+        assert not request.is_over
+        request.is_over = True
+        self.over.append(request)
+
+    def ask(self, body: bytes = b"?") -> Request:
+        request = Request(Send(0, "height"), body, wants_answer=True)
+        assert self.path.ask(request, self.now)
+        return request
+
+    def greet(self) -> None:
+        self.path.tend(self.now)
+        self.inbox.listen()
+        self.path.receive()
+
+    def handle(self) -> None:
+        """The slot handles one message, if there is one."""
+        self.inbox.listen()
+        if (taken := self.inbox.take()) is not None:
+            delivery, body = taken
+            self.handled.append(body)
+            self.inbox.reply(Reply(delivery.delivery), body)
+
+    def settle(self) -> None:
+        """Let enough time pass, and everything be handled."""
+        for _ in range(4):
+            self.now += 1.1
+            for _ in range(60):
+                self.path.tend(self.now)
+                self.handle()
+                self.path.receive()
+
+
+@pytest.fixture
+def pair() -> Pair:
+    pair = Pair()
+    pair.greet()
+    return pair
+
+
+def test_nothing_goes_before_the_greeting_is_answered() -> None:
+    pair = Pair()
+    assert not pair.path.is_usable
+    pair.path.tend(0.0)
+    pair.inbox.listen()
+    assert not pair.path.is_usable
+    pair.path.receive()
+    assert pair.path.is_usable
+
+
+def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
+    request = pair.ask(b"how high")
+    assert pair.path.tell(Send(0, "pose"), b"here")
+    pair.settle()
+    ((answer, body),) = request.answers
+    assert (answer.outcome, body) == (Outcome.DONE, b"how high")
+    assert pair.handled == [b"how high", b"here"]
+    assert not pair.path.requests
+
+
+def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) -> None:
+    first = pair.ask(b"1")
+    pair.path.tell(Send(0, "pose"), b"2")
+    pair.line.cut()
+    second = pair.ask(b"3")  # the sender has not noticed
+    pair.settle()
+    assert sorted(pair.handled) == [b"1", b"3"]
+    assert first.answers[0][1] == b"1"
+    assert second.answers[0][1] == b"3"
+    assert pair.lost == ["pose"]
+
+
+def test_an_answer_that_was_lost_is_given_again(pair: Pair) -> None:
+    request = pair.ask()
+    pair.handle()
+    pair.line.cut()
+    pair.settle()
+    assert len(pair.handled) == 1
+    assert request.answers
+
+
+def test_an_answer_that_is_kept_no_longer_is_lost_and_not_handled_again(pair: Pair) -> None:
+    request = pair.ask(bytes(2 << 20))
+    pair.handle()
+    pair.line.cut()
+    pair.settle()
+    assert len(pair.handled) == 1
+    assert request.lost == "the line to the module broke before the answer came"
+
+
+def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
+    request = pair.ask()
+    pair.handle()
+    pair.path.socket.receive()  # the answer is lost
+    for number in range(MOST_SENDERS):
+        greet = Greet(PROTOCOL_VERSION, KEY, f"other {number}", "other")
+        pair.line.there.append((b"other %d" % number, [pack_item(greet)]))
+        pair.inbox.listen()
+    pair.settle()
+    assert request.lost
+    assert pair.ask().is_over is False
+    pair.settle()
+    assert len(pair.handled) == 2
+
+
+def test_too_much_on_its_way_is_refused_at_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    requests = [pair.ask() for _ in range(MOST_UNDER_WAY)]
+    refused = pair.ask()
+    assert refused.refused == Refused(
+        0, Refusal.OVERLOAD, "1000 direct messages wait for the handler of 'height': try later"
+    )
+    assert pair.path.tell(Send(0, "pose"), b"")
+    assert pair.lost == ["pose"]
+    pair.inbox.listen()
+    for _ in range(10):
+        pair.handle()
+    pair.path.receive()
+    assert sum(request.is_over for request in requests) == 10
+    assert not pair.ask().is_over
+    monkeypatch.setattr(direct_path, "MOST_BYTES", 100)
+    assert pair.ask(bytes(101)).refused
+
+
+def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
+    for number in range(3 * MOST_UNDER_WAY):
+        assert pair.path.tell(Send(0, "pose"), b"%d" % number)
+        pair.handle()
+        pair.path.receive()
+    assert not pair.lost
+    assert len(pair.handled) == 3 * MOST_UNDER_WAY
+
+
+def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
+    begun, waiting = pair.ask(b"1"), pair.ask(b"2")
+    pair.path.tell(Send(0, "pose"), b"3")
+    pair.handle()
+    unread = pair.ask(b"4")
+    pair.inbox.close()
+    pair.path.receive()
+    assert begun.answers
+    assert pair.handed_over == [waiting, unread]
+    assert not pair.path.is_usable
+    assert pair.notes.due != FAR
+
+
+def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
+    answered, open_ = pair.ask(), pair.ask()
+    pair.handle()  # its answer has arrived, and was not read yet
+    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
+    assert answered.answers[0][0].outcome is Outcome.DONE
+    ((answer, _),) = open_.answers
+    assert (answer.outcome, answer.failure, answer.text) == (
+        Outcome.FAILED, "module lost", "module 'map' was lost: it fell",
+    )  # fmt: skip
+
+
+def test_who_has_left_may_have_last_words(pair: Pair) -> None:
+    answered, silent = pair.ask(), pair.ask()
+    pair.path.gone("it said goodbye", pair.now, lost=False)
+    pair.handle()
+    pair.path.receive()
+    assert answered.answers
+    assert not silent.is_over
+    pair.now += direct_path.LAST_WORDS
+    pair.path.tend(pair.now)
+    assert silent.answers[0][0].failure == "module lost"
+
+
+def test_a_query_that_was_given_up_is_not_handled(pair: Pair) -> None:
+    pair.path.abandon(pair.ask(b"1"))
+    kept = pair.ask(b"2")
+    pair.settle()
+    assert pair.handled == [b"2"]
+    assert kept.answers
+
+
+def test_a_failure_is_answered_too(pair: Pair) -> None:
+    request = pair.ask()
+    pair.inbox.listen()
+    taken = pair.inbox.take()
+    assert taken is not None
+    pair.inbox.reply(Fail(taken[0].delivery, "fog", "can't see"), b"data")
+    pair.path.receive()
+    ((answer, body),) = request.answers
+    assert (answer.failure, answer.text, body) == ("fog", "can't see", b"data")
+
+
+# --- strangers -------------------------------------------------------------------------------------------------------
+
+
+def said(pair: Pair, *frames: bytes) -> list[Any]:
+    """What the entrance says to whom sends this."""
+    pair.line.back.clear()
+    pair.line.there.append((pair.line.address, list(frames)))
+    pair.inbox.listen()
+    return [header for packet in pair.line.back for header, _ in unpack_from_entrance(packet)]
+
+
+@pytest.mark.parametrize(
+    ("frames", "why"),
+    [
+        ((b"garbage!!!!!",), "an item claims"),
+        ((b"",), "a packet of 0 bytes"),
+        ((b"a", b"b"), "2 frames"),
+        ((pack_item(Reply(1)),), "no message to a slot"),
+        ((pack_item(Greet(PROTOCOL_VERSION, "guess", "s", "m")),), "the key is not the one"),
+        ((pack_item(Greet(PROTOCOL_VERSION + 1, KEY, "s", "m")),), "version 2"),
+        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s" * 200, "m")),), "is no sender"),
+        ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m", -1)),), "is no sender"),
+    ],
+)
+def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
+    pair = Pair()
+    (answer,) = said(pair, *frames)
+    assert answer.refusal is Refusal.PROTOCOL
+    assert why in answer.text
+    (answer,) = said(pair, pack_item(Direct(1, "height")))
+    assert isinstance(answer, Unknown)
+    assert pair.inbox.take() is None
+
+
+def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pair: Pair) -> None:
+    for number in (5, 1 << 61, -1):
+        answers = said(pair, pack_item(Direct(number, "move leg")))
+        assert [answer.refusal for answer in answers] == [Refusal.UNKNOWN] * (number > 0)
+    greet = Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", 1 << 61, is_first=False)
+    (greeting,) = said(pair, pack_item(greet))
+    assert greeting.missing == []
+    (greeting,) = said(pair, pack_item(Greet(PROTOCOL_VERSION, KEY, "far ahead", "m", (1 << 61) + 10_000)))
+    assert len(greeting.missing) == 2000
+
+
+def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tca_module.direct_inbox.MOST_WAITING", 5)
+    for number in range(1, 11):
+        pair.line.there.append((pair.line.address, [pack_item(Direct(number, "pose"))]))
+    pair.inbox.listen()
+    assert len(pair.line.there) == 5
+    for _ in range(10):
+        pair.handle()
+    assert len(pair.handled) == 10
+
+
+# --- anything --------------------------------------------------------------------------------------------------------
+
+
+class Life(Pair):
+    """A pair to which anything may happen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.greet()
+        self.asked: list[Request] = []
+        self.told: list[bytes] = []
+        self.given_up: set[Request] = set()
+
+    def asks(self, body: bytes) -> None:
+        request = Request(Send(0, "height"), body, wants_answer=True)
+        if self.path.is_usable and self.path.ask(request, self.now):
+            self.asked.append(request)
+
+    def tells(self, body: bytes) -> None:
+        if self.path.is_usable and self.path.tell(Send(0, "pose"), body):
+            self.told.append(body)
+
+    def gives_up(self, _: bytes) -> None:
+        for request in self.asked[-1:]:
+            self.path.abandon(request)
+            self.given_up.add(request)
+
+    def waits(self, _: bytes) -> None:
+        self.now += 1.1
+
+    def unplugs(self, _: bytes) -> None:
+        self.line.is_connected = not self.line.is_connected
+
+
+STEPS: dict[str, Callable[[Life, bytes], object]] = {
+    "ask": Life.asks,
+    "tell": Life.tells,
+    "give up": Life.gives_up,
+    "handle": lambda life, _: life.handle(),
+    "listen": lambda life, _: life.inbox.listen(),
+    "receive": lambda life, _: life.path.receive(),
+    "tend": lambda life, _: life.path.tend(life.now),
+    "wait": Life.waits,
+    "cut": lambda life, _: life.line.cut(),
+    "unplug": Life.unplugs,
+}
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.sampled_from(sorted(STEPS)), max_size=60))
+def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str]) -> None:
+    life = Life()
+    for number, step in enumerate(steps):
+        STEPS[step](life, b"%d" % number)
+    life.line.is_connected = True
+    life.settle()
+    life.ask(b"last")  # what nobody waits for is noticed when something follows
+    life.settle()
+    assert len(set(life.handled)) == len(life.handled)
+    for request in life.asked:
+        assert request.is_over or request in life.given_up
+        assert bool(request.answers) <= (request.body in life.handled)
+    poses = [body for body in life.handled if body in life.told]
+    assert poses == sorted(poses, key=int)
+    assert len(poses) + len(life.lost) == len(life.told)
