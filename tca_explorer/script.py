@@ -10,7 +10,7 @@ from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
 from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, History, Return, Step
 from tca_module.connection import Connection
 from tca_module.errors import QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
-from tca_module.failing import BAD_DATA, HANDLER_ERROR, Reissued
+from tca_module.failing import BAD_DATA, HANDLER_ERROR, Reissued, failed
 from tca_module.sender import Sender
 from tca_module.task import Task as ModuleTask
 from tca_wire.declarations import FailureRaised, Message
@@ -132,7 +132,8 @@ class Program:
         except Reissued:
             return Fail("", reissue=True)
         except _OF_THE_WORLD as error:
-            return Fail(HANDLER_ERROR, str(error))
+            header, body = failed(HERE, error)
+            return Fail(header.failure, str(error), body, tuple(header.kinds))
         except Refused as error:
             if error.refusal not in _BY_CHANCE:
                 raise

@@ -5,6 +5,7 @@ from typing import Any, TypedDict, Unpack
 from tca_module.context import MonitorHandle
 from tca_module.errors import MisuseError
 from tca_module.knowledge import Knowledge
+from tca_module.ordering import Ordering
 from tca_module.task_handle import Attached, TaskHandle, attachment
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.controls import ExceptionHandler, Monitor, PointMonitor
@@ -41,6 +42,7 @@ class Control(Knowledge):
     """The part of a sender that watches over tasks."""
 
     _parent: TaskId
+    _ordering: Ordering
 
     def task(self, task_id: int) -> TaskHandle | None:
         """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
@@ -101,15 +103,23 @@ class Control(Knowledge):
             raise MisuseError(msg)
         body = monitor.encode_data(data)
         connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
-        is_in_turn = isinstance(monitor, PointMonitor) and options.get("sequential", True)
+        is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
+        flags, constraints = self._ordering.place(is_goal=False, sequential=sequential) if is_task else (Flags.NONE, [])
         watch = WatchOptions(
             options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
             options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
             options.get("for_ever", False),
         )  # fmt: skip
         header = Send(
-            0, monitor.name, self._parent, self._origin, Flags.SEQ_ACH if is_in_turn else Flags.NONE,
-            options.get("constraints", []), watch=watch,
-        )  # fmt: skip
+            0,
+            monitor.name,
+            self._parent,
+            self._origin,
+            flags,
+            [*constraints, *options.get("constraints", [])],
+            watch=watch,
+        )
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
+        if is_task:
+            self._ordering.add(task_id, sequential=sequential)
         return MonitorHandle(connection, monitor.name, task_id, self._origin)

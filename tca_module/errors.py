@@ -89,19 +89,19 @@ class _Failed(TcaError):
         super().__init__(f"{what} failed: {failure}: {summary}" if summary else f"{what} failed: {failure}")
         self.failure = failure
         self.text = text
-        self._body = body
+        self.body = body
 
     @property
     def data(self) -> Any:
         """The failure's data as plain values (dicts, lists, numbers, ...); None without data."""
-        return decode_untyped(self._body)
+        return decode_untyped(self.body)
 
     def data_as(self, failure: Failure[D]) -> D:
         """The data as that failure declares it. Raises MisuseError if this is another failure."""
         if failure.name != self.failure:
             msg = f"this is failure '{self.failure}', not '{failure.name}': compare .failure before data_as()"
             raise MisuseError(msg)
-        return failure.data.decode(self._body or NIL)
+        return failure.data.decode(self.body or NIL)
 
 
 NIL = b"\xc0"

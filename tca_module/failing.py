@@ -4,7 +4,7 @@ import asyncio
 import traceback
 from types import TracebackType
 
-from tca_module.errors import Deadlock
+from tca_module.errors import Deadlock, QueryFailed, TaskFailed, Timeout
 from tca_wire.declarations import FailureRaised
 from tca_wire.headers import Fail
 
@@ -13,6 +13,7 @@ BAD_DATA = "bad data"
 CANCELLED = "cancelled"
 DEADLOCK = "deadlock"
 MODULE_LOST = "module lost"
+TIMEOUT = "timeout"
 _TRACEBACK_LIMIT = 8000  # characters
 
 
@@ -24,19 +25,25 @@ class Reissued(Exception):
     """An exception handler cannot deal with its failure."""
 
 
+_NAMED = ((Misfit, BAD_DATA), (Deadlock, DEADLOCK), (Timeout, TIMEOUT), (asyncio.CancelledError, CANCELLED))
+"""Errors and the failures that they are."""
+
+
 def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
-    """What central is told of an error that ended a handler."""
+    """What central is told of an error that ended a handler. What failed elsewhere keeps its name, and is a kind of
+    "handler error" besides: the handler could have caught it.
+    """
     error = _sole(error)
     if isinstance(error, FailureRaised):
         return Fail(delivery, error.name, error.text, error.kinds), error.body
     if isinstance(error, Reissued):
         return Fail(delivery, "", reissue=True), b""
-    if isinstance(error, Misfit):
-        return Fail(delivery, BAD_DATA, str(error)), b""
-    if isinstance(error, Deadlock):
-        return Fail(delivery, DEADLOCK, error.text), b""
-    if isinstance(error, asyncio.CancelledError):
-        return Fail(delivery, CANCELLED, "the coroutine of its handler was cancelled"), b""
+    if isinstance(error, QueryFailed | TaskFailed):
+        return Fail(delivery, error.failure, str(error), [HANDLER_ERROR]), error.body
+    for kind, name in _NAMED:
+        if isinstance(error, kind):
+            text = str(error) or f"{type(error).__name__} in its handler"
+            return Fail(delivery, name, text, [] if kind is Misfit else [HANDLER_ERROR]), b""
     return Fail(delivery, HANDLER_ERROR, _describe(error)), b""
 
 

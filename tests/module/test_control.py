@@ -32,6 +32,8 @@ MOVE, REST = Command("move", float, result=float), Command("rest")
 WALK = Goal("walk", float)
 COLLISION = Failure("collision", float)
 ROCK = Failure("rock", float, kind_of=COLLISION)
+IS_FREE: Query[None, None] = Query("is the way free", reply=None)
+AT_ONCE = PointMonitor("look ahead", condition=IS_FREE)
 HIGHER, SHRUG = ExceptionHandler("higher", float), ExceptionHandler("shrug")
 
 
@@ -238,3 +240,34 @@ def test_relatives_of_a_task(robot: tuple[Robot, Client]) -> None:
         assert walk.parent() is None
         walk.kill()
         assert waiting.info() is None
+
+
+def test_point_monitors_stand_in_blocks_like_tasks(robot: tuple[Robot, Client]) -> None:
+    """In parallel they wait for nothing; in a sequence what follows waits for them."""
+    them, user = robot
+    central = them.legs.central
+    planner = Module("planner", central=central)
+    asked = threading.Semaphore(0)
+    go_on = threading.Event()
+
+    @planner.handles(WALK)
+    def walk(task: Task, height: float) -> None:
+        with task.parallel():
+            task.command(REST)
+            task.monitor(AT_ONCE)
+        task.command(MOVE, height)
+
+    @planner.handles(IS_FREE, resource="eyes")
+    def is_free(_: Task) -> None:
+        asked.release()
+        assert go_on.wait(5)
+
+    with planner.running():
+        walking = user.goal(WALK, 0.5)
+        assert asked.acquire(timeout=5), "the monitor waits for its sibling"
+        assert them.held.acquire(timeout=5)
+        them.go_on.release()
+        assert "move 0.5" not in them.said
+        go_on.set()
+        walking.result(5)
+    assert them.said == ["rested", "move 0.5"]

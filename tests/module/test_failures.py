@@ -12,8 +12,10 @@ from tca_module import (
     CentralLost,
     Client,
     Command,
+    Failure,
     MisuseError,
     Outcome,
+    Query,
     Task,
     TaskFailed,
     TaskKilled,
@@ -21,6 +23,8 @@ from tca_module import (
 from tca_wire.facts import Delivered
 
 SOON = 5.0
+HEIGHT = Query("height", int, reply=float)
+FOG = Failure("fog", int)
 
 
 # --- failures -----------------------------------------------------------------------------------------------------------
@@ -172,3 +176,25 @@ def test_after_a_restart_of_central_its_tasks_are_unknown(robot: Robot, user: Cl
     with pytest.raises(CentralLost):
         goal.kill()
     assert user.status()["tasks"] == 1
+
+
+def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Client) -> None:
+    """A handler that does not catch what its question, or its subtask, failed with."""
+
+    @robot.planner.handles(WALK)
+    def walk(task: Task, _: Arc) -> None:
+        task.command(STOP).result(SOON)
+
+    @robot.legs.handles(STOP)
+    def stop(task: Task) -> None:
+        task.query(HEIGHT, 3)
+
+    @robot.planner.handles(HEIGHT, resource="map")
+    def height(_: Task, place: int) -> float:
+        raise FOG(place, "thick")
+
+    with robot.running():
+        walking = user.goal(WALK, Arc(1.0, 1))
+        with pytest.raises(TaskFailed, match=r"fog: .*query 'height' failed: fog: thick") as failed:
+            walking.result(SOON)
+    assert failed.value.data == 3
