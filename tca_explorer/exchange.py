@@ -198,7 +198,10 @@ class Exchange:
 
     def _get_cancelled(self, line: Line, header: headers.Cancelled, _: bytes) -> None:
         for actor in line.actors:
-            actor.is_told = actor.is_told or actor.delivery == header.delivery
+            if actor.delivery == header.delivery:
+                actor.is_told = True
+                if actor.suspended[-1]:  # it is to end, not to hold
+                    actor.suspended = (*actor.suspended, False)
 
     def _get_suspended(self, line: Line, header: headers.Suspended, _: bytes) -> None:
         for actor in line.actors:

@@ -175,8 +175,8 @@ class Session:
         return self._attended.get(delivery, delivery > 0)
 
     def is_suspended(self, delivery: int) -> bool:
-        """Whether the task of a delivery that is handled is suspended."""
-        return delivery in self._suspended
+        """Whether the task of a delivery that is handled is suspended; one that was killed is to end, not to hold."""
+        return delivery in self._suspended and not self.is_cancelled(delivery)
 
     # --- the connection --------------------------------------------------------------------------------------------
 

@@ -61,7 +61,9 @@ class Task(Sender, Intervals):
 
     @property
     def suspended(self) -> bool:
-        """Whether the task is suspended: its handler may hold what it does, or finish it. Never waits."""
+        """Whether the task is suspended: its handler may hold what it does, or finish it; a cancelled one is to end, and
+        no longer suspended. Never waits.
+        """
         return self._connection().is_suspended(self.delivery)
 
     @property

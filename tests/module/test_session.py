@@ -18,6 +18,7 @@ from tca_wire.headers import (
     Register,
     Reply,
     Send,
+    Suspended,
     ToCentral,
     ToModule,
     Unknown,
@@ -350,3 +351,11 @@ def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
     session.reply(headers.Reply(7), b"\xc0")
     hear(session, deliver)
     assert not session.deliveries
+
+
+def test_a_suspended_task_that_is_killed_is_to_end(session: Session) -> None:
+    """Or a handler that holds as long as its task is suspended would never return."""
+    hear(session, Deliver(7, "walk", TaskId(7)), Suspended(7, True))
+    assert session.is_suspended(7)
+    hear(session, Cancelled(7))
+    assert not session.is_suspended(7)
