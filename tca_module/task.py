@@ -61,8 +61,8 @@ class Task(Sender, Intervals):
 
     @property
     def suspended(self) -> bool:
-        """Whether the task is suspended: its handler may hold what it does, or finish it; a cancelled one is to end, and
-        no longer suspended. Never waits.
+        """Whether the task is suspended: its handler may hold what it does, or finish it; one that is killed is to end
+        and no longer suspended. Never waits.
         """
         return self._connection().is_suspended(self.delivery)
 
