@@ -38,12 +38,16 @@ operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 
 class Life:
     """Turns numbers into something that a module could do now."""
 
-    def __init__(self) -> None:
-        self.player = Player()
+    modules = MODULES
+    messages = MESSAGES
+    pending = (2, 0, 3, 1)
+
+    def __init__(self, player: Player | None = None) -> None:
+        self.player = player or Player()
         self.generation = 0
         self.player.module("user")
-        self.player.declare("user", *MESSAGES)
-        for module in MODULES:
+        self.player.declare("user", *self.messages)
+        for module in self.modules:
             self.join(module)
         for name, (message_class, parts) in MONITORS.items():
             declared = MessageFormat(name, MessageClass(message_class), ANY, "", parts)
@@ -59,8 +63,9 @@ class Life:
     def join(self, module: str) -> None:
         self.generation += 1
         name = f"{module}{self.generation}"
-        pending = (2, 0, 3, 1)[self.generation % 4]
-        self.player.module(name, *MODULES[module], capacity=2, pool="all" if module == "map" else "", pending=pending)
+        pending = self.pending[self.generation % len(self.pending)]
+        pool = "all" if module == "map" else ""
+        self.player.module(name, *self.modules[module], capacity=2, pool=pool, pending=pending)
 
     def copies_of(self, message: str) -> set[int]:
         """The deliveries of a message that goes to many."""
@@ -77,21 +82,24 @@ class Life:
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
             pair = [point(one, moment), point(-1, list(Moment)[a % 6])]
-            delay = c % 5 if a % 4 == 0 else 0
+            delay = self.seconds(c % 5 if a % 4 == 0 else 0)
             one_point, other = pair if b % 2 else reversed(pair)
             constraints.append(before(one_point, other, delay))
             if b % 5 == 0:
-                constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), d % 5))
+                constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5)))
         self.player.send(
             senders[a % len(senders)], self.sent_name(b), under=tasks[c % len(tasks)],
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
-            deadline=d % 7 if a % 5 == 0 else 0, when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
+            deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
             if_handled=a % 5 == 0,
         )  # fmt: skip
 
-    @staticmethod
-    def sent_name(b: int) -> str:
-        return Player.format(MESSAGES[b % len(MESSAGES)]).name
+    def sent_name(self, b: int) -> str:
+        return Player.format(self.messages[b % len(self.messages)]).name
+
+    def seconds(self, number: int) -> float:
+        """A time from now."""
+        return number
 
     @staticmethod
     def attachment(a: int, b: int) -> Attachment:
@@ -126,7 +134,7 @@ class Life:
         if task := self.task(a):
             after = self.task(c) if d % 3 == 0 else None
             place = point(after, list(Moment)[d % 6]) if after else None
-            self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, d % 4)
+            self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, self.seconds(d % 4))
 
     def attach_(self, a: int, b: int, c: int, d: int) -> None:
         task = self.task(a) or TaskId(0)
@@ -151,7 +159,7 @@ class Life:
 
     def deadline_(self, a: int, b: int, c: int, *_: int) -> None:
         if task := self.task(a):
-            self.request(headers.Deadline, point(task, list(Moment)[b % 6]), c % 10)
+            self.request(headers.Deadline, point(task, list(Moment)[b % 6]), self.seconds(c % 10))
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
         conditions = list(Condition)
@@ -163,7 +171,8 @@ class Life:
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
         until = point(tasks[-1], list(Moment)[c % 6]) if b % 7 == 0 and len(tasks) > 1 else None
-        options = WatchOptions(1 + c % 5, d % 3, 1 + a % 2, b % 2 == 0, 5 * (a % 3 == 0), until, d % 5 == 0)
+        period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
+        options = WatchOptions(period, d % 3, 1 + a % 2, b % 2 == 0, duration, until, d % 5 == 0)
         name = list(MONITORS)[a % 3]
         self.player.send("user", name, under=tasks[c % len(tasks)], flags=Flags(d % 2), watch=options)
 
@@ -203,7 +212,7 @@ class Life:
             self.player.receive(sender, headers.GetVariable(self.player.number(sender), "mode"))
 
     def await_(self, a: int, b: int, c: int, *_: int) -> None:
-        names = [MESSAGES[number % len(MESSAGES)].split(" ", 1)[1] for number in (a, b)]
+        names = [self.messages[number % len(self.messages)].split(" ", 1)[1] for number in (a, b)]
         senders = self.connections()
         sender = senders[c % len(senders)]
         self.player.receive(sender, headers.WaitUntilHandled(self.player.number(sender), names))
@@ -222,4 +231,4 @@ class Life:
             self.player.receive(others[a % len(others)], headers.Bye())
 
     def join_(self, a: int, *_: int) -> None:
-        self.join(list(MODULES)[a % len(MODULES)])
+        self.join(list(self.modules)[a % len(self.modules)])

@@ -1,0 +1,166 @@
+"""The rules of resources: a slot handles one message at a time; of those that wait, the one of highest priority is
+next, then the one that has waited longest.
+"""
+
+from properties import oracle_rules, oracle_taps
+from properties.oracle_records import Collector, Disagreement, Job, Node, World
+
+from tca_wire.vocabulary import Condition, MessageClass
+
+Resource = tuple[str, str]
+
+
+def targets(world: World, job: Job) -> list[Resource]:
+    """The resources that may handle a message: the newest handler's, and those of its pool."""
+    if job.target:
+        return [job.target]
+    handlers = world.handlers.get(job.message, [])
+    newest = handlers[-1:]
+    return [(one.module, one.resource) for one in handlers if one in newest or (one.pool and one.pool == newest[0].pool)]
+
+
+def free_slots(world: World, resource: Resource) -> list[str]:
+    busy = {job.slot for job in world.everything() if job.slot and not job.nested}
+    return [slot for slot, its in world.slots.items() if its == resource and slot not in busy]
+
+
+def give(world: World) -> bool:
+    """Give a slot the message that is next, as central did; whether there was any."""
+    choices = _choices(world)
+    if not choices:
+        return False
+    said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
+    if not world.seen.delivered:
+        raise Disagreement(f"nothing keeps these from being delivered, and central does not: {said}")
+    fact = world.seen.delivered.pop(0)
+    slot = world.seen.given[fact.id]
+    for job, slots in choices.items():
+        if job.id == fact.message_id and slot in slots:
+            job.given_as = fact.id
+            _deliver(world, job, slot)
+            return True
+    raise Disagreement(f"central gives {fact.message_id} to {slot} where these are next: {said}")
+
+
+def _choices(world: World) -> dict[Job, set[str]]:
+    """Who may be delivered next, and to which slots. Who waits for the answer in a slot itself is called back there."""
+    waiting = [job for job in world.everything() if job.waiting]
+    choices: dict[Job, set[str]] = {}
+    for job in waiting:
+        mine = targets(world, job)
+        for resource in mine:
+            rivals = [other for other in waiting if resource in targets(world, other) and _is_before(other, job)]
+            if (free := free_slots(world, resource)) and not rivals:
+                choices.setdefault(job, set()).update(free)
+        is_self_query = job.kind.has_reply and world.slots.get(job.sender) in mine
+        if is_self_query and not any(free_slots(world, resource) for resource in mine):
+            choices[job] = {job.sender}
+    return choices
+
+
+def _is_before(one: Job, other: Job) -> bool:
+    """Whether *one* must be delivered before *other*. What came to wait in the course of one event, one because the
+    other was delivered or not, may come in any order.
+    """
+    assert one.arrival and other.arrival
+    is_same_event = one.arrival[0] == other.arrival[0]
+    if one.priority != other.priority:
+        return one.priority > other.priority and not (is_same_event and one.arrival != other.arrival)
+    return one.arrival[0] < other.arrival[0]
+
+
+def _deliver(world: World, job: Job, slot: str) -> None:
+    job.nested = not any(slot in free_slots(world, resource) for resource in targets(world, job))
+    job.slot, job.wanted, job.waiting = slot, False, False
+    oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
+    if isinstance(job, Node):
+        oracle_rules.started(world, job)
+
+
+def wait(world: World, job: Job) -> None:
+    """What is no task waits as soon as it is sent."""
+    job.waiting, job.wanted = True, True
+    job.arrival = job.arrival or (world.step, world.round + 1)
+    world.jobs.append(job)
+
+
+def send_statement(world: World, job: Job) -> None:
+    """An inform goes to one handler, a broadcast to all."""
+    if job.kind is MessageClass.INFORM:
+        wait(world, job)
+    else:
+        copies(world, job)
+
+
+def copies(world: World, job: Job) -> list[Job]:
+    """A copy for each handler that has a slot."""
+    made = []
+    for handler in world.handlers.get(job.message, []):
+        resource = (handler.module, handler.resource)
+        if resource in world.slots.values():
+            copy = Job(job.id, job.message, job.kind, job.sender, job.number, job.priority, job.role, resource)
+            wait(world, copy)
+            made.append(copy)
+    return made
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+def answered(world: World, job: Job, *, done: bool) -> None:
+    """A message that is no task came to its end."""
+    if job in world.jobs:
+        world.jobs.remove(job)
+    for collector in [one for one in world.collectors if job in one.pending]:
+        collector.pending.remove(job)
+        collector.wanted -= done and collector.wanted > 0
+        if not collector.wanted or not collector.pending:
+            _complete(world, collector)
+
+
+def _complete(world: World, collector: Collector) -> None:
+    world.collectors.remove(collector)
+
+
+def give_up(world: World, sender: str, number: int) -> None:
+    """The sender waits no longer: what nobody handles yet is dropped."""
+    world.waits.pop((sender, number), None)
+    for collector in [one for one in world.collectors if (one.sender, one.number) == (sender, number)]:
+        world.collectors.remove(collector)
+        world.jobs = [job for job in world.jobs if job not in collector.pending or job.slot]
+    mine = [job for job in world.jobs if (job.sender, job.number) == (sender, number) and job.kind.has_reply]
+    world.jobs = [job for job in world.jobs if job not in mine or job.slot or job.target]
+
+
+# --- modules come and go ---------------------------------------------------------------------------------------------
+
+
+def remove_handler(world: World, message: str, module: str) -> None:
+    """A module handles a message no longer; what was meant for it alone comes to nothing."""
+    gone = [one for one in world.handlers.get(message, []) if one.module == module]
+    for handler in gone:
+        world.handlers[message].remove(handler)
+        for job in list(world.jobs):
+            if job.message == message and job.target == (module, handler.resource) and job.waiting:
+                answered(world, job, done=False)
+
+
+def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
+    """A connection is gone; what it was handling and did not end."""
+    module = world.modules.pop(connection)
+    for key in [key for key in world.waits if key[0] == connection]:
+        del world.waits[key]
+    for job in [job for job in world.jobs if job.sender == connection and job.kind.has_reply]:
+        give_up(world, connection, job.number)
+    is_last = module not in world.modules.values()
+    if connection not in world.slots or is_last:
+        for message in list(world.handlers):
+            remove_handler(world, message, module)
+    world.slots.pop(connection, None)
+    if is_last:
+        for key in [key for key in world.last if key == (0, module)]:
+            del world.last[key]
+    orphans = [job for job in world.everything() if job.slot == connection]
+    for job in orphans:
+        job.slot, job.nested = "", False
+    return orphans
