@@ -179,10 +179,8 @@ class Agenda:
 
     @property
     def is_busy(self) -> bool:
-        """Whether something has come out that the core must take."""
-        return bool(
-            self.startable or self.ended or self.met or self.withdrawn or self.tapped or self.happened or self.alone
-        )
+        """Whether something has come out that the core must take before it starts anything."""
+        return bool(self.ended or self.met or self.withdrawn or self.tapped or self.happened or self.alone)
 
     def settle(self) -> None:
         """Reach all that can be reached."""

@@ -41,7 +41,6 @@ class Central(State):
             (agenda.alone, lambda task: monitors.end_watchers(self, task)),
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
-            (agenda.startable, self._start),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
             (agenda.met, self._met),
         )
@@ -120,14 +119,19 @@ class Central(State):
         """Let everything happen that may, until nothing moves."""
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
-        while agenda.is_busy or dispatcher.is_busy:
-            for waiting, take in self._takers:
-                while waiting:
-                    take(waiting.popleft())
-            if dispatcher.changed:
+        while True:
+            if agenda.is_busy or dispatcher.displaced:
+                for waiting, take in self._takers:
+                    while waiting:
+                        take(waiting.popleft())
+            elif dispatcher.changed:
                 availability.tell_changes(self)
-            if dispatcher.freed and not (agenda.is_busy or dispatcher.displaced):
+            elif agenda.startable:
+                self._start_all()
+            elif dispatcher.freed:
                 dispatcher.give_freed_slot()
+            else:
+                return
             agenda.settle()
 
     def _withdraw(self, task: Task) -> None:
@@ -137,19 +141,20 @@ class Central(State):
         task, waiter = met
         waiter.met(self, task)
 
-    def _start(self, task: Task) -> None:
-        """All conditions of a task's start are met."""
-        if not task.requested or task.killed:
-            return
-        if task.again:
-            task.again = False
-            task.given_as = self.new_id()
-            task.more.attempts += 1
-            task.more.recovering = None
-        if task.message.message_class.is_monitor:
-            monitors.start(self, task)
-        else:
-            self.dispatcher.route(task)
+    def _start_all(self) -> None:
+        """All conditions of these tasks' start are met, and everything else has settled."""
+        startable = [task for task in self.agenda.startable if task.requested and not task.killed]
+        self.agenda.startable.clear()
+        for task in startable:
+            if task.again:
+                task.again = False
+                task.given_as = self.new_id()
+                task.more.attempts += 1
+                task.more.recovering = None
+        self.dispatcher.route_all([task for task in startable if not task.message.message_class.is_monitor])
+        for task in startable:
+            if task.message.message_class.is_monitor and not task.killed:  # one that fails at once may end others
+                monitors.start(self, task)
 
     def _ended(self, task: Task) -> None:
         if task.rare is not None:

@@ -30,24 +30,15 @@ class Dispatcher:
             deque()
         )  #: gave way to newer ones (why): to be told who waits for them
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether something is to be done before the next event."""
-        return bool(self.freed or self.displaced or self.changed)
-
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
 
         *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
         """
-        if not delivery.arrival:
-            self._arrivals += 1
-            delivery.arrival = self._arrivals
+        self._arrive(delivery)
         resources = targets or tuple(delivery.message.candidates())
-        for resource in resources:
-            if slot := resource.take_slot():
-                self._attend(delivery, slot)
-                return
+        if self._take_free_slot(delivery, resources):
+            return
         if (slot := own_slot(delivery, resources)) is not None:
             delivery.nested = True
             self._attend(delivery, slot)
@@ -64,6 +55,31 @@ class Dispatcher:
         for resource in resources:
             if limit := resource.limits.get(delivery.message.name):
                 self._keep_within(limit, delivery, resource)
+
+    def route_all(self, deliveries: list[Delivery]) -> None:
+        """Deliver or queue several that may start at the same time: free slots go by priority, then arrival; the others
+        queue in the order in which they came, for that is what pending limits go by.
+        """
+        if len(deliveries) > 1:
+            for delivery in deliveries:
+                self._arrive(delivery)
+            in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
+            left = [one for one in in_turn if not self._take_free_slot(one, tuple(one.message.candidates()))]
+            deliveries = sorted(left, key=lambda one: one.arrival)
+        for delivery in deliveries:
+            self.route(delivery)
+
+    def _arrive(self, delivery: Delivery) -> None:
+        if not delivery.arrival:
+            self._arrivals += 1
+            delivery.arrival = self._arrivals
+
+    def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+        for resource in resources:
+            if slot := resource.take_slot():
+                self._attend(delivery, slot)
+                return True
+        return False
 
     def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
         """What has waited longest gives way where more wait than may."""
@@ -163,13 +179,17 @@ class Dispatcher:
         if handler.pending:
             handler.resource.limits[message.name] = PendingLimit(handler.pending)
         handler.module.handlers[message.name] = handler
-        for delivery in queued:
-            self.route(delivery)
+        self.route_all(queued)
 
-    def handler_gone(self, handler: Handler) -> list[Delivery]:
-        """What waited for that handler goes to the one before it, or waits. What was meant for it alone (its copy of a
-        broadcast or multi-query) is returned.
+    def handlers_gone(self, handlers: list[Handler]) -> list[Delivery]:
+        """What waited for those handlers goes to the ones before them, or waits. What was meant for them alone (copies
+        of a broadcast or multi-query) is returned.
         """
+        queued = [delivery for handler in handlers for delivery in self._handler_gone(handler)]
+        self.route_all([delivery for delivery in queued if not delivery.message.fans_out])
+        return [delivery for delivery in queued if delivery.message.fans_out]
+
+    def _handler_gone(self, handler: Handler) -> list[Delivery]:
         message = handler.message
         queued = self._take_queued(message, handler.resource if message.fans_out else None)
         message.handlers.remove(handler)
@@ -178,11 +198,7 @@ class Dispatcher:
         handler.resource.limits.pop(message.name, None)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
-        if message.fans_out:
-            return queued
-        for delivery in queued:
-            self.route(delivery)
-        return []
+        return queued
 
     @staticmethod
     def _take_queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
