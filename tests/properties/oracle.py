@@ -58,6 +58,7 @@ class Oracle:
         world = self.world
         seen = world.seen = Seen(effects)
         world.time = max(world.time, event.time)
+        world.step += 1
         oracle_rules.let_time_pass(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
@@ -67,7 +68,6 @@ class Oracle:
         self._compare(seen)
 
     def _settle(self) -> None:
-        self.world.step += 1
         oracle_rules.settle(self.world)
         while oracle_slots.give(self.world):
             oracle_rules.settle(self.world)

@@ -177,10 +177,9 @@ class Seen:
         self.sent = [birth for birth in births if birth.sender != "central"]
         self.made = [birth for birth in births if birth.sender == "central"]
         self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
-        self.given = {
-            header.delivery: connection for connection, header in self.told if isinstance(header, headers.Deliver)
-        }
-        self.delivered = [fact for fact in self.facts if isinstance(fact, facts.Delivered)]
+        slots = [connection for connection, header in self.told if isinstance(header, headers.Deliver)]
+        delivered = [fact for fact in self.facts if isinstance(fact, facts.Delivered)]
+        self.delivered = list(zip(delivered, slots, strict=True))
 
     @property
     def is_refused(self) -> bool:

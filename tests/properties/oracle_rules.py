@@ -151,6 +151,7 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
             elif not alarm.node.killed and alarm.moment not in alarm.node.past:
                 oracle_failures.raise_beside(world, alarm.node, ("timeout",))
         settle()
+        world.step += 1
     world.due_by = world.time
 
 
@@ -221,6 +222,8 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
     if oracle_taps.fire_before(world, node, moments):
         return True
     node.waiting = True
+    if node.again:
+        node.again, node.recovering = False, None
     node.arrival = node.arrival or (world.step, world.round)
     return True
 
@@ -232,9 +235,6 @@ def start_moments(node: Node) -> set[Moment]:
 
 def started(world: World, node: Node) -> None:
     """A handler was given the task."""
-    node.wanted = node.waiting = False
-    if node.again:
-        node.again, node.recovering = False, None
     if SH not in node.past:
         reach(world, node, start_moments(node) - node.past)
 

@@ -32,8 +32,7 @@ def give(world: World) -> bool:
     said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
     if not world.seen.delivered:
         raise Disagreement(f"nothing keeps these from being delivered, and central does not: {said}")
-    fact = world.seen.delivered.pop(0)
-    slot = world.seen.given[fact.id]
+    fact, slot = world.seen.delivered.pop(0)
     for job, slots in choices.items():
         if job.id == fact.message_id and slot in slots:
             job.given_as = fact.id
