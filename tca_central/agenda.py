@@ -17,6 +17,7 @@ from tca_central.intervals import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
+    KILLED,
     MUST_FOLLOW_IN_COMMAND,
     MUST_FOLLOW_IN_GOAL,
     REACHED_AT_BIRTH_BY_COMMAND,
@@ -84,6 +85,7 @@ class Agenda:
         task.suspended = parent.suspended and task.role not in (Role.TERMINATION, Role.CANCEL)
         if (parent.killed or (parent.again and not task.role)) and not task.survives:
             self.kill(task, parent.killed or f"{parent} is retried")
+            self.happened.append((task, KILLED))
         self._look_at.append(task)
         return added
 

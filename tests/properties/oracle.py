@@ -137,7 +137,7 @@ class Oracle:
             oracle_slots.answered(self.world, job, done=False)
             oracle_monitors.answered(self.world, job, None)
         else:
-            job.wanted = job.waiting = True
+            oracle_slots.wait(self.world, job)
 
     # --- sending -----------------------------------------------------------------------------------------------
 

@@ -30,7 +30,8 @@ class Job:
     target: tuple[str, str] | None = None  # a copy's resource; others go to whoever handles their message
     wanted: bool = True  # it shall be given to a handler
     waiting: bool = False  # nothing but the want of a slot keeps it from that
-    arrival: tuple[int, int] | None = None  # since when (step, round)
+    since: tuple[int, int] = (0, 0)  # when it came to wait (step, round)
+    arrival: tuple[int, int] | None = None  # the same for the first time, unless it lost its place
     slot: str = ""  # the connection that has it
     given_as: int = 0
     nested: bool = False  # has a slot beyond the capacity

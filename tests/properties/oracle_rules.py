@@ -224,7 +224,8 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
     node.waiting = True
     if node.again:
         node.again, node.recovering = False, None
-    node.arrival = node.arrival or (world.step, world.round)
+    node.since = (world.step, world.round)
+    node.arrival = node.arrival or node.since
     return True
 
 

@@ -58,13 +58,16 @@ def _choices(world: World) -> dict[Job, set[str]]:
 
 
 def _is_before(one: Job, other: Job) -> bool:
-    """Whether *one* must be delivered before *other*. What came to wait in the course of one event, one because the
-    other was delivered or not, may come in any order.
+    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait in the course of one
+    event may come in any order, but for tasks that could start at once.
     """
+    is_same_event = one.since[0] == other.since[0]
+    is_same_moment = one.since == other.since and isinstance(one, Node) and isinstance(other, Node)
+    if is_same_event and not is_same_moment:
+        return False
     assert one.arrival and other.arrival
-    is_same_event = one.arrival[0] == other.arrival[0]
     if one.priority != other.priority:
-        return one.priority > other.priority and not (is_same_event and one.arrival != other.arrival)
+        return one.priority > other.priority
     return one.arrival[0] < other.arrival[0]
 
 
@@ -79,8 +82,10 @@ def _deliver(world: World, job: Job, slot: str) -> None:
 def wait(world: World, job: Job) -> None:
     """What is no task waits as soon as it is sent."""
     job.waiting, job.wanted = True, True
-    job.arrival = job.arrival or (world.step, world.round + 1)
-    world.jobs.append(job)
+    job.since = (world.step, world.round)
+    job.arrival = job.arrival or job.since
+    if job not in world.jobs:
+        world.jobs.append(job)
 
 
 def send_statement(world: World, job: Job) -> None:
