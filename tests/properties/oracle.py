@@ -69,7 +69,7 @@ class Oracle:
 
     def _settle(self) -> None:
         oracle_rules.settle(self.world)
-        while oracle_slots.give(self.world):
+        while oracle_monitors.start_all(self.world) or oracle_slots.give(self.world):
             oracle_rules.settle(self.world)
 
     def _compare(self, seen: Seen) -> None:
@@ -180,7 +180,7 @@ class Oracle:
         kind = world.kinds[header.message]
         node = Node(task, header.message, kind, connection, priority=header.priority, module=world.modules[connection])
         if kind.is_monitor:
-            oracle_monitors.born(world, node, header.watch)
+            oracle_monitors.born(node, header.watch)
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
         for one, other in _from_flags(header.flags, node, last):
@@ -290,6 +290,12 @@ class Oracle:
         if node is not None and moment not in node.past:
             oracle_rules.set_alarm(self.world, header.seconds, node, moment=moment)
 
+    def fire(self, _: str, header: headers.Fire, _body: bytes) -> None:
+        oracle_monitors.fire(self.world, self.world.nodes[header.monitor])
+
+    def end_monitor(self, _: str, header: headers.EndMonitor, _body: bytes) -> None:
+        oracle_monitors.end(self.world, self.world.nodes[header.monitor])
+
     def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
         world = self.world
         taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
@@ -334,5 +340,7 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Suspend: Oracle.suspend,
     headers.Deadline: Oracle.deadline,
     headers.Tap: Oracle.tap,
+    headers.Fire: Oracle.fire,
+    headers.EndMonitor: Oracle.end_monitor,
 }
 """One row per message that it understands."""

@@ -62,6 +62,8 @@ class Node(Job):
     fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
     listeners: list["Node"] = field(default_factory=list)  # that die with it
     watch: Any = None  # of a monitor
+    watches_over: bool = False  # ends when there is nothing else left under its parent
+    had_others: bool = False  # has had children that could be watched over
 
     @property
     def is_goal(self) -> bool:
@@ -98,12 +100,14 @@ class Pair:
 
 @dataclass(eq=False)
 class Alarm:
-    """Something that is due at a time for a task: a deadline or a kill."""
+    """Something that is due at a time for a task: a deadline, a kill, a monitor's end or (*is_test*) its next test."""
 
     due: float
     node: Node
     moment: Moment | None = None  # of a deadline
     ending: "Ending | None" = None
+    watch: Any = None
+    is_test: bool = False
 
 
 @dataclass(eq=False)

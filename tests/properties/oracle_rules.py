@@ -101,6 +101,7 @@ def add(world: World, node: Node, parent: Node) -> None:
         node.past = {SP, EP}
     node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
     world.nodes[node.id] = node
+    parent.had_others |= not (node.watches_over or node.role)
     if (parent.killed or (parent.again and not node.role)) and not node.survives:
         oracle_failures.kill(world, node)
 
@@ -146,9 +147,9 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
             world.alarms.remove(alarm)
             if alarm.ending is not None:
                 oracle_failures.kill_scope(world, alarm.ending)
-            elif alarm.moment is None:
+            elif alarm.watch is not None:
                 oracle_monitors.rings(world, alarm)
-            elif not alarm.node.killed and alarm.moment not in alarm.node.past:
+            elif alarm.moment is not None and not alarm.node.killed and alarm.moment not in alarm.node.past:
                 oracle_failures.raise_beside(world, alarm.node, ("timeout",))
         settle()
         world.step += 1
@@ -166,7 +167,7 @@ def _next_due(world: World) -> float:
 def settle(world: World) -> None:
     """Let all points be reached that may be."""
     world.round += 1
-    while _pass(world) or _kill_what_is_to_end(world):
+    while _pass(world) or _kill_what_is_to_end(world) or oracle_monitors.end_what_is_to_end(world):
         pass
 
 

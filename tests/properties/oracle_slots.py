@@ -43,7 +43,7 @@ def give(world: World) -> bool:
 
 def _choices(world: World) -> dict[Job, set[str]]:
     """Who may be delivered next, and to which slots. Who waits for the answer in a slot itself is called back there."""
-    waiting = [job for job in world.everything() if job.waiting]
+    waiting = [job for job in world.everything() if job.waiting and not job.kind.is_monitor]
     choices: dict[Job, set[str]] = {}
     for job in waiting:
         mine = targets(world, job)

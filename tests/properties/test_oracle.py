@@ -45,7 +45,7 @@ class JudgedLife(Life):
 
     def seconds(self, number: int) -> float:
         self.timers += 1
-        return number + (self.timers % 4096) / 4096 if number else 0
+        return number + random.Random(self.timers).random() if number else 0
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         if name not in self.leaves_out:
