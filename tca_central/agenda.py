@@ -87,6 +87,8 @@ class Agenda:
             self.kill(task, parent.killed or f"{parent} is retried")
             self.happened.append((task, KILLED))
         self._look_at.append(task)
+        if parent.returned and task.is_watcher:  # there may be nothing left to watch over
+            self._look_at.append(parent)
         return added
 
     def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
@@ -108,6 +110,8 @@ class Agenda:
             together = STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
             self._reach(task, together & ~task.reached)
             self._look_at.append(task)
+        if task.is_watcher and task.parent is not None:
+            self._look_at.append(task.parent)
 
     def returned(self, task: Task) -> None:
         """The task's handler has returned, for good."""
