@@ -1,5 +1,6 @@
 """Random lives: numbers become things that a module could do now."""
 
+import random
 from typing import Any
 
 from central.player import ANY, Player, before, point
@@ -29,10 +30,14 @@ MONITORS = {
 }
 FAILURES = ("slipped", "stumbled", "module lost", "timeout", "")
 small = st.integers(0, 1000)
-operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
-                                       "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
-                                       "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor",
-                                       "monitor", "monitor", "set", "await"]), small, small, small, small)  # fmt: skip
+OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
+    "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
+    "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
+]  # fmt: skip
+operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
+BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
+CROWDED, CONNECTIONS = 50, 20
+"""So much may be to be done in a long life, by so many."""
 
 
 class Life:
@@ -71,6 +76,24 @@ class Life:
         """The deliveries of a message that goes to many."""
         sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
         return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
+
+    def go_on(self, seed: int, events: int) -> None:
+        """A long life: so many events more. Where it gets crowded more is finished than begun."""
+        dice, end = random.Random(seed), self.central.events + events
+        while self.central.events < end:
+            name = dice.choice(OPERATIONS)
+            if self.crowd() > CROWDED and name in BEGINNING:
+                name = dice.choice(["reply"] * 8 + ["pass", "pass", "kill", "give up"])
+            if name in ("join", "lose", "bye"):
+                name = "join" if len(self.connections()) < CONNECTIONS else dice.choice(("lose", "bye"))
+            self.do(name, *(dice.randrange(1001) for _ in range(4)))
+
+    def crowd(self) -> int:
+        """What is to be done."""
+        registry = self.central.registry
+        resources = [resource for module in registry.modules.values() for resource in module.resources.values()]
+        waiting = [len(message.waiting) for message in registry.messages.values()]
+        return len(self.central.tree.tasks) + sum(waiting) + sum(resource.waiting for resource in resources)
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         getattr(self, f"{name.replace(' ', '_')}_")(a, b, c, d)

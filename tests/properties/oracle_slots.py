@@ -19,40 +19,58 @@ def targets(world: World, job: Job) -> list[Resource]:
     return [(one.module, one.resource) for one in handlers if one in newest or (one.pool and one.pool == newest[0].pool)]
 
 
-def free_slots(world: World, resource: Resource) -> list[str]:
+def free_slots(world: World) -> dict[Resource, set[str]]:
+    """The slots of each resource that handle nothing."""
     busy = {job.slot for job in world.everything() if job.slot and not job.nested}
-    return [slot for slot, its in world.slots.items() if its == resource and slot not in busy]
+    free: dict[Resource, set[str]] = {}
+    for slot, resource in world.slots.items():
+        if slot not in busy:
+            free.setdefault(resource, set()).add(slot)
+    return free
 
 
 def give(world: World) -> bool:
-    """Give a slot the message that is next, as central did; whether there was any."""
+    """Give slots to those who are next, as central did; whether there was anyone. What may start at the same time is
+    started together: only then follows what follows from that.
+    """
     choices = _choices(world)
     if not choices:
         return False
-    said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
-    if not world.seen.delivered:
-        raise Disagreement(f"nothing keeps these from being delivered, and central does not: {said}")
-    fact, slot = world.seen.delivered.pop(0)
+    if not _give_next(world, choices):
+        said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
+        what = world.seen.delivered[0] if world.seen.delivered else "nothing"
+        raise Disagreement(f"central delivers {what} where these are next: {said}")
+    while world.seen.delivered and _give_next(world, _choices(world)):
+        pass
+    return True
+
+
+def _give_next(world: World, choices: dict[Job, set[str]]) -> bool:
+    """Deliver what central delivered next, if that is right."""
     for job, slots in choices.items():
-        if job.id == fact.message_id and slot in slots:
-            job.given_as = fact.id
-            _deliver(world, job, slot)
-            return True
-    raise Disagreement(f"central gives {fact.message_id} to {slot} where these are next: {said}")
+        if world.seen.delivered and job.id == world.seen.delivered[0][0].message_id:
+            fact, slot = world.seen.delivered[0]
+            if slot in slots:
+                job.given_as = fact.id
+                _deliver(world, job, slot)
+                del world.seen.delivered[0]
+                return True
+    return False
 
 
 def _choices(world: World) -> dict[Job, set[str]]:
     """Who may be delivered next, and to which slots. Who waits for the answer in a slot itself is called back there."""
-    waiting = [job for job in world.everything() if job.waiting and not job.kind.is_monitor]
+    waiting = [(job, targets(world, job)) for job in world.everything() if job.waiting and not job.kind.is_monitor]
+    free = free_slots(world)
     choices: dict[Job, set[str]] = {}
-    for job in waiting:
-        mine = targets(world, job)
-        for resource in mine:
-            rivals = [other for other in waiting if resource in targets(world, other) and _is_before(other, job)]
-            if (free := free_slots(world, resource)) and not rivals:
-                choices.setdefault(job, set()).update(free)
+    for resource, slots in free.items():
+        rivals = [job for job, mine in waiting if resource in mine]
+        for job in rivals:
+            if not any(_is_before(other, job) for other in rivals):
+                choices.setdefault(job, set()).update(slots)
+    for job, mine in waiting:
         is_self_query = job.kind.has_reply and world.slots.get(job.sender) in mine
-        if is_self_query and not any(free_slots(world, resource) for resource in mine):
+        if is_self_query and not any(resource in free for resource in mine):
             choices[job] = {job.sender}
     return choices
 
@@ -72,7 +90,7 @@ def _is_before(one: Job, other: Job) -> bool:
 
 
 def _deliver(world: World, job: Job, slot: str) -> None:
-    job.nested = not any(slot in free_slots(world, resource) for resource in targets(world, job))
+    job.nested = not any(slot in slots for slots in free_slots(world).values())
     job.slot, job.wanted, job.waiting = slot, False, False
     oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
     if isinstance(job, Node):
