@@ -142,19 +142,29 @@ class Central(State):
         waiter.met(self, task)
 
     def _start_all(self) -> None:
-        """All conditions of these tasks' start are met, and everything else has settled."""
+        """Everything has settled but these tasks, which may start. Monitors come first, with all that follows from their
+        start: they take no slot from anyone.
+        """
         startable = [task for task in self.agenda.startable if task.requested and not task.killed]
         self.agenda.startable.clear()
-        for task in startable:
-            if task.again:
-                task.again = False
-                task.given_as = self.new_id()
-                task.more.attempts += 1
-                task.more.recovering = None
-        self.dispatcher.route_all([task for task in startable if not task.message.message_class.is_monitor])
-        for task in startable:
-            if task.message.message_class.is_monitor and not task.killed:  # one that fails at once may end others
+        watching = [task for task in startable if task.message.message_class.is_monitor]
+        if watching:
+            self.agenda.startable.extend(task for task in startable if not task.message.message_class.is_monitor)
+        for task in watching:
+            if not task.killed:  # one that fails at once may end others
+                self._count_attempt(task)
                 monitors.start(self, task)
+        if not watching:
+            for task in startable:
+                self._count_attempt(task)
+            self.dispatcher.route_all(startable)
+
+    def _count_attempt(self, task: Task) -> None:
+        if task.again:
+            task.again = False
+            task.given_as = self.new_id()
+            task.more.attempts += 1
+            task.more.recovering = None
 
     def _ended(self, task: Task) -> None:
         if task.rare is not None:

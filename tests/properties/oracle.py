@@ -53,6 +53,7 @@ class Oracle:
     def __init__(self) -> None:
         self.world = World()
         self.reached: dict[int, int] = {}  # by task, as central says
+        self.queued: dict[int, int] = {}  # by delivery, the messages that wait, as central says
 
     def judge(self, event: Event, effects: list[Effect]) -> None:
         world = self.world
@@ -89,7 +90,20 @@ class Oracle:
                 raise Disagreement(f"task {task} has ended; central says {_words(self.reached[task])}")
         if world.seen.made or world.seen.delivered:
             raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.delivered}")
+        self._compare_queues(seen)
         self._compare_waits(seen)
+
+    def _compare_queues(self, seen: Seen) -> None:
+        """Whether those tasks wait for a slot that may start."""
+        for fact in seen.facts:
+            if isinstance(fact, facts.Queued):
+                self.queued[fact.id] = fact.message_id
+            elif isinstance(fact, facts.Unqueued | facts.Delivered):
+                self.queued.pop(fact.id, None)
+        mine = {node.id for node in self.world.nodes.values() if node.waiting}
+        theirs = self.world.nodes.keys() & self.queued.values()
+        if mine != theirs:
+            raise Disagreement(f"tasks that wait for a slot: {mine}; central says {theirs}")
 
     def _compare_waits(self, seen: Seen) -> None:
         world = self.world

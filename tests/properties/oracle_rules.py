@@ -77,16 +77,17 @@ def _inherit(world: World, one: tuple[Node, Moment], other: tuple[Node, Moment])
 
 
 def held_points(world: World) -> set[tuple[int, Moment]]:
-    """All points that some pair holds back. What will never hold again is dropped."""
+    """All points that some pair holds back. What will never hold again, nor be inherited, is dropped."""
     held, kept = set(), []
     for pair in world.pairs:
         if is_past(pair.before) and pair.due is None:
             pair.due = world.time + pair.delay if pair.delay else -1.0
         if pair.due is not None and pair.due <= world.due_by:
             continue
-        if not is_past(pair.after):
+        node, moment = pair.after
+        if not is_past(pair.after) or (node.killed and node.id in world.nodes):
             kept.append(pair)
-            held.add((pair.after[0].id, pair.after[1]))
+            held.add((node.id, moment))
     world.pairs = kept
     return held
 

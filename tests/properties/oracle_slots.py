@@ -40,9 +40,14 @@ def give(world: World) -> bool:
         said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
         what = world.seen.delivered[0] if world.seen.delivered else "nothing"
         raise Disagreement(f"central delivers {what} where these are next: {said}")
+    give_at_once(world)
+    return True
+
+
+def give_at_once(world: World) -> None:
+    """Let central go on to deliver what it might deliver before anything follows from what has just been done."""
     while world.seen.delivered and _give_next(world, _choices(world)):
         pass
-    return True
 
 
 def _give_next(world: World, choices: dict[Job, set[str]]) -> bool:
