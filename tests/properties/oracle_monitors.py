@@ -42,7 +42,7 @@ def start_all(world: World) -> bool:
     for node in monitors:
         node.waiting = node.wanted = False
         _start(world, node)
-        oracle_slots.give_at_once(world)
+        oracle_slots.give_messages(world)
     return bool(monitors)
 
 

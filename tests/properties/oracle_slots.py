@@ -40,13 +40,14 @@ def give(world: World) -> bool:
         said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
         what = world.seen.delivered[0] if world.seen.delivered else "nothing"
         raise Disagreement(f"central delivers {what} where these are next: {said}")
-    give_at_once(world)
+    while _give_next(world, _choices(world)):
+        pass
     return True
 
 
-def give_at_once(world: World) -> None:
-    """Let central go on to deliver what it might deliver before anything follows from what has just been done."""
-    while world.seen.delivered and _give_next(world, _choices(world)):
+def give_messages(world: World) -> None:
+    """Messages that are no tasks may be given away as they are sent, before anything else follows."""
+    while _give_next(world, {job: slots for job, slots in _choices(world).items() if not isinstance(job, Node)}):
         pass
 
 
