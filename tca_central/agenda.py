@@ -17,6 +17,7 @@ from tca_central.intervals import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
+    KILLED,
     MUST_FOLLOW_IN_COMMAND,
     MUST_FOLLOW_IN_GOAL,
     REACHED_AT_BIRTH_BY_COMMAND,
@@ -84,7 +85,10 @@ class Agenda:
         task.suspended = parent.suspended and task.role not in (Role.TERMINATION, Role.CANCEL)
         if (parent.killed or (parent.again and not task.role)) and not task.survives:
             self.kill(task, parent.killed or f"{parent} is retried")
+            self.happened.append((task, KILLED))
         self._look_at.append(task)
+        if parent.returned and task.is_watcher:  # there may be nothing left to watch over
+            self._look_at.append(parent)
         return added
 
     def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
@@ -106,6 +110,8 @@ class Agenda:
             together = STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
             self._reach(task, together & ~task.reached)
             self._look_at.append(task)
+        if task.is_watcher and task.parent is not None:
+            self._look_at.append(task.parent)
 
     def returned(self, task: Task) -> None:
         """The task's handler has returned, for good."""
@@ -180,10 +186,8 @@ class Agenda:
 
     @property
     def is_busy(self) -> bool:
-        """Whether something has come out that the core must take."""
-        return bool(
-            self.startable or self.ended or self.met or self.withdrawn or self.tapped or self.happened or self.alone
-        )
+        """Whether something has come out that the core must take before it starts anything."""
+        return bool(self.ended or self.met or self.withdrawn or self.tapped or self.happened or self.alone)
 
     def settle(self) -> None:
         """Reach all that can be reached."""

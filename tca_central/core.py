@@ -56,8 +56,6 @@ class Central(State):
             (agenda.alone, lambda task: monitors.end_watchers(self, task)),
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
-            (agenda.met, self._met),  # a kill that waited for a point comes before what starts at that point
-            (agenda.startable, self._start),
             (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
         )
@@ -138,18 +136,22 @@ class Central(State):
         """Let everything happen that may, until nothing moves."""
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
-        while agenda.is_busy or dispatcher.is_busy or self.suspects:
-            for waiting, take in self._takers:
-                while waiting:
-                    take(waiting.popleft())
-            if dispatcher.changed:
+        while True:
+            if agenda.is_busy or dispatcher.displaced or dispatcher.granted:
+                for waiting, take in self._takers:
+                    while waiting:
+                        take(waiting.popleft())
+            elif dispatcher.changed:
                 availability.tell_changes(self)
-            if dispatcher.freed and not (agenda.is_busy or dispatcher.displaced):
+            elif agenda.startable:
+                self._start_all()
+            elif dispatcher.freed:
                 dispatcher.give_freed_slot()
-            agenda.settle()
-            if self.suspects and not (agenda.is_busy or dispatcher.is_busy):
+            elif self.suspects:
                 deadlocks.look(self)
-                agenda.settle()
+            else:
+                return
+            agenda.settle()
 
     def _withdraw(self, task: Task) -> None:
         self.dispatcher.withdraw(task, keep_place=task.suspended or task.again)
@@ -158,20 +160,31 @@ class Central(State):
         task, waiter = met
         waiter.met(self, task)
 
-    def _start(self, task: Task) -> None:
-        """All conditions of a task's start are met."""
-        if not task.requested or task.killed:
-            return
+    def _start_all(self) -> None:
+        """Everything has settled but these tasks, which may start. Monitors come first, with all that follows from
+        their start: they take no slot from anyone.
+        """
+        startable = [task for task in self.agenda.startable if task.requested and not task.killed]
+        self.agenda.startable.clear()
+        watching = [task for task in startable if task.message.message_class.is_monitor]
+        if watching:
+            self.agenda.startable.extend(task for task in startable if not task.message.message_class.is_monitor)
+        for task in watching:
+            if not task.killed:  # one that fails at once may end others
+                self._count_attempt(task)
+                monitors.start(self, task)
+        if not watching:
+            for task in startable:
+                self._count_attempt(task)
+            self.dispatcher.route_all(startable)
+
+    def _count_attempt(self, task: Task) -> None:
         if task.again:
             task.again = False
             task.given_as = self.new_id()
             task.more.attempts += 1
             task.more.recovering = None
             claims.end_with(self, task)
-        if task.message.message_class.is_monitor:
-            monitors.start(self, task)
-        else:
-            self.dispatcher.route(task)
 
     def _ended(self, task: Task) -> None:
         if self.claimed_for:

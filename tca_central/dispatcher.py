@@ -5,7 +5,7 @@ reports through the two functions it is given.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
@@ -37,22 +37,15 @@ class Dispatcher:
             deque()
         )  #: gave way to newer ones (why): to be told who waits for them
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether something is to be done before the next event."""
-        return bool(self.freed or self.displaced or self.changed or self.granted)
-
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
 
         *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
         """
-        delivery.arrival = delivery.arrival or self._arrival()
+        self._arrive(delivery)
         resources = targets or tuple(delivery.message.candidates())
-        for resource in resources:
-            if slot := resource.slot_for(delivery):
-                self._attend(delivery, slot)
-                return
+        if self._take_free_slot(delivery, resources):
+            return
         if (slot := own_slot(delivery, resources)) is not None:
             delivery.nested = True
             self._attend(delivery, slot)
@@ -77,9 +70,30 @@ class Dispatcher:
             if limit := resource.limits.get(delivery.message.name):
                 self._keep_within(limit, delivery, resource)
 
-    def _arrival(self) -> int:
-        self._arrivals += 1
-        return self._arrivals
+    def route_all(self, deliveries: Sequence[Delivery]) -> None:
+        """Deliver or queue several that may start at the same time: free slots go by priority, then arrival; the others
+        queue in the order in which they came, for that is what pending limits go by.
+        """
+        if len(deliveries) > 1:
+            for delivery in deliveries:
+                self._arrive(delivery)
+            in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
+            left = [one for one in in_turn if not self._take_free_slot(one, tuple(one.message.candidates()))]
+            deliveries = sorted(left, key=lambda one: one.arrival)
+        for delivery in deliveries:
+            self.route(delivery)
+
+    def _arrive(self, one: Delivery | Claim[Connection]) -> None:
+        if not one.arrival:
+            self._arrivals += 1
+            one.arrival = self._arrivals
+
+    def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+        for resource in resources:
+            if slot := resource.slot_for(delivery):
+                self._attend(delivery, slot)
+                return True
+        return False
 
     def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
         """What has waited longest gives way where more wait than may."""
@@ -126,7 +140,7 @@ class Dispatcher:
 
     def claim(self, claim: Claim[Connection]) -> None:
         """Let a claim wait for its turn."""
-        claim.arrival = self._arrival()
+        self._arrive(claim)
         claim.resource.add_claim(claim)
         self.freed.append((claim.resource, None))
 
@@ -203,13 +217,17 @@ class Dispatcher:
         if handler.pending:
             handler.resource.limits[message.name] = PendingLimit(handler.pending)
         handler.module.handlers[message.name] = handler
-        for delivery in queued:
-            self.route(delivery)
+        self.route_all(queued)
 
-    def handler_gone(self, handler: Handler) -> list[Delivery]:
-        """What waited for that handler goes to the one before it, or waits. What was meant for it alone (its copy of a
-        broadcast or multi-query) is returned.
+    def handlers_gone(self, handlers: list[Handler]) -> list[Delivery]:
+        """What waited for those handlers goes to the ones before them, or waits. What was meant for them alone (copies
+        of a broadcast or multi-query) is returned.
         """
+        queued = [delivery for handler in handlers for delivery in self._handler_gone(handler)]
+        self.route_all([delivery for delivery in queued if not delivery.message.fans_out])
+        return [delivery for delivery in queued if delivery.message.fans_out]
+
+    def _handler_gone(self, handler: Handler) -> list[Delivery]:
         message = handler.message
         queued = self._take_queued(message, handler.resource if message.fans_out else None)
         message.handlers.remove(handler)
@@ -218,11 +236,7 @@ class Dispatcher:
         handler.resource.limits.pop(message.name, None)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
-        if message.fans_out:
-            return queued
-        for delivery in queued:
-            self.route(delivery)
-        return []
+        return queued
 
     def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""

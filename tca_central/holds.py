@@ -192,7 +192,7 @@ class Holds:
         for moment, leader_id, its_moment in list(killed.leaders or ()):
             leader = self.tree.tasks.get(leader_id)
             first = START_PLANNING if killed.delayed and moment == START_ACHIEVING else moment
-            if leader is None or leader is follower or leader.reached & its_moment or follower.reached & held:
+            if leader is None or leader.reached & its_moment or follower.reached & held:
                 continue
             if at in comes_after(killed.is_goal, first):
                 self.hold(leader, its_moment, follower, held)

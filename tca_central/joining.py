@@ -174,11 +174,10 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
-    for handler in handlers:
-        for delivery in central.dispatcher.handler_gone(handler):
-            why = f"module '{handler.module.name}' no longer handles it"
-            if delivery.message.message_class.has_reply:
-                fail_delivery(central, delivery, Failure(MODULE_LOST, why))
-            else:
-                central.facts.append(facts.Dropped(delivery.id, why))
-        direct.review(central, [handler.message])
+    for delivery in central.dispatcher.handlers_gone(handlers):
+        why = f"module '{handlers[0].module.name}' no longer handles it"
+        if delivery.message.message_class.has_reply:
+            fail_delivery(central, delivery, Failure(MODULE_LOST, why))
+        else:
+            central.facts.append(facts.Dropped(delivery.id, why))
+    direct.review(central, [handler.message for handler in handlers])

@@ -9,11 +9,12 @@ monitor ends after so many actions, so many seconds, at a point, or when all els
 from tca_central.clock import Due, checked_seconds
 from tca_central.errors import RequestError
 from tca_central.failures import fail_task, raise_failure
+from tca_central.intervals import DELIVERED
 from tca_central.making import make, make_delivery
 from tca_central.registry import Connection
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
-from tca_central.watching import Watch, end_watch
+from tca_central.watching import Watch, end_watch, stop
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import MessageFormat, WatchOptions
@@ -90,6 +91,7 @@ def start(central: State, task: Task) -> None:
         watch = task.more.watch = Watch(task, watch.options, watch.parts)
     watch.began = central.clock.now
     central.agenda.started(task)
+    central.agenda.happened.append((task, DELIVERED))
     options, message_class = watch.options, task.message.message_class
     if options.duration:
         watch.timers.append(central.clock.after(options.duration, Due.WATCHED, watch))
@@ -149,7 +151,7 @@ def _test(central: State, watch: Watch) -> None:
         _test_later(central, watch)
     if central.dispatcher.is_full(query):
         if task.message.message_class is MessageClass.POINT_MONITOR:  # it has no later test to wait for
-            watch.is_over = True
+            stop(central, watch, "its condition could not be asked")
             fail_task(central, task, Failure("overload", f"too many messages wait for the handler of '{query.name}'"))
         return
     asked = make_delivery(central, query, task.body, Role.CONDITION, about=task.id, context=watch)
@@ -158,15 +160,17 @@ def _test(central: State, watch: Watch) -> None:
     central.dispatcher.route(asked)
 
 
-def tested(central: State, watch: Watch, answer: Answer, body: bytes) -> None:
-    """The condition was answered: None and False say that it does not hold."""
+def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]) -> None:
+    """The condition was answered: None and False say that it does not hold. What it failed with, of these *kinds*, is
+    the monitor's failure.
+    """
     watch.condition = None
     task = watch.task
     is_point = task.message.message_class is MessageClass.POINT_MONITOR
     if answer.outcome is not Outcome.DONE:
-        failure = Failure(answer.failure, f"its condition: {answer.text}", body)
+        failure = Failure(answer.failure, f"its condition: {answer.text}", body, kinds)
         if is_point:
-            watch.is_over = True
+            stop(central, watch, "its condition failed")
             fail_task(central, task, failure)
         else:
             raise_failure(central, task, failure)

@@ -238,7 +238,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
         end_with(central, delivery)
         central.facts.append(facts.Failed(delivery.id, failure.name, failure.text))
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
-        _answer_query(central, delivery, answer, failure.body)
+        _answer_query(central, delivery, answer, failure.body, failure.kinds)
 
 
 def displace(central: State, delivery: Delivery, why: str) -> None:
@@ -251,9 +251,9 @@ def displace(central: State, delivery: Delivery, why: str) -> None:
         central.facts.append(facts.Dropped(delivery.id, why))
 
 
-def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes) -> None:
+def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:
     if (watch := central.asked.pop(delivery.id, None)) is not None:
-        tested(central, watch, answer, body)
+        tested(central, watch, answer, body, kinds)
         return
     if collector := central.collectors.pop(delivery.id, None):
         _collect(central, collector, delivery, answer, body)

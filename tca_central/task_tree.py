@@ -169,13 +169,14 @@ class TaskTree:
         parent.children[task.id] = task
         self.tasks[task.id] = task
         parent.watchers += task.is_watcher
-        parent.had_others |= not (task.is_watcher or task.role)
         if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), {})[task.id] = task
 
     def become_last(self, task: Task, sender: str) -> None:
-        """From now on flags refer to this task, if a module sent it."""
+        """A task is there for good: from now on flags refer to it, if a module sent it."""
         parent = task.parent
+        if parent is not None and not (task.is_watcher or task.role):
+            parent.had_others = True
         if is_aside(task):
             return
         if parent is self.root:

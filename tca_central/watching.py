@@ -1,6 +1,7 @@
 """What a running monitor is doing, and how it stops. The rules are in monitors.py."""
 
 from tca_central.clock import Timer
+from tca_central.intervals import RETURNED
 from tca_central.making import make
 from tca_central.registry import Delivery, MessageType
 from tca_central.state import State, involved
@@ -60,6 +61,7 @@ def stop(central: State, watch: Watch, why: str) -> None:
     if watch.began is None:
         return
     central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
+    central.agenda.happened.append((watch.task, RETURNED))
     if watch.task.message.message_class is MessageClass.DEMON_MONITOR and (cancel := watch.parts[_CANCEL]) is not None:
         make(central, cancel, watch.task.body, watch.task, Role.CANCEL, context=watch)
 

@@ -166,8 +166,8 @@ class History:
         queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
-        if fact.id in self.messages:
-            self.messages[fact.id].queueing = queueing
+        if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
+            message.queueing = queueing
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet

@@ -58,10 +58,10 @@ CENTRAL: dict[str, set[str]] = {
     "availability": {"errors", "notices", "registry", "state"},
     "direct": {"errors", "registry", "resources", "state"},
     "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree"},
-    "watching": {"clock", "making", "registry", "state", "task_tree"},
+    "watching": {"clock", "intervals", "making", "registry", "state", "task_tree"},
     "failures": {"errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
-    "monitors": {"clock", "errors", "failures", "making", "registry", "state", "task_tree", "watching"},
+    "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},
     "keeping": {"errors", "registry", "state", "task_tree"},
     "status": {"holds", "registry", "state", "task_tree"},
     "requests": {

@@ -217,7 +217,7 @@ def walking(central: LocalCentral) -> Iterator[None]:
 
     @planner.handles(WALK)
     def walk(task: Task, height: float) -> None:
-        task.command(MOVE, height).result()
+        task.command(MOVE, height).wait(timeout=5)
         task.command(MOVE, height, delay=100.0)
 
     with planner.running():

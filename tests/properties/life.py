@@ -1,5 +1,6 @@
 """Random lives: numbers become things that a module could do now."""
 
+import random
 from typing import Any
 
 from central.player import ANY, Player, before, point
@@ -30,22 +31,30 @@ MONITORS = {
 }
 FAILURES = ("slipped", "stumbled", "module lost", "timeout", "")
 small = st.integers(0, 1000)
-operation = st.tuples(st.sampled_from(["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + ["kill", "constrain", "wait", "lose",
-                                       "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
-                                       "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor",
-                                       "monitor", "monitor", "set", "await", "keep", "keep", "release", "lock", "lock",
-                                       "unclaim", "unlock"]), small, small, small, small)  # fmt: skip
+OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
+    "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
+    "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
+    "keep", "keep", "release", "lock", "lock", "unclaim", "unlock",
+]  # fmt: skip
+operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
+BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
+CROWDED, CONNECTIONS = 50, 20
+"""So much may be to be done in a long life, by so many."""
 
 
 class Life:
     """Turns numbers into something that a module could do now."""
 
-    def __init__(self) -> None:
-        self.player = Player()
+    modules = MODULES
+    messages = MESSAGES
+    pending = (2, 0, 3, 1)
+
+    def __init__(self, player: Player | None = None) -> None:
+        self.player = player or Player()
         self.generation = 0
         self.player.module("user")
-        self.player.declare("user", *MESSAGES)
-        for module in MODULES:
+        self.player.declare("user", *self.messages)
+        for module in self.modules:
             self.join(module)
         for name, (message_class, parts) in MONITORS.items():
             declared = MessageFormat(name, MessageClass(message_class), ANY, "", parts)
@@ -61,14 +70,32 @@ class Life:
     def join(self, module: str) -> None:
         self.generation += 1
         name = f"{module}{self.generation}"
-        pending = (2, 0, 3, 1)[self.generation % 4]
+        pending = self.pending[self.generation % len(self.pending)]
         pool, direct = "all" if module == "map" else "", self.generation % 2 == 1
-        self.player.module(name, *MODULES[module], capacity=2, pool=pool, pending=pending, direct=direct)
+        self.player.module(name, *self.modules[module], capacity=2, pool=pool, pending=pending, direct=direct)
 
     def copies_of(self, message: str) -> set[int]:
         """The deliveries of a message that goes to many."""
         sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
         return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
+
+    def go_on(self, seed: int, events: int) -> None:
+        """A long life: so many events more. Where it gets crowded more is finished than begun."""
+        dice, end = random.Random(seed), self.central.events + events
+        while self.central.events < end:
+            name = dice.choice(OPERATIONS)
+            if self.crowd() > CROWDED and name in BEGINNING:
+                name = dice.choice(["reply"] * 8 + ["pass", "pass", "kill", "give up"])
+            if name in ("join", "lose", "bye"):
+                name = "join" if len(self.connections()) < CONNECTIONS else dice.choice(("lose", "bye"))
+            self.do(name, *(dice.randrange(1001) for _ in range(4)))
+
+    def crowd(self) -> int:
+        """What is to be done."""
+        registry = self.central.registry
+        resources = [resource for module in registry.modules.values() for resource in module.resources.values()]
+        waiting = [len(message.waiting) for message in registry.messages.values()]
+        return len(self.central.tree.tasks) + sum(waiting) + sum(resource.waiting for resource in resources)
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
         getattr(self, f"{name.replace(' ', '_')}_")(a, b, c, d)
@@ -80,21 +107,26 @@ class Life:
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
             pair = [point(one, moment), point(-1, list(Moment)[a % 6])]
-            delay = c % 5 if a % 4 == 0 else 0
+            delay = self.seconds(c % 5 if a % 4 == 0 else 0)
             one_point, other = pair if b % 2 else reversed(pair)
             constraints.append(before(one_point, other, delay))
             if b % 5 == 0:
-                constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), d % 5))
+                constraints.append(
+                    before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
+                )
         self.player.send(
             senders[a % len(senders)], self.sent_name(b), under=tasks[c % len(tasks)],
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
-            deadline=d % 7 if a % 5 == 0 else 0, when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
+            deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
             if_handled=a % 5 == 0, keep=b % 4 == 1,
         )  # fmt: skip
 
-    @staticmethod
-    def sent_name(b: int) -> str:
-        return Player.format(MESSAGES[b % len(MESSAGES)]).name
+    def sent_name(self, b: int) -> str:
+        return Player.format(self.messages[b % len(self.messages)]).name
+
+    def seconds(self, number: int) -> float:
+        """A time from now."""
+        return number
 
     @staticmethod
     def attachment(a: int, b: int) -> Attachment:
@@ -129,7 +161,7 @@ class Life:
         if task := self.task(a):
             after = self.task(c) if d % 3 == 0 else None
             place = point(after, list(Moment)[d % 6]) if after else None
-            self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, d % 4)
+            self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, self.seconds(d % 4))
 
     def attach_(self, a: int, b: int, c: int, d: int) -> None:
         task = self.task(a) or TaskId(0)
@@ -154,7 +186,7 @@ class Life:
 
     def deadline_(self, a: int, b: int, c: int, *_: int) -> None:
         if task := self.task(a):
-            self.request(headers.Deadline, point(task, list(Moment)[b % 6]), c % 10)
+            self.request(headers.Deadline, point(task, list(Moment)[b % 6]), self.seconds(c % 10))
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
         conditions = list(Condition)
@@ -166,7 +198,8 @@ class Life:
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
         until = point(tasks[-1], list(Moment)[c % 6]) if b % 7 == 0 and len(tasks) > 1 else None
-        options = WatchOptions(1 + c % 5, d % 3, 1 + a % 2, b % 2 == 0, 5 * (a % 3 == 0), until, d % 5 == 0)
+        period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
+        options = WatchOptions(period, d % 3, 1 + a % 2, b % 2 == 0, duration, until, d % 5 == 0)
         name = list(MONITORS)[a % 3]
         self.player.send("user", name, under=tasks[c % len(tasks)], flags=Flags(d % 2), watch=options)
 
@@ -221,7 +254,7 @@ class Life:
             self.player.receive(sender, headers.GetVariable(self.player.number(sender), "mode"))
 
     def await_(self, a: int, b: int, c: int, *_: int) -> None:
-        names = [MESSAGES[number % len(MESSAGES)].split(" ", 1)[1] for number in (a, b)]
+        names = [self.messages[number % len(self.messages)].split(" ", 1)[1] for number in (a, b)]
         senders = self.connections()
         sender = senders[c % len(senders)]
         self.player.receive(sender, headers.WaitUntilHandled(self.player.number(sender), names))
@@ -265,4 +298,4 @@ class Life:
             self.player.receive(others[a % len(others)], headers.Bye())
 
     def join_(self, a: int, *_: int) -> None:
-        self.join(list(MODULES)[a % len(MODULES)])
+        self.join(list(self.modules)[a % len(self.modules)])

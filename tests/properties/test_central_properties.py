@@ -21,11 +21,28 @@ def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[t
     live(operations)
 
 
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2, deadline=None)
+def test_invariants_hold_in_lives_of_thousands_of_events_and_everything_ends(seed: int) -> None:
+    life = Life()
+    life.go_on(seed, 4_000)
+    _end(life)
+
+
 @pytest.mark.soak
 @given(st.lists(operation, max_size=200))
 @settings(max_examples=4_000, deadline=None)
-def test_long_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
+def test_many_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
     live(operations)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=50, deadline=None)
+def test_many_long_lives(seed: int) -> None:
+    life = Life()
+    life.go_on(seed, 10_000)
+    _end(life)
 
 
 def live(operations: list[tuple[str, int, int, int, int]]) -> None:
@@ -33,6 +50,10 @@ def live(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life()
     for name, *numbers in operations:
         life.do(name, *numbers)
+    _end(life)
+
+
+def _end(life: Life) -> None:
     _end_everything(life)
     assert not life.central.tree.tasks
     assert not life.central.dispatcher.attended

@@ -1,27 +1,58 @@
 """Folding the journal gives the live tree, after every event of a random life."""
 
+import pytest
+from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 
+from tca_central.core import Central
+from tca_central.events import Effect, Record
 from tca_tools.history import History
-from tca_wire.points import ALL_MOMENTS, ROOT
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
+
+
+class FoldedPlayer(Player):
+    """Folds every entry, and looks whether that gives the live tree."""
+
+    def __init__(self) -> None:
+        super().__init__(check=False)
+        self.history = History()
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        for effect in effects:
+            if isinstance(effect, Record):
+                self.history.apply(effect.entry)
+        assert_same(self.central, self.history)
+        return effects
 
 
 @given(st.lists(operation, max_size=50))
 @settings(max_examples=400, deadline=None)
 def test_folding_the_journal_gives_the_live_tree(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life, history, folded = Life(), History(), 0
+    life = Life(FoldedPlayer())
     for name, *numbers in operations:
         life.do(name, *numbers)
-        for entry in life.player.entries[folded:]:
-            history.apply(entry)
-        folded = len(life.player.entries)
-        assert_same(life, history)
 
 
-def assert_same(life: Life, history: History) -> None:
-    live = life.central.tree.tasks
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2, deadline=None)
+def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
+    Life(FoldedPlayer()).go_on(seed, 2_000)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=30, deadline=None)
+def test_folding_many_long_journals_gives_the_live_tree(seed: int) -> None:
+    Life(FoldedPlayer()).go_on(seed, 5_000)
+
+
+def assert_same(central: Central, history: History) -> None:
+    live = central.tree.tasks
     unended = {task.id for task in history.tasks.values() if sum(task.reached) != ALL_MOMENTS}
     assert unended == set(live)
     for task_id, task in live.items():
@@ -33,5 +64,17 @@ def assert_same(life: Life, history: History) -> None:
         assert bool(folded.handling) == task.is_running
         assert folded.is_queued == (task.queues is not None)
         assert {child for child in folded.children if child in live} == set(task.children or {})
-    attended = {delivery.message_id for delivery in life.central.dispatcher.attended.values()}
+    attended = {delivery.message_id for delivery in central.dispatcher.attended.values()}
     assert {handling.message_id for handling in history.handlings if handling.end is None} == attended
+
+
+def test_a_retried_task_waits_under_a_new_number() -> None:
+    player = FoldedPlayer()
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "command move")
+    first = player.task("user", "move")
+    player.send("user", "move", flags=Flags.NONE, priority=1)
+    player.receive("user", headers.Retry(player.number("user"), TaskId(first)))
+    player.reply("legs/1")
+    assert player.history.tasks[TaskId(first)].is_queued

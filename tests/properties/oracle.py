@@ -1,0 +1,360 @@
+"""A reference scheduler: a second central that is simple, slow and, one hopes, obviously right.
+
+It is written from what the semantics and docs/decisions say, and shares no rule with tca_central: there are no agendas,
+counters, heaps and tickets here. Tasks are plain records, constraints a list of pairs of points, timers a list of
+times. It gets the same events as central. After each it tries all rules on all tasks, again and again until nothing
+moves, and so finds which points are past; then it looks who may be given to a handler and which of them is next at
+each resource. Central must have done the same: reached the same points of the same tasks, given away what may be
+given, in the order of priority and arrival, told those who waited for a point, and sent nothing else.
+
+What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of those that came to wait
+at the same time is first; which slot of several. Left out are pending limits and variables (what gives way
+is a rule of queues, which test_central_properties.py holds), and which of two timers is first that are due at the very same
+time: lives for the oracle have none. What central refuses is not judged, and changes nothing.
+
+    oracle.py           what each message does          oracle_rules.py     points, constraints, birth and end of tasks
+    oracle_records.py   the records                     oracle_failures.py  failures, retries, kills, suspension
+    oracle_slots.py     resources and their order       oracle_taps.py, oracle_monitors.py
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from properties import oracle_failures, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
+from properties.oracle_records import (
+    EA,
+    EP,
+    SA,
+    SP,
+    Attachment,
+    Collector,
+    Disagreement,
+    Ending,
+    Handler,
+    Job,
+    Node,
+    Seen,
+    Tap,
+    World,
+)
+
+from tca_central.events import ConnectionLost, Effect, Event, Received
+from tca_wire import facts, headers
+from tca_wire.constraints import Flags
+from tca_wire.points import THIS, Moment
+from tca_wire.vocabulary import MessageClass
+
+LOST = ("module lost",)
+
+
+class Oracle:
+    """``judge`` is told what came in and what central did about it, and raises Disagreement if that is wrong."""
+
+    def __init__(self) -> None:
+        self.world = World()
+        self.reached: dict[int, int] = {}  # by task, as central says
+        self.queued: dict[int, int] = {}  # by delivery, the messages that wait, as central says
+
+    def judge(self, event: Event, effects: list[Effect]) -> None:
+        world = self.world
+        seen = world.seen = Seen(effects)
+        world.time = max(world.time, event.time)
+        world.step += 1
+        oracle_rules.let_time_pass(world, self._settle)
+        if isinstance(event, ConnectionLost):
+            self._leave(event.connection.decode(), lost=True)
+        elif isinstance(event, Received) and not seen.is_refused and type(event.header) in MESSAGES:
+            MESSAGES[type(event.header)](self, event.connection.decode(), event.header, event.body)
+        self._settle()
+        self._compare(seen)
+
+    def _settle(self) -> None:
+        oracle_rules.settle(self.world)
+        while oracle_monitors.start_all(self.world) or oracle_slots.give(self.world):
+            oracle_rules.settle(self.world)
+
+    def _compare(self, seen: Seen) -> None:
+        """Whether central did just what it had to."""
+        world = self.world
+        touched = set()
+        for fact in seen.facts:
+            if isinstance(fact, facts.Reached):
+                self.reached[fact.task] = self.reached.get(fact.task, 0) | fact.moments
+                touched.add(fact.task)
+        for task in world.nodes:
+            mine, theirs = sum(world.nodes[task].past), self.reached.get(task, 0)
+            if mine != theirs:
+                raise Disagreement(f"task {task} has reached {_words(mine)}; central says {_words(theirs)}")
+        for task in touched - world.nodes.keys():
+            if self.reached[task] != 63:
+                raise Disagreement(f"task {task} has ended; central says {_words(self.reached[task])}")
+        if world.seen.made or world.seen.delivered:
+            raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.delivered}")
+        self._compare_queues(seen)
+        self._compare_waits(seen)
+
+    def _compare_queues(self, seen: Seen) -> None:
+        """Whether those tasks wait for a slot that may start."""
+        for fact in seen.facts:
+            if isinstance(fact, facts.Queued):
+                self.queued[fact.id] = fact.message_id
+            elif isinstance(fact, facts.Unqueued | facts.Delivered):
+                self.queued.pop(fact.id, None)
+        mine = {node.id for node in self.world.nodes.values() if node.waiting}
+        theirs = self.world.nodes.keys() & self.queued.values()
+        if mine != theirs:
+            raise Disagreement(f"tasks that wait for a slot: {mine}; central says {theirs}")
+
+    def _compare_waits(self, seen: Seen) -> None:
+        world = self.world
+        answered = {(name, header.number) for name, header in seen.told if isinstance(header, headers.Answer)}
+        for key, (node, moment) in list(world.waits.items()):
+            if (moment in node.past) != (key in answered):
+                raise Disagreement(f"{key} waits for {moment} of {node.id}: {key in answered} that it is answered")
+            if moment in node.past:
+                del world.waits[key]
+
+    # --- modules -----------------------------------------------------------------------------------------------
+
+    def hello(self, connection: str, header: headers.Hello, _: bytes) -> None:
+        self.world.modules[connection] = header.module
+        if header.resource:
+            self.world.slots[connection] = (header.module, header.resource)
+
+    def register(self, connection: str, header: headers.Register, _: bytes) -> None:
+        world = self.world
+        for declared in header.messages:
+            world.kinds[declared.name] = declared.message_class
+            world.parts[declared.name] = declared.parts
+        for handled in header.handlers:
+            module = world.modules[connection]
+            oracle_slots.remove_handler(world, handled.message, module)
+            handlers = world.handlers.setdefault(handled.message, [])
+            handlers.append(Handler(module, handled.resource, handled.pool))
+
+    def bye(self, connection: str, _: headers.Bye, _body: bytes) -> None:
+        self._leave(connection, lost=False)
+
+    def _leave(self, connection: str, *, lost: bool) -> None:
+        if connection not in self.world.modules:
+            return
+        for job in oracle_slots.leave(self.world, connection, lost=lost):
+            if not isinstance(job, Node):
+                self._orphaned(job, lost=lost)
+            elif lost or job.killed:
+                oracle_failures.returned_with_failure(self.world, job, LOST)
+            else:
+                job.wanted = True
+
+    def _orphaned(self, job: Job, *, lost: bool) -> None:
+        if lost or job.target:
+            oracle_slots.answered(self.world, job, done=False)
+            oracle_monitors.answered(self.world, job, None)
+        else:
+            oracle_slots.wait(self.world, job)
+
+    # --- sending -----------------------------------------------------------------------------------------------
+
+    def send(self, connection: str, header: headers.Send, body: bytes) -> None:
+        """Central has taken a message: it says with which id, if it was not *if handled* or *when killed*."""
+        world = self.world
+        kind = world.kinds[header.message]
+        if header.when_killed and kind.is_task and world.seen.is_accepted_as(0):
+            if not (header.if_handled and not self._is_served(header.message)):
+                parent = world.node(header.parent)
+                assert parent
+                parent.parting.append(header.message)
+            return
+        if header.if_handled and not self._is_served(header.message):
+            return
+        (birth,) = world.seen.sent
+        if kind.is_task:
+            self._new_task(connection, header, birth.id)
+            return
+        job = Job(birth.id, header.message, kind, connection, header.number, header.priority)
+        oracle_taps.happened(world, job, {oracle_taps.Condition.WHEN_SENT})
+        if kind is MessageClass.MULTI_QUERY:
+            pending = oracle_slots.copies(world, job)
+            wanted = min(header.maximum or len(pending), len(pending))
+            if pending:
+                world.collectors.append(Collector(connection, header.number, wanted, pending))
+        elif kind is MessageClass.QUERY:
+            oracle_slots.wait(world, job)
+        else:
+            oracle_slots.send_statement(world, job)
+
+    def _is_served(self, message: str) -> bool:
+        handlers = self.world.handlers.get(message, [])
+        return any((one.module, one.resource) in self.world.slots.values() for one in handlers)
+
+    def _new_task(self, connection: str, header: headers.Send, task: int) -> None:
+        world = self.world
+        parent = world.node(header.parent)
+        assert parent is not None
+        kind = world.kinds[header.message]
+        node = Node(task, header.message, kind, connection, priority=header.priority, module=world.modules[connection])
+        if kind.is_monitor:
+            oracle_monitors.born(node, header.watch)
+        oracle_rules.add(world, node, parent)
+        last = world.last.get(oracle_rules.family(node))
+        for one, other in _from_flags(header.flags, node, last):
+            if other[1] not in node.past:
+                oracle_rules.constrain(world, one, other, 0)
+        for wanted in header.constraints:
+            self._constrain(wanted, this=task)
+        if node.is_eligible:
+            world.last[oracle_rules.family(node)] = node
+        oracle_taps.happened(world, node, {oracle_taps.Condition.WHEN_SENT})
+        for attachment in header.attachments:
+            self._attach(attachment, node)
+        if header.deadline:
+            oracle_rules.set_alarm(world, header.deadline, node, moment=EA)
+
+    def _constrain(self, wanted: Any, this: int = 0) -> None:
+        one, other = (
+            oracle_rules.place(self.world, this if at.task == THIS else at.task, Moment(at.moment))
+            for at in (wanted.before, wanted.after)
+        )
+        if wanted.delay or not oracle_rules.is_past(one):
+            assert other is not None
+            oracle_rules.constrain(self.world, one, other, wanted.delay)
+
+    # --- handlers return ---------------------------------------------------------------------------------------
+
+    def _returned(self, given_as: int) -> Job:
+        (job,) = (job for job in self.world.everything() if job.slot and job.given_as == given_as)
+        job.slot, job.nested = "", False
+        return job
+
+    def reply(self, _: str, header: headers.Reply, body: bytes) -> None:
+        job = self._returned(header.delivery)
+        oracle_taps.happened(self.world, job, oracle_taps.after_handler(job.kind, failed=False))
+        if not isinstance(job, Node):
+            oracle_slots.answered(self.world, job, done=True)
+            oracle_monitors.answered(self.world, job, body)
+        elif job.again and not job.killed:
+            oracle_failures.retry(self.world, job)
+        else:
+            job.returned = True
+
+    def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
+        job = self._returned(header.delivery)
+        what = oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue)
+        oracle_taps.happened(self.world, job, what)
+        if not isinstance(job, Node):
+            oracle_slots.answered(self.world, job, done=False)
+            oracle_monitors.answered(self.world, job, None, (header.failure, *header.kinds))
+        elif header.reissue and not job.again and not job.killed:
+            oracle_failures.reissue(self.world, job)
+        else:
+            oracle_failures.returned_with_failure(self.world, job, (header.failure, *header.kinds))
+
+    # --- steering ----------------------------------------------------------------------------------------------
+
+    def constrain(self, _: str, header: headers.Constrain, _body: bytes) -> None:
+        for wanted in header.constraints:
+            self._constrain(wanted)
+
+    def wait_for(self, connection: str, header: headers.WaitFor, _: bytes) -> None:
+        node = self.world.nodes.get(header.point.task)
+        if node is not None:
+            self.world.waits[connection, header.number] = (node, Moment(header.point.moment))
+
+    def give_up(self, connection: str, header: headers.GiveUp, _: bytes) -> None:
+        oracle_slots.give_up(self.world, connection, header.request)
+
+    def kill(self, _: str, header: headers.Kill, _body: bytes) -> None:
+        if (node := self.world.node(header.task)) is None:
+            return
+        after = header.after and oracle_rules.place(self.world, header.after.task, header.after.moment)
+        ending = Ending(node, header.scope, header.delay, after)
+        if oracle_rules.is_past(after):
+            oracle_failures.end(self.world, ending)
+        else:
+            self.world.endings.append(ending)
+
+    def attach(self, _: str, header: headers.Attach, _body: bytes) -> None:
+        self._attach(header.attachment, header.message or self.world.node(header.task))
+
+    def _attach(self, wanted: Any, where: Any) -> None:
+        world = self.world
+        attached = where.attached if isinstance(where, Node) else world.attached.setdefault(where, [])
+        attached[:] = [one for one in attached if (one.failure, one.handler) != (wanted.failure, wanted.handler)]
+        number = world.seen.attached.pop(0).id
+        message = "" if isinstance(where, Node) else where
+        attached.append(Attachment(number, wanted.failure, wanted.handler, wanted.maximum, message))
+
+    def remove(self, _: str, header: headers.Remove, _body: bytes) -> None:
+        world = self.world
+        for attached in [*world.attached.values(), *(node.attached for node in [world.root, *world.nodes.values()])]:
+            attached[:] = [one for one in attached if one.id != header.id]
+        oracle_taps.forget(world, header.id)
+
+    def raise_(self, _: str, header: headers.Raise, _body: bytes) -> None:
+        oracle_failures.raise_beside(self.world, self.world.nodes[header.task], (header.failure, *header.kinds))
+
+    def retry(self, _: str, header: headers.Retry, _body: bytes) -> None:
+        oracle_failures.retry_now(self.world, self.world.nodes[header.task])
+
+    def suspend(self, _: str, header: headers.Suspend, _body: bytes) -> None:
+        oracle_failures.suspend(self.world, self.world.nodes[header.task], resume=header.resume)
+
+    def deadline(self, _: str, header: headers.Deadline, _body: bytes) -> None:
+        node, moment = self.world.nodes.get(header.point.task), Moment(header.point.moment)
+        if node is not None and moment not in node.past:
+            oracle_rules.set_alarm(self.world, header.seconds, node, moment=moment)
+
+    def fire(self, _: str, header: headers.Fire, _body: bytes) -> None:
+        oracle_monitors.fire(self.world, self.world.nodes[header.monitor])
+
+    def end_monitor(self, _: str, header: headers.EndMonitor, _body: bytes) -> None:
+        oracle_monitors.end(self.world, self.world.nodes[header.monitor])
+
+    def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
+        world = self.world
+        taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
+        if all((one.condition, one.listener) != (header.condition, header.listener) for one in taps):
+            added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
+            taps.append(Tap(added.id, header.condition, header.listener))
+
+
+def _from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:
+    """The pairs that flags stand for."""
+    pairs = []
+    if last is not None and flags & Flags.SEQ_ACH:
+        pairs.append(((last, EA), (node, SA)))
+    if last is not None and flags & Flags.SEQ_PLANNING:
+        pairs.append(((last, EP), (node, SP)))
+    if flags & Flags.DELAY_PLANNING:
+        pairs.append(((node, SA), (node, SP)))
+    if flags & Flags.PLAN_FIRST:
+        pairs.append(((node, EP), (node, SA)))
+    return pairs
+
+
+def _words(moments: int) -> str:
+    return ", ".join(str(moment.name) for moment in Moment if moment & moments) or "nothing"
+
+
+MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
+    headers.Hello: Oracle.hello,
+    headers.Register: Oracle.register,
+    headers.Bye: Oracle.bye,
+    headers.Send: Oracle.send,
+    headers.Reply: Oracle.reply,
+    headers.Fail: Oracle.fail,
+    headers.Constrain: Oracle.constrain,
+    headers.WaitFor: Oracle.wait_for,
+    headers.GiveUp: Oracle.give_up,
+    headers.Kill: Oracle.kill,
+    headers.Attach: Oracle.attach,
+    headers.Remove: Oracle.remove,
+    headers.Raise: Oracle.raise_,
+    headers.Retry: Oracle.retry,
+    headers.Suspend: Oracle.suspend,
+    headers.Deadline: Oracle.deadline,
+    headers.Tap: Oracle.tap,
+    headers.Fire: Oracle.fire,
+    headers.EndMonitor: Oracle.end_monitor,
+}
+"""One row per message that it understands."""

@@ -1,0 +1,184 @@
+"""The rules of failures, retries, kills and suspension."""
+
+from collections.abc import Iterator
+
+from properties import oracle_monitors, oracle_rules, oracle_taps
+from properties.oracle_records import SH, Attachment, Ending, Node, Trouble, World
+
+from tca_wire.vocabulary import Condition, Role, Scope
+
+MOST_NESTED = 8  # calls of one attachment inside one another
+
+
+# --- kill ------------------------------------------------------------------------------------------------------------
+
+
+def kill(world: World, node: Node) -> None:
+    """End a task and all under it but what handles failures or leaves things safe."""
+    killed = [one for one in _doomed(world, node) if not one.killed]
+    for one in killed:
+        one.killed = True
+        oracle_rules.bequeath(world, one)
+        if not one.slot:
+            one.returned, one.wanted, one.waiting = True, False, False
+    for one in killed:
+        oracle_taps.happened(world, one, {Condition.WHEN_KILLED})
+        if one.suspended:
+            one.suspended = False
+            for child in world.children(one):
+                if child.survives and child.suspended:
+                    suspend(world, child, resume=True)
+        _leave_behind(world, one)
+        if one.role is Role.EXCEPTION and not one.void:
+            one.void = True
+            _search_on(world, one)
+
+
+def _doomed(world: World, node: Node) -> list[Node]:
+    found = [node]
+    for each in found:
+        found += [child for child in world.children(each) if not child.survives]
+    return found
+
+
+def _leave_behind(world: World, node: Node) -> None:
+    if SH in node.past:
+        for message in node.parting:
+            oracle_rules.make(world, message, Role.TERMINATION, node, node.id)
+    oracle_monitors.stop(world, node)
+    for listener in node.listeners:
+        if listener.id in world.nodes:
+            kill(world, listener)
+
+
+def end(world: World, ending: Ending) -> None:
+    """A kill that was asked for, now that its point is past."""
+    if ending.delay:
+        oracle_rules.set_alarm(world, ending.delay, ending.node, ending=ending)
+        return
+    kill_scope(world, ending)
+
+
+def kill_scope(world: World, ending: Ending) -> None:
+    node = ending.node
+    if node is not world.root and node.id not in world.nodes:
+        return
+    if ending.scope == Scope.TASK:
+        kill(world, node)
+        return
+    parent = node if ending.scope == Scope.DESCENDANTS else node.parent
+    assert parent is not None
+    for child in world.children(parent):
+        if child is not node and not child.survives:
+            kill(world, child)
+
+
+# --- suspend ---------------------------------------------------------------------------------------------------------
+
+
+def suspend(world: World, node: Node, *, resume: bool) -> None:
+    for one in world.subtree(node):
+        one.suspended = not resume
+
+
+# --- failures --------------------------------------------------------------------------------------------------------
+
+
+def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> None:
+    """The handler of a task ended with a failure."""
+    if node.killed:
+        node.returned = True
+    elif node.again:
+        retry(world, node)
+    elif (handler := _search(world, node, names)) is not None:
+        node.recovering = handler
+    else:
+        node.returned = True
+
+
+def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
+    """A failure is raised on a task whatever its handler does."""
+    _search(world, node, names)
+
+
+def _search(world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None) -> Node | None:
+    """The task of the exception handler that is called; None, and the top-level task is killed, if there is none."""
+    for at, attachment in _candidates(world, node, after):
+        fits = attachment.failure in ("", *names) and world.handlers.get(attachment.handler)
+        exhausted = attachment.maximum and at.calls.get(attachment.id, 0) >= attachment.maximum
+        nested = sum(above.failing is not None and above.failing.attachment is attachment for above in node.lineage())
+        if fits and not exhausted and nested < MOST_NESTED:
+            at.calls[attachment.id] = at.calls.get(attachment.id, 0) + 1
+            handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node.id)
+            handler.failing = Trouble(node, names, at, attachment)
+            return handler
+    lineage = node.lineage()
+    kill(world, lineage[-1])
+    for above in reversed(lineage):
+        if above.role is Role.EXCEPTION:
+            kill(world, above)
+    return None
+
+
+def _candidates(world: World, node: Node, after: Trouble | None) -> Iterator[tuple[Node, Attachment]]:
+    """From the failing task up: its own exception handlers, then those of its message, newest first; all after one."""
+    for at in [*node.lineage(), world.root]:
+        own = sorted(at.attached, key=lambda one: -one.id)
+        of_message = sorted(world.attached.get(at.message, []), key=lambda one: -one.id)
+        if after is None:
+            yield from ((at, one) for one in [*own, *of_message])
+        elif at is after.at:
+            is_own = after.is_own
+            rest = [one for one in own if is_own and one.id < after.attachment.id]
+            rest += [one for one in of_message if is_own or one.id < after.attachment.id]
+            yield from ((at, one) for one in rest)
+            after = None
+
+
+def reissue(world: World, handler: Node) -> None:
+    """An exception handler cannot deal with its failure."""
+    handler.void = True
+    _search_on(world, handler)
+    handler.returned = True
+
+
+def _search_on(world: World, handler: Node) -> None:
+    trouble = handler.failing
+    assert trouble is not None
+    node = trouble.node
+    if node.killed or node.again:
+        return
+    decides = node.recovering is handler
+    following = _search(world, node, trouble.names, trouble)
+    if decides:
+        node.recovering = following
+        node.returned |= following is None
+
+
+def handler_ended(world: World, handler: Node) -> None:
+    """An exception handler and all that it made has ended."""
+    assert handler.failing is not None
+    node = handler.failing.node
+    if handler.void or node.recovering is not handler:
+        return
+    node.recovering = None
+    if not node.killed and not node.again:
+        node.returned = True
+
+
+def retry(world: World, node: Node) -> None:
+    """Let a task that was started be handled once more."""
+    node.again, node.wanted, node.returned = True, True, False
+    node.fired -= oracle_taps.before_handling(world, node)
+    node.waiting = False
+
+
+def retry_now(world: World, node: Node) -> None:
+    """Somebody asks that a task be handled once more: what is under it ends first."""
+    oracle_monitors.stop(world, node)
+    if SH not in node.past:
+        return
+    for child in world.children(node):
+        if not child.survives:
+            kill(world, child)
+    retry(world, node)

@@ -1,0 +1,183 @@
+"""The rules of monitors: when they ask their condition, what they send, and when they end."""
+
+from dataclasses import dataclass
+
+from properties import oracle_failures, oracle_rules, oracle_slots, oracle_taps
+from properties.oracle_records import Alarm, Job, Node, World
+
+from tca_wire.parts import WatchOptions
+from tca_wire.vocabulary import Condition, MessageClass, Role
+
+NO = (b"\xc0", b"\xc2")  # None and False: the condition does not hold
+
+
+@dataclass(eq=False)
+class Watch:
+    """What a monitor does from its start to its end."""
+
+    options: WatchOptions
+    began: float | None = None
+    condition: Job | None = None  # that is being asked
+    count: int = 0  # how often it held
+    fires: int = 0
+    is_over: bool = False
+
+    @property
+    def is_on(self) -> bool:
+        return self.began is not None and not self.is_over
+
+
+def born(node: Node, options: WatchOptions | None) -> None:
+    """A new task is a monitor."""
+    node.watch = Watch(options or WatchOptions())
+    is_bounded = any((node.watch.options.maximum, node.watch.options.duration, node.watch.options.until))
+    is_bounded |= node.watch.options.for_ever
+    node.watches_over = node.kind is not MessageClass.POINT_MONITOR and not is_bounded
+
+
+def start_all(world: World) -> bool:
+    """The turn of monitors has come: no handler gets them. Whether there was any."""
+    monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]
+    for node in monitors:
+        node.waiting = node.wanted = False
+        _start(world, node)
+        oracle_slots.give_messages(world)
+    return bool(monitors)
+
+
+def _start(world: World, node: Node) -> None:
+    oracle_rules.started(world, node)
+    if node.returned:
+        return
+    watch = node.watch = Watch(node.watch.options) if node.watch.is_over else node.watch
+    options: WatchOptions = watch.options
+    watch.began = world.time
+    oracle_taps.happened(world, node, {Condition.WHILE_HANDLING})
+    if options.duration:
+        oracle_rules.set_alarm(world, options.duration, node, watch=watch)
+    if _is_at_its_end(world, node):
+        end(world, node)
+    elif node.kind is MessageClass.DEMON_MONITOR:
+        _send(world, node, 0, Role.SET_UP)
+    elif node.kind is MessageClass.POLLING_MONITOR and options.initial_wait:
+        _test_later(world, node)
+    else:
+        _test(world, node)
+
+
+def _is_at_its_end(world: World, node: Node) -> bool:
+    until = node.watch.options.until
+    return until is not None and oracle_rules.is_past(oracle_rules.place(world, until.task, until.moment))
+
+
+def _send(world: World, node: Node, part: int, role: Role) -> None:
+    """Send one of the messages that a monitor is made of, if it has it."""
+    message = world.parts[node.message][part]
+    if not message:
+        return
+    kind = world.kinds[message]
+    if kind.is_task:
+        oracle_rules.make(world, message, role, node, node.id)
+    else:
+        made = world.seen.take_made(message, role, 0, node.id)
+        oracle_slots.send_statement(world, Job(made, message, kind, role=role))
+
+
+# --- testing ---------------------------------------------------------------------------------------------------------
+
+
+def _test_later(world: World, node: Node) -> None:
+    """At the next multiple of the period."""
+    period = node.watch.options.period
+    wait = period - (world.time - node.watch.began) % period
+    oracle_rules.set_alarm(world, wait, node, watch=node.watch, is_test=True)
+
+
+def rings(world: World, alarm: Alarm) -> None:
+    """A monitor has watched long enough, or is to test again; it does not while it is suspended."""
+    node, watch = alarm.node, alarm.watch
+    if not watch.is_on:
+        return
+    if not alarm.is_test:
+        end(world, node)
+    elif watch.condition is None and not node.suspended:
+        _test(world, node)
+    else:
+        _test_later(world, node)
+
+
+def _test(world: World, node: Node) -> None:
+    if node.kind is MessageClass.POLLING_MONITOR:
+        _test_later(world, node)
+    query = world.parts[node.message][0]
+    made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
+    node.watch.condition = Job(made, query, world.kinds[query], role=Role.CONDITION)
+    oracle_slots.wait(world, node.watch.condition)
+
+
+def answered(world: World, job: Job, body: bytes | None, names: tuple[str, ...] = ("module lost",)) -> None:
+    """A condition was answered, or (*body* None) failed."""
+    asking = [node for node in world.nodes.values() if node.watch and node.watch.condition is job]
+    for node in asking:
+        node.watch.condition = None
+        is_point = node.kind is MessageClass.POINT_MONITOR
+        if body is None and is_point:
+            stop(world, node)
+            oracle_failures.returned_with_failure(world, node, names)
+        elif body is None:
+            oracle_failures.raise_beside(world, node, names)
+        else:
+            if body not in NO:
+                fire(world, node)
+            if is_point:
+                end(world, node)
+
+
+def fire(world: World, node: Node) -> None:
+    """The condition holds, or a demon monitor is fired."""
+    watch = node.watch
+    watch.count += 1
+    if watch.count % watch.options.fire_every:
+        return
+    watch.fires += 1
+    _send(world, node, 1, Role.ACTION)
+    if watch.fires == watch.options.maximum:
+        end(world, node)
+
+
+# --- the end ---------------------------------------------------------------------------------------------------------
+
+
+def end(world: World, node: Node) -> None:
+    """A monitor is done: its task is handled."""
+    if not node.watch.is_over:
+        stop(world, node)
+        node.returned = True
+
+
+def stop(world: World, node: Node) -> None:
+    """A monitor, if it is one, watches no longer; what it has sent goes on."""
+    watch = node.watch
+    if watch is None or watch.is_over:
+        return
+    watch.is_over = True
+    world.alarms = [alarm for alarm in world.alarms if alarm.watch is not watch]
+    if watch.condition is not None and watch.condition.waiting:
+        world.jobs.remove(watch.condition)
+    watch.condition = None
+    if watch.began is not None:
+        oracle_taps.happened(world, node, {Condition.AFTER_HANDLED})
+        if node.kind is MessageClass.DEMON_MONITOR:
+            _send(world, node, 2, Role.CANCEL)
+
+
+def end_what_is_to_end(world: World) -> bool:
+    """Monitors at their end point, and those that have nothing left to watch over; whether there were any."""
+    to_end = [node for node in world.nodes.values() if node.watch and node.watch.is_on and _is_at_its_end(world, node)]
+    for parent in world.nodes.values():
+        children = world.children(parent)
+        if parent.returned and parent.had_others and children and all(child.watches_over for child in children):
+            to_end += [child for child in children if not child.watch.is_over]
+    for node in to_end:
+        end(world, node)
+    return bool(to_end)

@@ -1,0 +1,243 @@
+"""What the oracle knows: plain records and lists of them, and what was seen of central in the event at hand."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tca_central.events import Effect, Record, Transmit
+from tca_wire import facts, headers
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Condition, MessageClass, Role
+
+SH, EH, SP, EP, SA, EA = tuple(Moment)
+STARTS = {SH, SP, SA}
+
+
+class Disagreement(AssertionError):
+    """Central and the oracle differ."""
+
+
+@dataclass(eq=False)
+class Job:
+    """A message on its way to one handler."""
+
+    id: int
+    message: str
+    kind: MessageClass
+    sender: str = ""  # the connection that sent it
+    number: int = 0  # of the sender's request, if an answer is due
+    priority: int = 0
+    role: Role = Role.NONE
+    target: tuple[str, str] | None = None  # a copy's resource; others go to whoever handles their message
+    wanted: bool = True  # it shall be given to a handler
+    waiting: bool = False  # nothing but the want of a slot keeps it from that
+    since: tuple[int, int] = (0, 0)  # when it came to wait (step, round)
+    arrival: tuple[int, int] | None = None  # the same for the first time, unless it lost its place
+    slot: str = ""  # the connection that has it
+    given_as: int = 0
+    nested: bool = False  # has a slot beyond the capacity
+
+
+@dataclass(eq=False)
+class Node(Job):
+    """A task."""
+
+    parent: "Node | None" = None
+    past: set[Moment] = field(default_factory=set)
+    module: str = ""  # that sent it
+    free: bool = False  # need not wait until its parent starts
+    survives: bool = False
+    delayed: bool = False
+    suspended: bool = False
+    killed: bool = False
+    returned: bool = False  # its handler has returned for good
+    again: bool = False  # is to be handled once more
+    recovering: "Node | None" = None
+    failing: "Trouble | None" = None  # of an exception handler: what it handles
+    void: bool = False
+    attached: list["Attachment"] = field(default_factory=list)
+    calls: dict[int, int] = field(default_factory=dict)  # attachment -> how often it was called for this task
+    parting: list[str] = field(default_factory=list)
+    taps: list["Tap"] = field(default_factory=list)
+    fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
+    listeners: list["Node"] = field(default_factory=list)  # that die with it
+    watch: Any = None  # of a monitor
+    watches_over: bool = False  # ends when there is nothing else left under its parent
+    had_others: bool = False  # has had children that could be watched over
+
+    @property
+    def is_goal(self) -> bool:
+        return self.kind.is_goal
+
+    @property
+    def first(self) -> Moment:
+        """The start that its handler waits for: goals are handled when they are planned, others when achieved."""
+        return SP if self.is_goal else SA
+
+    @property
+    def is_eligible(self) -> bool:
+        """Whether constraint flags may refer to it."""
+        return not self.role and self.kind not in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
+
+    def lineage(self) -> list["Node"]:
+        """From this task up to the one right under the root."""
+        found, node = [], self
+        while node.parent is not None:
+            found.append(node)
+            node = node.parent
+        return found
+
+
+@dataclass(eq=False)
+class Pair:
+    """*after* is reached no earlier than *delay* after *before*; *due* is known once that is past."""
+
+    before: tuple[Node, Moment] | None
+    after: tuple[Node, Moment]
+    delay: float = 0
+    due: float | None = None
+
+
+@dataclass(eq=False)
+class Alarm:
+    """Something that is due at a time for a task: a deadline, a kill, a monitor's end or (*is_test*) its next test."""
+
+    due: float
+    node: Node
+    moment: Moment | None = None  # of a deadline
+    ending: "Ending | None" = None
+    watch: Any = None
+    is_test: bool = False
+
+
+@dataclass(eq=False)
+class Ending:
+    """A kill that waits for a point."""
+
+    node: Node
+    scope: str
+    delay: float
+    after: tuple[Node, Moment] | None = None
+
+
+@dataclass(eq=False)
+class Attachment:
+    id: int
+    failure: str
+    handler: str
+    maximum: int
+    message: str  # of whose tasks; "": of one task
+
+
+@dataclass(eq=False)
+class Trouble:
+    """A failure, and where its present exception handler was found."""
+
+    node: Node
+    names: tuple[str, ...]
+    at: Node
+    attachment: Attachment
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the exception handler is attached to the task itself."""
+        return not self.attachment.message
+
+
+@dataclass(eq=False)
+class Tap:
+    id: int
+    condition: Condition
+    listener: str
+
+
+@dataclass(eq=False)
+class Handler:
+    module: str
+    resource: str
+    pool: str
+
+
+@dataclass(eq=False)
+class Collector:
+    """A multi-query under way."""
+
+    sender: str
+    number: int
+    wanted: int
+    pending: list[Job]
+
+
+class Seen:
+    """What central did in one event. What the rules leave open is taken from here: the ids of what it made itself, and
+    who of several with equal rights came first.
+    """
+
+    def __init__(self, effects: list[Effect]) -> None:
+        self.facts = [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
+        self.told = [(effect.connection.decode(), effect.header) for effect in effects if isinstance(effect, Transmit)]
+        births = [fact for fact in self.facts if isinstance(fact, facts.Received)]
+        self.sent = [birth for birth in births if birth.sender != "central"]
+        self.made = [birth for birth in births if birth.sender == "central"]
+        self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
+        slots = [connection for connection, header in self.told if isinstance(header, headers.Deliver)]
+        delivered = [fact for fact in self.facts if isinstance(fact, facts.Delivered)]
+        self.delivered = list(zip(delivered, slots, strict=True))
+
+    @property
+    def is_refused(self) -> bool:
+        return any(isinstance(header, headers.Refused) for _, header in self.told)
+
+    def is_accepted_as(self, number: int) -> bool:
+        return any(isinstance(header, headers.Accepted) and header.id == number for _, header in self.told)
+
+    def take_made(self, message: str, role: Role, parent: int, about: int) -> int:
+        """The id of a message that central must have made."""
+        for birth in self.made:
+            if (birth.message, birth.role, birth.parent, birth.about) == (message, role, parent, about):
+                self.made.remove(birth)
+                return birth.id
+        raise Disagreement(f"central made no {role} '{message}' under {parent} about {about}: {self.made}")
+
+
+class World:
+    """Everything that the oracle knows."""
+
+    def __init__(self) -> None:
+        self.time = 0.0  # of the event
+        self.due_by = 0.0  # what is due by then has happened
+        self.step = self.round = 0
+        self.kinds: dict[str, MessageClass] = {}
+        self.parts: dict[str, list[str]] = {}
+        self.handlers: dict[str, list[Handler]] = {}  # newest last
+        self.modules: dict[str, str] = {}  # by connection
+        self.slots: dict[str, tuple[str, str]] = {}  # by connection, its resource: (module, name)
+        self.root = Node(0, "root", MessageClass.GOAL, past=set(STARTS))
+        self.nodes: dict[int, Node] = {}  # tasks that have not ended, oldest first
+        self.jobs: list[Job] = []  # what is no task
+        self.last: dict[tuple[int, str], Node] = {}  # what flags refer to: by parent and, under the root, module
+        self.pairs: list[Pair] = []
+        self.alarms: list[Alarm] = []
+        self.endings: list[Ending] = []
+        self.attached: dict[str, list[Attachment]] = {}  # by message, newest last
+        self.taps: dict[str, list[Tap]] = {}  # by message
+        self.waits: dict[tuple[str, int], tuple[Node, Moment]] = {}
+        self.collectors: list[Collector] = []
+        self.ended: set[int] = set()
+        self.news = False  # a wiretap has sent something
+        self.seen = Seen([])
+
+    def node(self, task: int) -> Node | None:
+        return self.root if task == 0 else self.nodes.get(task)
+
+    def children(self, parent: Node) -> list[Node]:
+        return [node for node in self.nodes.values() if node.parent is parent]
+
+    def subtree(self, node: Node) -> list[Node]:
+        """A task and all below it, parents before children."""
+        found = [node]
+        for each in found:  # grows while it is walked
+            found += self.children(each)
+        return found
+
+    def everything(self) -> list[Job]:
+        return [*self.nodes.values(), *self.jobs]

@@ -1,0 +1,273 @@
+"""The rules of the tree: which points are past, and who may be given to a handler.
+
+All rules are tried on all tasks until nothing moves. A task starts planning (achieving) after its parent has, a parent
+ends planning (achieving) after all its children have; a pair of points holds the second one back until the first is
+past; what is killed waits for nothing but its running handlers.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from properties import oracle_failures, oracle_monitors, oracle_taps
+from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Node, Pair, World
+
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Role
+
+ORDER = {
+    True: {SA: {SP}, EH: {SP}, EP: {EH}, EA: {SA, EH, EP}},
+    False: {EH: {SA}, EA: {EH}},
+}
+"""By whether it is a goal: what comes directly before a moment in the same task. The first start is reached by delivery."""
+
+
+def after(is_goal: bool, moment: Moment) -> set[Moment]:
+    """A moment, and those of the same task that come after it."""
+    found = {moment}
+    while more := {later for later, befores in ORDER[is_goal].items() if befores & found} - found:
+        found |= more
+    return found
+
+
+def place(world: World, task: int, moment: Moment) -> tuple[Node, Moment] | None:
+    """A point; start handling is the start of what a task's handling starts with. None if it is past for ever."""
+    node = world.nodes.get(task)
+    return None if node is None else (node, node.first if moment == SH else moment)
+
+
+def is_past(point: tuple[Node, Moment] | None) -> bool:
+    return point is None or point[1] in point[0].past
+
+
+# --- constraints -----------------------------------------------------------------------------------------------------
+
+
+def constrain(world: World, one: tuple[Node, Moment] | None, other: tuple[Node, Moment], delay: float) -> None:
+    """Add a pair of points; one whose first is past holds nothing, or for its delay from now."""
+    if not delay and is_past(one):
+        return
+    node, moment = other
+    if one == (node, SA) and moment == SP and not delay:
+        node.delayed = True
+        return
+    if is_past(one):
+        world.pairs.append(Pair(None, other, delay, world.time + delay))
+        return
+    assert one is not None
+    world.pairs.append(Pair(one, other, delay))
+    if one[0].killed:
+        _inherit(world, one, other)
+
+
+def bequeath(world: World, killed: Node) -> None:
+    """Whoever waits for a killed task waits for what that one waited for."""
+    for pair in [pair for pair in world.pairs if pair.before and pair.before[0] is killed and not is_past(pair.before)]:
+        assert pair.before
+        _inherit(world, pair.before, pair.after)
+
+
+def _inherit(world: World, one: tuple[Node, Moment], other: tuple[Node, Moment]) -> None:
+    killed, moment = one
+    for pair in list(world.pairs):
+        if pair.after[0] is not killed or is_past(pair.before) or is_past(other):
+            continue
+        held = SP if killed.delayed and pair.after[1] == SA else pair.after[1]
+        if moment in after(killed.is_goal, held):
+            world.pairs.append(Pair(pair.before, other))
+
+
+def held_points(world: World) -> set[tuple[int, Moment]]:
+    """All points that some pair holds back. What will never hold again, nor be inherited, is dropped."""
+    held, kept = set(), []
+    for pair in world.pairs:
+        if is_past(pair.before) and pair.due is None:
+            pair.due = world.time + pair.delay if pair.delay else -1.0
+        if pair.due is not None and pair.due <= world.due_by:
+            continue
+        node, moment = pair.after
+        if not is_past(pair.after) or (node.killed and node.id in world.nodes):
+            kept.append(pair)
+            held.add((node.id, moment))
+    world.pairs = kept
+    return held
+
+
+# --- birth, end ------------------------------------------------------------------------------------------------------
+
+
+def add(world: World, node: Node, parent: Node) -> None:
+    """Hang a new task under its parent."""
+    node.parent = parent
+    if not node.is_goal:
+        node.past = {SP, EP}
+    node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
+    world.nodes[node.id] = node
+    parent.had_others |= not (node.watches_over or node.role)
+    if (parent.killed or (parent.again and not node.role)) and not node.survives:
+        oracle_failures.kill(world, node)
+
+
+def make(world: World, message: str, role: Role, parent: Node, about: int) -> Node:
+    """A task that central makes itself: it waits for nothing above it."""
+    task = world.seen.take_made(message, role, parent.id, about)
+    node = Node(task, message, world.kinds[message], role=role, free=True)
+    node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+    add(world, node, parent)
+    return node
+
+
+def family(node: Node) -> tuple[int, str]:
+    """Flags refer to siblings; under the root, to those from the same module."""
+    assert node.parent is not None
+    return (node.parent.id, "" if node.parent.id else node.module)
+
+
+def _end(world: World, node: Node) -> None:
+    del world.nodes[node.id]
+    world.ended.add(node.id)
+    key = family(node)
+    if world.last.get(key) is node:
+        del world.last[key]
+        older = [other for other in world.nodes.values() if other.is_eligible and family(other) == key]
+        if node.killed and older:
+            world.last[key] = older[-1]
+    world.alarms = [alarm for alarm in world.alarms if alarm.node is not node]
+    if node.role is Role.EXCEPTION:
+        oracle_failures.handler_ended(world, node)
+
+
+def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
+    world.alarms.append(Alarm(world.time + seconds, node, **what))
+
+
+def let_time_pass(world: World, settle: Callable[[], None]) -> None:
+    """All that is due by now happens, in its order, each settled before the next."""
+    while (due := _next_due(world)) <= world.time:
+        world.due_by = due
+        for alarm in [alarm for alarm in world.alarms if alarm.due <= due]:
+            world.alarms.remove(alarm)
+            if alarm.ending is not None:
+                oracle_failures.kill_scope(world, alarm.ending)
+            elif alarm.watch is not None:
+                oracle_monitors.rings(world, alarm)
+            elif alarm.moment is not None and not alarm.node.killed and alarm.moment not in alarm.node.past:
+                oracle_failures.raise_beside(world, alarm.node, ("timeout",))
+        settle()
+        world.step += 1
+    world.due_by = world.time
+
+
+def _next_due(world: World) -> float:
+    pairs = [pair.due for pair in world.pairs if pair.due is not None and pair.due > world.due_by]
+    return min([alarm.due for alarm in world.alarms] + pairs, default=float("inf"))
+
+
+# --- the fixpoint ----------------------------------------------------------------------------------------------------
+
+
+def settle(world: World) -> None:
+    """Let all points be reached that may be."""
+    world.round += 1
+    while _pass(world) or _kill_what_is_to_end(world) or oracle_monitors.end_what_is_to_end(world):
+        pass
+
+
+def _pass(world: World) -> bool:
+    """Try every rule on every task once; whether anything moved."""
+    held = held_points(world)
+    children: dict[int, list[Node]] = {}
+    for node in world.nodes.values():
+        assert node.parent is not None
+        children.setdefault(node.parent.id, []).append(node)
+    moved = False
+    for node in list(world.nodes.values()):
+        mine = children.get(node.id, [])
+        if _consider_start(world, node, held, mine) or _advance(world, node, held, mine):
+            moved = True
+        if node.id not in world.nodes or oracle_taps.take_news(world):
+            return True  # who is there has changed
+    return moved
+
+
+def _may_reach(node: Node, moment: Moment, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+    """Whether nothing but the order within the task keeps a moment back."""
+    assert node.parent is not None
+    if not node.killed and (node.id, moment) in held:
+        return False
+    if moment in STARTS:
+        return not node.slot if node.killed else node.free or moment in node.parent.past
+    if not node.returned:
+        return False
+    if moment == EP:
+        return all(EP in child.past for child in children)
+    return moment != EA or not children
+
+
+def _is_ready(node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+    if not node.wanted or node.killed or node.suspended or (node.again and (children or node.slot)):
+        return False
+    firsts = [SP, SA] if node.delayed else [node.first]
+    return all(_may_reach(node, moment, held, children) for moment in firsts)
+
+
+def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+    """Let a task wait for a slot, or no longer."""
+    is_ready = _is_ready(node, held, children)
+    if node.waiting and not is_ready:
+        node.waiting = False
+        if not (node.suspended or node.again):
+            node.arrival = None
+        return True
+    if not is_ready or node.waiting:
+        return False
+    moments = {SH} if node.again else start_moments(node)
+    if oracle_taps.fire_before(world, node, moments):
+        return True
+    node.waiting = True
+    if node.again:
+        node.again, node.recovering = False, None
+    node.since = (world.step, world.round)
+    node.arrival = node.arrival or node.since
+    return True
+
+
+def start_moments(node: Node) -> set[Moment]:
+    """What is reached when a task is first given to a handler."""
+    return STARTS if node.delayed else {SH, node.first}
+
+
+def started(world: World, node: Node) -> None:
+    """A handler was given the task."""
+    if SH not in node.past:
+        reach(world, node, start_moments(node) - node.past)
+
+
+def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+    """Let a task reach the moments that it may."""
+    if node.killed and not node.slot and STARTS - node.past:
+        reach(world, node, STARTS - node.past)
+        return True
+    for moment, befores in ORDER[node.is_goal].items():
+        if moment in node.past or not befores <= node.past or not _may_reach(node, moment, held, children):
+            continue
+        if not oracle_taps.fire_before(world, node, {moment}):
+            reach(world, node, {moment})
+        if len(node.past) == 6:
+            _end(world, node)
+        return True
+    return False
+
+
+def reach(world: World, node: Node, moments: set[Moment]) -> None:
+    node.past = node.past | moments
+    if not node.killed:
+        oracle_taps.reached(world, node, moments)
+
+
+def _kill_what_is_to_end(world: World) -> bool:
+    """Kills that waited for points which are past now."""
+    due = [ending for ending in world.endings if is_past(ending.after)]
+    for ending in due:
+        world.endings.remove(ending)
+        oracle_failures.end(world, ending)
+    return bool(due)

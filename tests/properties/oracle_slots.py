@@ -1,0 +1,196 @@
+"""The rules of resources: a slot handles one message at a time; of those that wait, the one of highest priority is
+next, then the one that has waited longest.
+"""
+
+from properties import oracle_rules, oracle_taps
+from properties.oracle_records import Collector, Disagreement, Job, Node, World
+
+from tca_wire.vocabulary import Condition, MessageClass
+
+Resource = tuple[str, str]
+
+
+def targets(world: World, job: Job) -> list[Resource]:
+    """The resources that may handle a message: the newest handler's, and those of its pool."""
+    if job.target:
+        return [job.target]
+    handlers = world.handlers.get(job.message, [])
+    newest = handlers[-1:]
+    return [
+        (one.module, one.resource) for one in handlers if one in newest or (one.pool and one.pool == newest[0].pool)
+    ]
+
+
+def free_slots(world: World) -> dict[Resource, set[str]]:
+    """The slots of each resource that handle nothing."""
+    busy = {job.slot for job in world.everything() if job.slot and not job.nested}
+    free: dict[Resource, set[str]] = {}
+    for slot, resource in world.slots.items():
+        if slot not in busy:
+            free.setdefault(resource, set()).add(slot)
+    return free
+
+
+def give(world: World) -> bool:
+    """Give slots to those who are next, as central did; whether there was anyone. What may start at the same time is
+    started together: only then follows what follows from that.
+    """
+    choices = _choices(world)
+    if not choices:
+        return False
+    if not _give_next(world, choices):
+        said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
+        what = world.seen.delivered[0] if world.seen.delivered else "nothing"
+        raise Disagreement(f"central delivers {what} where these are next: {said}")
+    while _give_next(world, _choices(world)):
+        pass
+    return True
+
+
+def give_messages(world: World) -> None:
+    """Messages that are no tasks may be given away as they are sent, before anything else follows."""
+    while _give_next(world, {job: slots for job, slots in _choices(world).items() if not isinstance(job, Node)}):
+        pass
+
+
+def _give_next(world: World, choices: dict[Job, set[str]]) -> bool:
+    """Deliver what central delivered next, if that is right."""
+    for job, slots in choices.items():
+        if world.seen.delivered and job.id == world.seen.delivered[0][0].message_id:
+            fact, slot = world.seen.delivered[0]
+            if slot in slots:
+                job.given_as = fact.id
+                _deliver(world, job, slot)
+                del world.seen.delivered[0]
+                return True
+    return False
+
+
+def _choices(world: World) -> dict[Job, set[str]]:
+    """Who may be delivered next, and to which slots. Who waits for the answer in a slot itself is called back there."""
+    waiting = [(job, targets(world, job)) for job in world.everything() if job.waiting and not job.kind.is_monitor]
+    free = free_slots(world)
+    choices: dict[Job, set[str]] = {}
+    for resource, slots in free.items():
+        rivals = [job for job, mine in waiting if resource in mine]
+        for job in rivals:
+            if not any(_is_before(other, job) for other in rivals):
+                choices.setdefault(job, set()).update(slots)
+    for job, mine in waiting:
+        is_self_query = job.kind.has_reply and world.slots.get(job.sender) in mine
+        if is_self_query and not any(resource in free for resource in mine):
+            choices[job] = {job.sender}
+    return choices
+
+
+def _is_before(one: Job, other: Job) -> bool:
+    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait in the course of one
+    event may come in any order, but for tasks that could start at once.
+    """
+    is_same_event = one.since[0] == other.since[0]
+    is_same_moment = one.since == other.since and isinstance(one, Node) and isinstance(other, Node)
+    if is_same_event and not is_same_moment:
+        return False
+    assert one.arrival and other.arrival
+    if one.priority != other.priority:
+        return one.priority > other.priority
+    return one.arrival[0] < other.arrival[0]
+
+
+def _deliver(world: World, job: Job, slot: str) -> None:
+    job.nested = not any(slot in slots for slots in free_slots(world).values())
+    job.slot, job.wanted, job.waiting = slot, False, False
+    oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
+    if isinstance(job, Node):
+        oracle_rules.started(world, job)
+
+
+def wait(world: World, job: Job) -> None:
+    """What is no task waits as soon as it is sent."""
+    job.waiting, job.wanted = True, True
+    job.since = (world.step, world.round)
+    job.arrival = job.arrival or job.since
+    if job not in world.jobs:
+        world.jobs.append(job)
+
+
+def send_statement(world: World, job: Job) -> None:
+    """An inform goes to one handler, a broadcast to all."""
+    if job.kind is MessageClass.INFORM:
+        wait(world, job)
+    else:
+        copies(world, job)
+
+
+def copies(world: World, job: Job) -> list[Job]:
+    """A copy for each handler that has a slot."""
+    made = []
+    for handler in world.handlers.get(job.message, []):
+        resource = (handler.module, handler.resource)
+        if resource in world.slots.values():
+            copy = Job(job.id, job.message, job.kind, job.sender, job.number, job.priority, job.role, resource)
+            wait(world, copy)
+            made.append(copy)
+    return made
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+def answered(world: World, job: Job, *, done: bool) -> None:
+    """A message that is no task came to its end."""
+    if job in world.jobs:
+        world.jobs.remove(job)
+    for collector in [one for one in world.collectors if job in one.pending]:
+        collector.pending.remove(job)
+        collector.wanted -= done and collector.wanted > 0
+        if not collector.wanted or not collector.pending:
+            _complete(world, collector)
+
+
+def _complete(world: World, collector: Collector) -> None:
+    world.collectors.remove(collector)
+
+
+def give_up(world: World, sender: str, number: int) -> None:
+    """The sender waits no longer: what nobody handles yet is dropped."""
+    world.waits.pop((sender, number), None)
+    for collector in [one for one in world.collectors if (one.sender, one.number) == (sender, number)]:
+        world.collectors.remove(collector)
+        world.jobs = [job for job in world.jobs if job not in collector.pending or job.slot]
+    mine = [job for job in world.jobs if (job.sender, job.number) == (sender, number) and job.kind.has_reply]
+    world.jobs = [job for job in world.jobs if job not in mine or job.slot or job.target]
+
+
+# --- modules come and go ---------------------------------------------------------------------------------------------
+
+
+def remove_handler(world: World, message: str, module: str) -> None:
+    """A module handles a message no longer; what was meant for it alone comes to nothing."""
+    gone = [one for one in world.handlers.get(message, []) if one.module == module]
+    for handler in gone:
+        world.handlers[message].remove(handler)
+        for job in list(world.jobs):
+            if job.message == message and job.target == (module, handler.resource) and job.waiting:
+                answered(world, job, done=False)
+
+
+def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
+    """A connection is gone; what it was handling and did not end."""
+    module = world.modules.pop(connection)
+    for key in [key for key in world.waits if key[0] == connection]:
+        del world.waits[key]
+    for job in [job for job in world.jobs if job.sender == connection and job.kind.has_reply]:
+        give_up(world, connection, job.number)
+    is_last = module not in world.modules.values()
+    if connection not in world.slots or is_last:
+        for message in list(world.handlers):
+            remove_handler(world, message, module)
+    world.slots.pop(connection, None)
+    if is_last:
+        for key in [key for key in world.last if key == (0, module)]:
+            del world.last[key]
+    orphans = [job for job in world.everything() if job.slot == connection]
+    for job in orphans:
+        job.slot, job.nested = "", False
+    return orphans

@@ -1,0 +1,119 @@
+"""The rules of wiretaps: what is sent when, and what it holds back."""
+
+from properties import oracle_rules, oracle_slots
+from properties.oracle_records import EA, EH, EP, SA, SH, SP, Job, Node, Pair, Tap, World
+
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Condition, MessageClass, Role
+
+BEFORE = {
+    Condition.BEFORE_HANDLING: (SH, EH),
+    Condition.BEFORE_PLANNING: (SP, EP),
+    Condition.BEFORE_ACHIEVING: (SA, EA),
+    Condition.WHEN_PLANNED: (EP, None),
+    Condition.WHEN_ACHIEVED: (EA, None),
+}
+"""The moment that a task does not pass before the listener is sent, and which end of the listener's it waits for. Of
+*when* listeners it waits as a parent does for its children."""
+
+AT = {
+    SP: Condition.WHILE_PLANNING,
+    EP: Condition.AFTER_PLANNED,
+    SA: Condition.WHILE_ACHIEVING,
+    EA: Condition.AFTER_ACHIEVED,
+}
+"""What a task reaches, and what of that may be tapped. (Handling is what happens to a message: it is delivered and returns.)"""
+
+CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
+"""Their listeners hang under the tapped task."""
+
+WHILE = {Condition.WHILE_HANDLING, Condition.WHILE_PLANNING, Condition.WHILE_ACHIEVING}
+"""Their listeners die with the tapped task."""
+
+
+def taps_of(world: World, job: Job) -> list[Tap]:
+    if job.role is Role.LISTENER:
+        return []
+    own = job.taps if isinstance(job, Node) else []
+    return [*own, *world.taps.get(job.message, [])]
+
+
+def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
+    """Whether there was something to be sent before a task passes these moments."""
+    new = [
+        tap
+        for tap in taps_of(world, node)
+        if tap.condition in BEFORE and BEFORE[tap.condition][0] in moments and tap.id not in node.fired
+    ]
+    if node.killed:
+        return False
+    for tap in new:
+        node.fired.add(tap.id)
+        listener = _fire(world, tap, node)
+        before, interval = BEFORE[tap.condition]
+        moment = node.first if before == SH else before
+        if isinstance(listener, Node) and interval and moment not in node.past and interval not in listener.past:
+            world.pairs.append(Pair((listener, interval), (node, moment)))
+    return bool(new)
+
+
+def before_handling(world: World, node: Node) -> set[int]:
+    """The taps that are fired anew when a task is retried."""
+    return {tap.id for tap in taps_of(world, node) if tap.condition is Condition.BEFORE_HANDLING}
+
+
+def reached(world: World, node: Node, moments: set[Moment]) -> None:
+    """A task has passed moments."""
+    happened(world, node, {AT[moment] for moment in moments if moment in AT})
+
+
+def happened(world: World, job: Job, what: set[Condition]) -> None:
+    """What is no task is not held: *before* is when it is delivered."""
+    if Condition.WHILE_HANDLING in what and not isinstance(job, Node):
+        what = what | {Condition.BEFORE_HANDLING}
+    for tap in taps_of(world, job):
+        if tap.condition in what:
+            world.news = True
+            _fire(world, tap, job)
+
+
+def take_news(world: World) -> bool:
+    """Whether something was sent since this was last asked."""
+    news, world.news = world.news, False
+    return news
+
+
+def _fire(world: World, tap: Tap, job: Job) -> Job | None:
+    kind = world.kinds[tap.listener]
+    about = job.id
+    if not world.handlers.get(tap.listener) and not kind.is_monitor:
+        return None
+    if not kind.is_task:
+        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about)
+        oracle_slots.send_statement(world, Job(made, tap.listener, kind, role=Role.LISTENER))
+        return None
+    is_child = isinstance(job, Node) and tap.condition in CHILDREN
+    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, job if is_child else world.root, about)
+    if isinstance(job, Node) and tap.condition in WHILE:
+        job.listeners.append(listener)
+    return listener
+
+
+def forget(world: World, tap_id: int) -> None:
+    """A tap is taken away."""
+    for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
+        taps[:] = [tap for tap in taps if tap.id != tap_id]
+
+
+def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
+    """What has happened when a handler has returned."""
+    what = {Condition.AFTER_HANDLED}
+    if not reissued:
+        what |= (
+            {Condition.AFTER_FAILURE, Condition.WHEN_FAILURE}
+            if failed
+            else {Condition.AFTER_SUCCESS, Condition.WHEN_SUCCESS}
+        )
+    if kind.has_reply and not failed:
+        what.add(Condition.AFTER_REPLIED)
+    return what

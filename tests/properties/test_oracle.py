@@ -1,0 +1,73 @@
+"""A deliberately simple reference scheduler agrees with central on what may start when, and what is next."""
+
+import random
+
+import pytest
+from central.player import Player
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import MODULES, Life, operation
+from properties.oracle import Oracle
+
+from tca_central.events import Effect
+
+JUDGED = {
+    "planner": ("goal walk", "goal step", "query where"),
+    "legs": ("command move", "command lift", "inform note"),
+    "map": ("query where", "multi-query all", "broadcast pose"),
+    "expert": MODULES["expert"],
+}
+
+
+class JudgedPlayer(Player):
+    """The oracle looks at every event."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.oracle = Oracle()
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        self.oracle.judge(event, effects)
+        return effects
+
+
+class JudgedLife(Life):
+    """A life without what the oracle does not know: pending limits, variables, two timers due at the very same time."""
+
+    modules = JUDGED
+    messages = [message for handled in JUDGED.values() for message in handled] + ["command later"]
+    pending = (0,)
+
+    def __init__(self) -> None:
+        self.timers = 0
+        super().__init__(JudgedPlayer())
+
+    def seconds(self, number: int) -> float:
+        self.timers += 1
+        return number + random.Random(self.timers).random() if number else 0
+
+    def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
+        if name != "set":
+            super().do(name, a, b, c, d)
+
+
+@given(st.lists(operation, max_size=60))
+@settings(max_examples=200, deadline=None)
+def test_the_oracle_agrees_with_central_in_every_short_life(operations: list[tuple[str, int, int, int, int]]) -> None:
+    life = JudgedLife()
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=3, deadline=None)
+def test_the_oracle_agrees_with_central_in_lives_of_thousands_of_events(seed: int) -> None:
+    JudgedLife().go_on(seed, 4_000)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=100, deadline=None)
+def test_the_oracle_agrees_with_central_in_many_long_lives(seed: int) -> None:
+    JudgedLife().go_on(seed, 10_000)
