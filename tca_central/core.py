@@ -56,6 +56,7 @@ class Central(State):
             (agenda.alone, lambda task: monitors.end_watchers(self, task)),
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
+            (agenda.met, self._met),
             (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
         )
