@@ -142,8 +142,8 @@ class Central(State):
         waiter.met(self, task)
 
     def _start_all(self) -> None:
-        """Everything has settled but these tasks, which may start. Monitors come first, with all that follows from their
-        start: they take no slot from anyone.
+        """Everything has settled but these tasks, which may start. Monitors come first, with all that follows from
+        their start: they take no slot from anyone.
         """
         startable = [task for task in self.agenda.startable if task.requested and not task.killed]
         self.agenda.startable.clear()

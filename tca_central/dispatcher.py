@@ -5,7 +5,7 @@ reports through the two functions it is given.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.resources import PendingLimit
@@ -56,7 +56,7 @@ class Dispatcher:
             if limit := resource.limits.get(delivery.message.name):
                 self._keep_within(limit, delivery, resource)
 
-    def route_all(self, deliveries: list[Delivery]) -> None:
+    def route_all(self, deliveries: Sequence[Delivery]) -> None:
         """Deliver or queue several that may start at the same time: free slots go by priority, then arrival; the others
         queue in the order in which they came, for that is what pending limits go by.
         """

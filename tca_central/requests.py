@@ -249,9 +249,7 @@ def displace(central: State, delivery: Delivery, why: str) -> None:
         central.facts.append(facts.Dropped(delivery.id, why))
 
 
-def _answer_query(
-    central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()
-) -> None:
+def _answer_query(central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()) -> None:
     if (watch := central.asked.pop(delivery.id, None)) is not None:
         tested(central, watch, answer, body, kinds)
         return

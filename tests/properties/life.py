@@ -45,7 +45,7 @@ class Life:
 
     modules = MODULES
     messages = MESSAGES
-    pending = (2, 0, 3, 1)
+    pending: tuple[int, ...] = (2, 0, 3, 1)
 
     def __init__(self, player: Player | None = None) -> None:
         self.player = player or Player()
@@ -110,7 +110,9 @@ class Life:
             one_point, other = pair if b % 2 else reversed(pair)
             constraints.append(before(one_point, other, delay))
             if b % 5 == 0:
-                constraints.append(before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5)))
+                constraints.append(
+                    before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
+                )
         self.player.send(
             senders[a % len(senders)], self.sent_name(b), under=parent,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,

@@ -182,5 +182,3 @@ def retry_now(world: World, node: Node) -> None:
         if not child.survives:
             kill(world, child)
     retry(world, node)
-
-

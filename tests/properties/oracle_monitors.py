@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-
 from properties import oracle_failures, oracle_rules, oracle_slots, oracle_taps
 from properties.oracle_records import Alarm, Job, Node, World
 
@@ -182,5 +181,3 @@ def end_what_is_to_end(world: World) -> bool:
     for node in to_end:
         end(world, node)
     return bool(to_end)
-
-

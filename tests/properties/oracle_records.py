@@ -37,7 +37,6 @@ class Job:
     nested: bool = False  # has a slot beyond the capacity
 
 
-
 @dataclass(eq=False)
 class Node(Job):
     """A task."""
@@ -175,9 +174,7 @@ class Seen:
 
     def __init__(self, effects: list[Effect]) -> None:
         self.facts = [fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts]
-        self.told = [
-            (effect.connection.decode(), effect.header) for effect in effects if isinstance(effect, Transmit)
-        ]
+        self.told = [(effect.connection.decode(), effect.header) for effect in effects if isinstance(effect, Transmit)]
         births = [fact for fact in self.facts if isinstance(fact, facts.Received)]
         self.sent = [birth for birth in births if birth.sender != "central"]
         self.made = [birth for birth in births if birth.sender == "central"]

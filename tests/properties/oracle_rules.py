@@ -271,5 +271,3 @@ def _kill_what_is_to_end(world: World) -> bool:
         world.endings.remove(ending)
         oracle_failures.end(world, ending)
     return bool(due)
-
-

@@ -26,7 +26,13 @@ MODULES = {
     "legs": ("command move", "command halt", "command adjust", "query stance"),
     "eye": ("query seen", "multi-query health", "broadcast pose"),
     "expert": ("exception handler recover", "command check"),
-    "recorder": ("inform note", "variable mode", "broadcast pose", "multi-query health", "broadcast tca: module joined"),
+    "recorder": (
+        "inform note",
+        "variable mode",
+        "broadcast pose",
+        "multi-query health",
+        "broadcast tca: module joined",
+    ),
 }
 MONITORS = {
     "look": ("point monitor", ["seen", "adjust"]),
@@ -140,7 +146,9 @@ class Robot:
         move = self.send("move", step, deadline=5.0, attachments=[Attachment("slip", "recover", 2)])
         delayed = before(point(move, Moment.END_ACHIEVING), point(-1, Moment.START_ACHIEVING), 1.5)
         second = self.send("move", step, constraints=[delayed], priority=2)
-        self.ask("user", headers.Constrain, [before(point(move, Moment.START_HANDLING), point(second, Moment.END_HANDLING))])
+        self.ask(
+            "user", headers.Constrain, [before(point(move, Moment.START_HANDLING), point(second, Moment.END_HANDLING))]
+        )
         self.ask("user", headers.Tap, Condition.WHEN_ACHIEVED, "check", "", TaskId(step))
         self.ask("user", headers.Deadline, point(task, Moment.END_ACHIEVING), 8.0)
         is_nested = self.rounds % 6 == 5 and self.nested_in < self.rounds
@@ -224,7 +232,6 @@ class Robot:
         while self.central.tree.tasks:
             self.let_pass(1.0)
             self.return_from_moves()
-
 
     def live(self, hours: int, restart_after: int) -> None:
         """Rounds for so many hours; after every so many of them two modules die and return."""
