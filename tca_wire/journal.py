@@ -27,8 +27,8 @@ _decode = msgspec.msgpack.Decoder(Entry).decode
 
 
 def record(entry: Entry) -> bytes:
-    """*entry* as one journal record, or as several of the same number where it is too big for one: the kill of a million
-    tasks is one event.
+    """*entry* as one journal record, or as several of the same number where it is too big for one: a million tasks
+    may be killed by one event.
     """
     payload = _encode(entry)
     if len(payload) > MAX_RECORD and len(entry.facts) > 1:
