@@ -1,6 +1,6 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
 # check  format, lint, types, tests with coverage                    bench   what things cost here
-# soak   long walks and long random lives                            clean   away with what the others made
+# soak   long walks and lives, and a month                            clean   away with what the others made
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready

@@ -226,13 +226,13 @@ class Agenda:
         """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
         if task.killed or not (task.message.taps or (task.rare and task.rare.taps)):
             return True
-        rare = task.more
-        new = [tap for tap in taps_of(task) if tap.before & moments and tap.id not in rare.fired]
+        fired = task.rare.fired if task.rare else ()
+        new = [tap for tap in taps_of(task) if tap.before & moments and tap.id not in fired]
         if new:
-            rare.fired.update(tap.id for tap in new)
-            rare.is_tapped = True
+            task.more.fired.update(tap.id for tap in new)
+            task.more.is_tapped = True
             self.tapped.append((task, new))
-        return not rare.is_tapped
+        return not (task.rare and task.rare.is_tapped)
 
     def fired(self, task: Task) -> None:
         """The wiretaps before a task went on have been fired; what was made of them may hold it."""

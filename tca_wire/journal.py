@@ -27,8 +27,14 @@ _decode = msgspec.msgpack.Decoder(Entry).decode
 
 
 def record(entry: Entry) -> bytes:
-    """*entry* as one journal record."""
+    """*entry* as one journal record, or as several of the same number where it is too big for one: a million tasks
+    may be killed by one event.
+    """
     payload = _encode(entry)
+    if len(payload) > MAX_RECORD and len(entry.facts) > 1:
+        middle = len(entry.facts) // 2
+        halves = entry.facts[:middle], entry.facts[middle:]
+        return b"".join(record(Entry(entry.number, entry.time, half)) for half in halves)
     return _FRAME.pack(_UINT32, len(payload), _UINT32, zlib.crc32(payload)) + payload
 
 

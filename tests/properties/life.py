@@ -47,7 +47,7 @@ class Life:
 
     modules = MODULES
     messages = MESSAGES
-    pending = (2, 0, 3, 1)
+    pending: tuple[int, ...] = (2, 0, 3, 1)
 
     def __init__(self, player: Player | None = None) -> None:
         self.player = player or Player()
@@ -103,11 +103,12 @@ class Life:
     def send_(self, a: int, b: int, c: int, d: int) -> None:
         senders = self.connections()
         tasks = [0, *self.central.tree.tasks]
+        parent = tasks[c % len(tasks) if c % 2 else c % min(3, len(tasks))]  # so that there are siblings
         constraints = []
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
             pair = [point(one, moment), point(-1, list(Moment)[a % 6])]
-            delay = self.seconds(c % 5 if a % 4 == 0 else 0)
+            delay = self.seconds(c % 5 if a % 2 == 0 else 0)
             one_point, other = pair if b % 2 else reversed(pair)
             constraints.append(before(one_point, other, delay))
             if b % 5 == 0:
@@ -115,7 +116,7 @@ class Life:
                     before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
                 )
         self.player.send(
-            senders[a % len(senders)], self.sent_name(b), under=tasks[c % len(tasks)],
+            senders[a % len(senders)], self.sent_name(b), under=parent,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
             if_handled=a % 5 == 0, keep=b % 4 == 1,

@@ -42,7 +42,7 @@ from tca_central.events import ConnectionLost, Effect, Event, Received
 from tca_wire import facts, headers
 from tca_wire.constraints import Flags
 from tca_wire.points import THIS, Moment
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import Condition, MessageClass
 
 LOST = ("module lost",)
 
@@ -172,7 +172,7 @@ class Oracle:
             self._new_task(connection, header, birth.id)
             return
         job = Job(birth.id, header.message, kind, connection, header.number, header.priority)
-        oracle_taps.happened(world, job, {oracle_taps.Condition.WHEN_SENT})
+        oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
             wanted = min(header.maximum or len(pending), len(pending))
@@ -204,7 +204,7 @@ class Oracle:
             self._constrain(wanted, this=task)
         if node.is_eligible:
             world.last[oracle_rules.family(node)] = node
-        oracle_taps.happened(world, node, {oracle_taps.Condition.WHEN_SENT})
+        oracle_taps.happened(world, node, {Condition.WHEN_SENT})
         for attachment in header.attachments:
             self._attach(attachment, node)
         if header.deadline:
@@ -266,7 +266,8 @@ class Oracle:
     def kill(self, _: str, header: headers.Kill, _body: bytes) -> None:
         if (node := self.world.node(header.task)) is None:
             return
-        after = header.after and oracle_rules.place(self.world, header.after.task, header.after.moment)
+        at = header.after
+        after = oracle_rules.place(self.world, at.task, at.moment) if at is not None else None
         ending = Ending(node, header.scope, header.delay, after)
         if oracle_rules.is_past(after):
             oracle_failures.end(self.world, ending)

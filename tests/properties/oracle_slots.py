@@ -91,7 +91,8 @@ def _is_before(one: Job, other: Job) -> bool:
     is_same_moment = one.since == other.since and isinstance(one, Node) and isinstance(other, Node)
     if is_same_event and not is_same_moment:
         return False
-    assert one.arrival and other.arrival
+    assert one.arrival is not None
+    assert other.arrival is not None
     if one.priority != other.priority:
         return one.priority > other.priority
     return one.arrival[0] < other.arrival[0]
@@ -188,8 +189,7 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
             remove_handler(world, message, module)
     world.slots.pop(connection, None)
     if is_last:
-        for key in [key for key in world.last if key == (0, module)]:
-            del world.last[key]
+        world.last.pop((0, module), None)
     orphans = [job for job in world.everything() if job.slot == connection]
     for job in orphans:
         job.slot, job.nested = "", False

@@ -92,8 +92,8 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about)
         oracle_slots.send_statement(world, Job(made, tap.listener, kind, role=Role.LISTENER))
         return None
-    is_child = isinstance(job, Node) and tap.condition in CHILDREN
-    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, job if is_child else world.root, about)
+    parent = job if isinstance(job, Node) and tap.condition in CHILDREN else world.root
+    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, about)
     if isinstance(job, Node) and tap.condition in WHILE:
         job.listeners.append(listener)
     return listener

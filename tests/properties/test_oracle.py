@@ -1,6 +1,7 @@
 """A deliberately simple reference scheduler agrees with central on what may start when, and what is next."""
 
 import random
+from typing import Any
 
 import pytest
 from central.player import Player
@@ -26,7 +27,7 @@ class JudgedPlayer(Player):
         super().__init__()
         self.oracle = Oracle()
 
-    def event(self, event: object) -> list[Effect]:
+    def event(self, event: Any) -> list[Effect]:
         effects = super().event(event)
         self.oracle.judge(event, effects)
         return effects

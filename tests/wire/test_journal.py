@@ -99,3 +99,12 @@ def test_facts_have_text_forms() -> None:
     assert kind_of(fact) == "reached"
     assert fields_of(fact) == {"task": 3, "moments": ["start handling", "end achieving"]}
     assert describe_moments(0) == []
+
+
+def test_an_entry_too_big_for_a_record_becomes_several_of_the_same_number() -> None:
+    told: list[Fact] = [Dropped(number, "x" * (8 << 20)) for number in range(9)]
+    entries, _ = read(BYTES + record(Entry(3, 1.0, told)))
+    parts = entries[len(ENTRIES) :]
+    assert len(parts) == 2
+    assert [fact for part in parts for fact in part.facts] == told
+    assert {(part.number, part.time) for part in parts} == {(3, 1.0)}
