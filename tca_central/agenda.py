@@ -128,6 +128,15 @@ class Agenda:
             task.rare.fired -= {tap.id for tap in taps_of(task) if tap.before & to_come}
         self.hand_back(task)
 
+    def begin_anew(self, task: Task) -> None:
+        """Let what wiretaps want done before a task that has not been started be done again."""
+        again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
+        if again:
+            task.more.fired -= again
+            if task.queues is not None:
+                self._take_back(task)
+            self._look_at.append(task)
+
     def hand_back(self, task: Task) -> None:
         """No handler has a task that has been started: let it be handled as soon as that may be."""
         if task.queues is not None:

@@ -47,16 +47,22 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 
 def _find(central: State, name: str, module: str) -> ModuleResource:
     """The resource of that name, of that module if one is named."""
-    modules = central.registry.modules.values()
-    found = [one.resources[name] for one in modules if module in ("", one.name) and name in one.resources]
+    modules = [one for one in central.registry.modules.values() if name in one.resources]
+    found = {_base(one): one.resources[name] for one in modules if module in ("", one.name, _base(one))}
+    found |= {_base(one): one.resources[name] for one in modules if module == one.name}
     if not found:
         whose = f"module '{module}'" if module else "no module"
         has = "is not connected, or has no" if module else "has a"
         raise RequestError(Refusal.UNKNOWN, f"{whose} {has} resource '{name}': see 'tca modules'")
     if len(found) > 1:
-        owners = ", ".join(f"'{resource.module}'" for resource in found)
+        owners = ", ".join(f"'{resource.module}'" for resource in found.values())
         raise RequestError(Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': say of which module it is")
-    return found[0]
+    return next(iter(found.values()))
+
+
+def _base(module: Module) -> str:
+    """The name that a module gave itself: of several modules that are called so, the newest is meant, as for messages."""
+    return module.name.partition("#")[0]
 
 
 def _holder(central: State, connection: Connection, origin: int) -> Delivery | None:
@@ -129,13 +135,24 @@ def give_up_claim(central: State, connection: Connection, number: int, why: str)
         _end(central, claim, "released" if claim.is_granted else why)
 
 
-def end_with(central: State, delivery: Delivery) -> None:
-    """A task or message has ended: so has what was claimed for it."""
+def end_with(central: State, delivery: Delivery, how: str) -> None:
+    """A task or message has ended, or its handler has failed: so has what was claimed for it."""
     for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
-            _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}' has ended")
+            _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}': {how}")
         else:
-            refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for has ended")
+            refuse_claim(central, claim, Refusal.TOO_LATE, f"what it was wanted for: {how}")
+
+
+def killed(central: State, task: Delivery) -> None:
+    """A task was killed: it gets nothing more, and what it has it keeps only as long as its handler runs. What leaves
+    the robot safe must get in.
+    """
+    for claim in list(central.claimed_for.get(task, ())):
+        if not claim.is_granted:
+            refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
+        elif task.slot is None:
+            _end(central, claim, f"{task.message.message_class} '{task.message.name}' was killed")
 
 
 def outlive(central: State, delivery: Delivery) -> None:

@@ -185,11 +185,11 @@ class Central(State):
             task.given_as = self.new_id()
             task.more.attempts += 1
             task.more.recovering = None
-            claims.end_with(self, task)
+            claims.end_with(self, task, "it is retried")
 
     def _ended(self, task: Task) -> None:
         if self.claimed_for:
-            claims.end_with(self, task)
+            claims.end_with(self, task, "it has ended")
         if task.rare is not None:
             control.forget_timers(self, task)
             failures.forget_task(self, task)

@@ -9,6 +9,7 @@ failing task or one above, kills, adds, or reissues the failure, which lets the 
 
 from collections.abc import Iterator
 
+from tca_central import claims
 from tca_central.errors import RequestError
 from tca_central.intervals import KILLED, START_HANDLING
 from tca_central.making import make_task, suspend
@@ -245,6 +246,8 @@ def kill(central: State, task: Task, why: str) -> None:
             for child in list((one.children or {}).values()):
                 if child.survives and child.suspended:
                     suspend(central, child, resume=True)
+        if central.claimed_for:
+            claims.killed(central, one)
         if one.rare is not None:
             _leave_behind(central, one, why)
         if one.role is Role.EXCEPTION and not one.more.is_void:
@@ -326,4 +329,6 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         if task.slot is not None:
             central.tell(task.slot, Cancelled(task.given_as))
         central.agenda.retry(task)
+    else:
+        central.agenda.begin_anew(task)
     central.send(connection, header.number, Accepted(header.number, task.id))

@@ -11,7 +11,7 @@ from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
-from tca_wire.headers import PROTOCOL_VERSION, Accepted
+from tca_wire.headers import PROTOCOL_VERSION, Accepted, Cancelled
 from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
 from tca_wire.parts import HandlerFormat
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
@@ -46,6 +46,9 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
     on_hello_again(central, connection, header, b"")
+    for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
+        central.tell(connection, Cancelled(orphan))
+    connection.orphans = []
     for delivery in list(central.dispatcher.attended.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
@@ -55,6 +58,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
+        connection.orphans = before.orphans
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:
@@ -87,6 +91,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
     orphans = central.dispatcher.slot_gone(connection)
+    connection.orphans += [delivery.given_as for delivery in orphans]
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))

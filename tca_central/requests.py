@@ -199,11 +199,14 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
     central.dispatcher.complete(delivery)
     happened(central, delivery, RETURNED | SUCCESS)
     if not isinstance(delivery, Task):
-        end_with(central, delivery)
+        end_with(central, delivery, "it has ended")
         happened(central, delivery, REPLIED, body)
         _answer_query(central, delivery, Answer(delivery.number), body)
     elif delivery.again and not delivery.killed:
         central.agenda.retry(delivery)
+    elif delivery.killed:
+        end_with(central, delivery, "it was killed")
+        central.agenda.returned(delivery)
     else:
         delivery.result = b"" if body == NIL else body
         central.agenda.returned(delivery)
@@ -220,6 +223,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery)
     happened(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
+    end_with(central, delivery, "its handler failed")
     if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))
     elif delivery.again and not delivery.killed:
@@ -235,7 +239,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
     if isinstance(delivery, Task):
         fail_task(central, delivery, failure)
     else:
-        end_with(central, delivery)
+        end_with(central, delivery, "it failed")
         central.facts.append(facts.Failed(delivery.id, failure.name, failure.text))
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
         _answer_query(central, delivery, answer, failure.body, failure.kinds)

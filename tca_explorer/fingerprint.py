@@ -44,7 +44,10 @@ IGNORED = {
         "lost",  # scripts do not reconnect
         "_names",
     },
-    "Connection": {"id", "session", "answers", "last_number", "handling", "waits"},  # addresses; scripts repeat nothing
+    "Connection": {
+        "id", "session", "answers", "last_number", "orphans",  # addresses; scripts repeat nothing
+        "handling", "waits",  # met as what is handled and asked
+    },
     "MessageType": {"format", "first_declared_by", "declarers"},  # all modules of a scenario declare the same
     "Module": {"process"},
     "Delivery": {"ticket"},  # marks void entries of the queue, which are left out

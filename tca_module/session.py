@@ -15,7 +15,9 @@ from typing import Any, ClassVar
 
 import msgspec
 
+from tca_module.errors import MisuseError
 from tca_wire import headers
+from tca_wire.codec import misfit
 from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.routes import EntranceGone, Route
@@ -108,7 +110,8 @@ class Session:
     # --- what the module does --------------------------------------------------------------------------------------
 
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
-        """Ask central for something; the header's number is put in."""
+        """Ask central for something; the header's number is put in. Raises MisuseError if central could not read it."""
+        _check_fields(header)
         request = Request(header, body, wants_answer=wants_answer)
         self._number(request)
         if self.is_welcome:
@@ -133,6 +136,7 @@ class Session:
 
     def post(self, header: ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
+        _check_fields(header)
         if not self.is_welcome:
             self.dropped += isinstance(header, Send | SetVariable)
             return False
@@ -344,3 +348,10 @@ def refers_to_tasks(header: Any) -> bool:
     if isinstance(header, headers.Lock):
         return bool(header.origin)
     return not isinstance(header, _WITHOUT_TASKS)
+
+
+def _check_fields(header: ToCentral) -> None:
+    """A wrong type in an option is found here: central could not even say whom it answers."""
+    if wrong := misfit(header):
+        msg = f"{type(header).__name__} can't be sent: {wrong}"
+        raise MisuseError(msg)

@@ -113,6 +113,7 @@ class LocalCentral:
                 self.entries.append(effect.entry)
             elif transport := self._connections.get(effect.connection):
                 transport.arrive(pack_item(effect.header, effect.body))
+        self._due.notify()  # something may be due sooner than before
         _check_invariants(self.core)
 
 

@@ -4,6 +4,7 @@ A packet holds one or more *items*, each ``length of header (u32, big endian), l
 Items that wait for the same peer share a packet: with small messages, frames and calls are what costs.
 """
 
+import re
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -69,3 +70,18 @@ unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(T
 
 unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(ToModule, "no message to a module")
 """The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
+
+
+_decode_header = msgspec.msgpack.Decoder(ToCentral).decode
+
+
+def misfit(header: Any) -> str:
+    """What is wrong with the fields of a header, as central would see it; "" if nothing is."""
+    try:
+        _decode_header(_encode(header))
+    except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:
+        place = re.search(r"`\$\[(\d+)\]", str(error))
+        fields = header.__struct_fields__
+        field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
+        return f"{field}: {error}" if field else str(error)
+    return ""

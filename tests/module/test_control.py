@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
@@ -271,3 +272,20 @@ def test_point_monitors_stand_in_blocks_like_tasks(robot: tuple[Robot, Client]) 
         go_on.set()
         walking.result(5)
     assert them.said == ["rested", "move 0.5"]
+
+
+def test_options_of_a_wrong_type_are_found_at_once(robot: tuple[Robot, Client]) -> None:
+    _, user = robot
+    task = user.command(REST)
+    wrong: Any = "soon"
+    for call, field in (
+        (lambda: task.kill(delay=wrong), "Kill can't be sent: delay: "),
+        (lambda: task.kill(7), "Kill can't be sent: why: "),  # type: ignore[arg-type]
+        (lambda: user.command(REST, deadline=wrong), "Send can't be sent: deadline: "),
+        (lambda: user.command(REST, priority=2**70), "priority"),
+        (lambda: task.deadline(wrong), "Deadline can't be sent: seconds: "),
+        (lambda: user.lock(wrong, 5), "Lock can't be sent: module: "),  # type: ignore[arg-type]
+        (lambda: user.unlock(5), "Unlock can't be sent: resource: "),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(MisuseError, match=field):
+            call()

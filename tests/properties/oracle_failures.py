@@ -177,6 +177,7 @@ def retry_now(world: World, node: Node) -> None:
     """Somebody asks that a task be handled once more: what is under it ends first."""
     oracle_monitors.stop(world, node)
     if SH not in node.past:
+        oracle_taps.fire_again(world, node)
         return
     for child in world.children(node):
         if not child.survives:

@@ -57,6 +57,17 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
     return bool(new)
 
 
+def fire_again(world: World, node: Node) -> None:
+    """A task that has not begun is to be tried anew: what is to be done before it is done again."""
+    again = {
+        tap.id for tap in taps_of(world, node) if tap.condition in BEFORE and BEFORE[tap.condition][0] not in node.past
+    }
+    if again:
+        node.fired -= again
+        if node.waiting:
+            node.waiting, node.arrival = False, None
+
+
 def before_handling(world: World, node: Node) -> set[int]:
     """The taps that are fired anew when a task is retried."""
     return {tap.id for tap in taps_of(world, node) if tap.condition is Condition.BEFORE_HANDLING}

@@ -34,7 +34,7 @@ class JudgedPlayer(Player):
 
 
 class JudgedLife(Life):
-    """A life without what the oracle does not know: pending limits, variables, two timers due at the very same time."""
+    """A life without what the oracle does not know: pending limits, variables, locks, two timers due at the very same time."""
 
     modules = JUDGED
     messages = [message for handled in JUDGED.values() for message in handled] + ["command later"]
@@ -49,7 +49,7 @@ class JudgedLife(Life):
         return number + random.Random(self.timers).random() if number else 0
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
-        if name != "set":
+        if name not in ("set", "lock", "unclaim", "unlock"):
             super().do(name, a, b, c, d)
 
 
