@@ -1,5 +1,7 @@
 """Planning ahead: the next row is planned while this one is mown, and never more than one row ahead."""
 
+import time
+
 from tca_module import Command, Goal, Module, Task
 
 MOW_LAWN, MOW_ROW, DRIVE = Goal("mow lawn", int), Goal("mow row", int), Command("drive", int)
@@ -23,6 +25,7 @@ def mow_row(task: Task, row: int) -> None:
 
 @wheels.handles(DRIVE)
 def drive(_: Task, row: int) -> None:
+    time.sleep(0.2)  # it takes a while
     diary.append(f"mow row {row}")
 
 

@@ -5,7 +5,7 @@ import threading
 
 from tca_module import Callback, Inform, Module, Sender, Task
 
-BATTERY = Inform("battery", int)
+BATTERY = Inform("battery level", int)
 
 driver, panel = Module("driver"), Module("panel")
 device, cable = socket.socketpair()  # or a serial port, a CAN bus, ...

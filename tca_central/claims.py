@@ -61,7 +61,7 @@ def _find(central: State, name: str, module: str) -> ModuleResource:
 
 
 def _base(module: Module) -> str:
-    """The name that a module gave itself: of several modules that are called so, the newest is meant, as for messages."""
+    """The name that a module gave itself; of several that are called so the newest is meant, as for messages."""
     return module.name.partition("#")[0]
 
 

@@ -6,12 +6,13 @@ from collections.abc import Iterable
 import msgspec
 
 from tca_central.invariants import check_invariants
-from tca_explorer.errors import CentralFault
+from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.fingerprint import fingerprint
 from tca_explorer.play import Action, Play
 from tca_explorer.properties import Property
 from tca_explorer.scenario import Scenario
 from tca_explorer.words import unfinished
+from tca_explorer.world import World
 
 LIMIT = 100_000
 """States after which an exploration ends without an answer, unless said otherwise."""
@@ -137,7 +138,7 @@ class _Exploration:
         state = _State(before, action, memories)
         if play.world.broken:
             return Violation("what central promises", play.world.broken, state.actions())
-        seen = [one.seen(play.world, memory) for one, memory in zip(self.properties, memories, strict=True)]
+        seen = [_judged(one, play.world, memory) for one, memory in zip(self.properties, memories, strict=True)]
         for one, (_, why) in zip(self.properties, seen, strict=True):
             if why:
                 return Violation(str(one), why, state.actions())
@@ -188,3 +189,11 @@ def _longest_way(states: list[_State]) -> int | None:
             if not ways_in[id(following)]:
                 ready.append(following)
     return max(length.values()) if len(ready) == len(states) else None
+
+
+def _judged(one: Property, world: World, memory: int) -> tuple[int, str]:
+    """What a property says; a predicate that can't be asked is a mistake in the scenario, not in the robot."""
+    try:
+        return one.seen(world, memory)
+    except Exception as error:
+        raise ScenarioError(f"property '{one}' can't be asked: {type(error).__name__}: {error}") from error

@@ -24,7 +24,8 @@ T = TypeVar("T")
 _OF_THE_WORLD = (QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
-_BY_CHANCE = (Refusal.TOO_LATE, Refusal.OVERLOAD)
+_BY_CHANCE = (Refusal.TOO_LATE, Refusal.OVERLOAD, Refusal.UNKNOWN)
+"""What central refuses because of what happened meanwhile: a module that is lost takes its resources along."""
 
 
 class _Choices:

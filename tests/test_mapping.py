@@ -12,12 +12,9 @@ import tca_module
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "tca-mapping.md").read_text()
 
-COMING = {"module="}
-"""What is promised and may not be there yet."""
-
 ROWS = [row for row in re.findall(r"^\|(.+)\|$", PAGE, re.MULTILINE) if not set(row) <= set("|- ")]
 CELLS = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)] for row in ROWS]
-TOKENS = sorted({token for cells in CELLS for token in re.findall(r"`([^`]+)`", cells[1])} - COMING)
+TOKENS = sorted({token for cells in CELLS for token in re.findall(r"`([^`]+)`", cells[1])})
 
 
 def commands() -> set[str]:

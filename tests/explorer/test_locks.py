@@ -4,7 +4,19 @@ import pytest
 from explorer.scenarios import REST, STEP, WALK
 
 from tca_central.resources import Resource
-from tca_explorer import Property, Result, Scenario, Script, Task, World, explore, never, never_stuck, report
+from tca_explorer import (
+    Property,
+    Result,
+    Scenario,
+    ScenarioError,
+    Script,
+    Task,
+    World,
+    explore,
+    never,
+    never_stuck,
+    report,
+)
 from tca_wire.declarations import Command
 
 GRIP = Command("grip")
@@ -83,3 +95,22 @@ def test_a_central_that_lets_others_in_is_found(monkeypatch: pytest.MonkeyPatch)
     result = reserved()
     assert result.violation is not None
     assert "was given to 'legs' while planner has it reserved" in report(result)
+
+
+def test_a_lock_of_a_module_that_may_be_lost() -> None:
+    """That it is gone is no mistake of the scenario."""
+    scenario = Scenario("a lost base", never_stuck())
+    scenario.module("legs", may_be_lost=1).handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        with task.lock("legs"):
+            pass
+
+    scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
+    assert explore(scenario).ok
+
+
+def test_a_property_that_can_not_be_asked_is_a_mistake_in_the_scenario() -> None:
+    with pytest.raises(ScenarioError, match="can't be asked: AttributeError"):
+        explore(two_arms("legs", "arm", never(lambda world: world.taks)))  # type: ignore[attr-defined]

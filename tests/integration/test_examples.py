@@ -60,6 +60,10 @@ def test_example(path: Path, tmp_path: Path) -> None:
         diary = done.stdout.splitlines()
         assert [line for line in diary if "plan" in line] == [f"plan row {row}" for row in range(4)]
         assert [line for line in diary if "mow" in line] == [f"mow row {row}" for row in range(4)]
+        for row in range(3):
+            assert diary.index(f"plan row {row + 1}") < diary.index(f"mow row {row}")
+        for row in range(2):
+            assert diary.index(f"plan row {row + 2}") > diary.index(f"mow row {row}")
         for row in range(2):
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
     if path.stem == "07_explore":
