@@ -24,6 +24,7 @@ from tca_central.resources import Claim
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
+from tca_wire.vocabulary import MessageClass
 
 
 class Waiting(NamedTuple):
@@ -147,8 +148,20 @@ def _of_point(central: State, place: Place) -> Groups:
         return
     yield from _of_its_handler(task, moment)
     is_watching = task.message.message_class.is_monitor and task.reached & START_HANDLING
-    if not (is_watching and moment == END_HANDLING):  # when that ends, time and others decide
+    if is_watching and moment == END_HANDLING:
+        yield from _of_test(task)
+    else:
         yield from _of_order(central, task, moment)
+
+
+def _of_test(monitor: Task) -> Groups:
+    """A point monitor asks once, and waits for the answer; when the others end, time and events decide."""
+    condition = monitor.more.watch.condition if monitor.more.watch is not None else None
+    if condition is not None and monitor.message.message_class is MessageClass.POINT_MONITOR:
+        if condition.slot is not None:
+            yield [Returning(condition)]
+        elif condition.queues:
+            yield [Turn(condition)]
 
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
