@@ -319,12 +319,12 @@ it listens"
         return CentralLost(msg)
 
     def _catch_up(self) -> None:
-        """Take in what has arrived already; a caller that never waits comes back to a central that returned, too."""
+        """Take in what has arrived already; a caller that never waits learns that it was cut off, and comes back."""
         while self._listen(0.0):
             pass
-        if not self.session.is_welcome:
-            now = self._clock()
-            self.session.tend(now, now)
+        now = self._clock()
+        self.session.tend(now, self.session.heard if self.session.is_welcome else now)
+        if self.session.outgoing:
             self._flush(wait_seconds=0)
 
     def _listen(self, timeout: float) -> bool:
