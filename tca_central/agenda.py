@@ -210,9 +210,6 @@ class Agenda:
         if task.reached == ALL_MOMENTS:
             return
         now = STARTS & ~task.reached if task.killed and not task.is_running else 0
-        if not task.killed and not task.requested and self._may_start(task) and self._may_pass(task, self._first(task)):
-            task.requested = True
-            self.startable.append(task)
         for moment, needed in MUST_FOLLOW_IN_GOAL if task.is_goal else MUST_FOLLOW_IN_COMMAND:
             reached = task.reached | now
             if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
@@ -221,6 +218,9 @@ class Agenda:
                 now |= moment
         if now:
             self._reach(task, now)
+        if not task.killed and not task.requested and self._may_start(task) and self._may_pass(task, self._first(task)):
+            task.requested = True
+            self.startable.append(task)
         if task.watchers and task.had_others and task.returned and len(task.children or ()) == task.watchers:
             self.alone.append(task)
 
@@ -235,13 +235,15 @@ class Agenda:
         """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
         if task.killed or not (task.message.taps or (task.rare and task.rare.taps)):
             return True
+        if task.rare and task.rare.is_tapped:
+            return False
         fired = task.rare.fired if task.rare else ()
         new = [tap for tap in taps_of(task) if tap.before & moments and tap.id not in fired]
         if new:
             task.more.fired.update(tap.id for tap in new)
             task.more.is_tapped = True
             self.tapped.append((task, new))
-        return not (task.rare and task.rare.is_tapped)
+        return not new
 
     def fired(self, task: Task) -> None:
         """The wiretaps before a task went on have been fired; what was made of them may hold it."""

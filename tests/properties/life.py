@@ -38,8 +38,8 @@ OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
 ]  # fmt: skip
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
-CROWDED, CONNECTIONS = 50, 20
-"""So much may be to be done in a long life, by so many."""
+CROWDED, CONNECTIONS, ASIDES = 50, 20, 40
+"""So much may be to be done in a long life, by so many, with so many exception handlers and wiretaps."""
 
 
 class Life:
@@ -86,6 +86,8 @@ class Life:
             name = dice.choice(OPERATIONS)
             if self.crowd() > CROWDED and name in BEGINNING:
                 name = dice.choice(["reply"] * 8 + ["pass", "pass", "kill", "give up"])
+            if name in ("tap", "attach") and len(self.central.taps) + len(self.central.attached) > ASIDES:
+                name = "remove"
             if name in ("join", "lose", "bye"):
                 name = "join" if len(self.connections()) < CONNECTIONS else dice.choice(("lose", "bye"))
             self.do(name, *(dice.randrange(1001) for _ in range(4)))
@@ -170,8 +172,8 @@ class Life:
         self.request(headers.Attach, self.attachment(b, d), TaskId(0) if message else task, message)
 
     def remove_(self, a: int, *_: int) -> None:
-        if attached := list(self.central.attached):
-            self.request(headers.Remove, attached[a % len(attached)])
+        if asides := [*self.central.attached, *self.central.taps]:
+            self.request(headers.Remove, asides[a % len(asides)])
 
     def raise_(self, a: int, b: int, *_: int) -> None:
         if task := self.task(a):

@@ -182,7 +182,7 @@ def _pass(world: World) -> bool:
     moved = False
     for node in list(world.nodes.values()):
         mine = children.get(node.id, [])
-        if _consider_start(world, node, held, mine) or _advance(world, node, held, mine):
+        if _advance(world, node, held, mine) or _consider_start(world, node, held, mine):
             moved = True
         if node.id not in world.nodes or oracle_taps.take_news(world):
             return True  # who is there has changed

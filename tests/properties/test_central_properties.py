@@ -38,7 +38,7 @@ def test_many_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_many_long_lives(seed: int) -> None:
     life = Life()
     life.go_on(seed, 10_000)

@@ -69,6 +69,6 @@ def test_the_oracle_agrees_with_central_in_lives_of_thousands_of_events(seed: in
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_the_oracle_agrees_with_central_in_many_long_lives(seed: int) -> None:
     JudgedLife().go_on(seed, 10_000)
