@@ -76,9 +76,11 @@ _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 
 
 def misfit(header: Any) -> str:
-    """What is wrong with the fields of a header, as central would see it; "" if nothing is."""
+    """What is wrong with the fields of a header, as central would see it; "" if nothing is. Raises UnicodeEncodeError."""
     try:
         _decode_header(_encode(header))
+    except UnicodeEncodeError:
+        raise
     except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__
