@@ -76,7 +76,7 @@ _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 
 
 def misfit(header: Any) -> str:
-    """What is wrong with the fields of a header, as central would see it; "" if nothing is. Raises UnicodeEncodeError."""
+    """What is wrong with the fields of a header, as central would see it; "" if nothing is."""
     try:
         _decode_header(_encode(header))
     except UnicodeEncodeError:

@@ -169,7 +169,7 @@ def handler_ended(world: World, handler: Node) -> None:
 def retry(world: World, node: Node) -> None:
     """Let a task that was started be handled once more."""
     node.again, node.wanted, node.returned = True, True, False
-    node.fired -= oracle_taps.before_handling(world, node)
+    node.fired -= oracle_taps.to_come(world, node)
     node.waiting = False
 
 

@@ -59,18 +59,17 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
 
 def fire_again(world: World, node: Node) -> None:
     """A task that has not begun is to be tried anew: what is to be done before it is done again."""
-    again = {
-        tap.id for tap in taps_of(world, node) if tap.condition in BEFORE and BEFORE[tap.condition][0] not in node.past
-    }
+    again = to_come(world, node)
     if again:
         node.fired -= again
         if node.waiting:
             node.waiting, node.arrival = False, None
 
 
-def before_handling(world: World, node: Node) -> set[int]:
-    """The taps that are fired anew when a task is retried."""
-    return {tap.id for tap in taps_of(world, node) if tap.condition is Condition.BEFORE_HANDLING}
+def to_come(world: World, node: Node) -> set[int]:
+    """The taps that are fired anew when a task is retried: before it is handled, and before what it has not reached."""
+    firsts = [(tap.id, BEFORE[tap.condition][0]) for tap in taps_of(world, node) if tap.condition in BEFORE]
+    return {tap for tap, first in firsts if first == SH or first not in node.past}
 
 
 def reached(world: World, node: Node, moments: set[Moment]) -> None:
