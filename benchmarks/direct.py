@@ -6,12 +6,12 @@ Central keeps its journal, so both are noted there; three processes, Unix socket
 Ratios hold.
 """
 
-import argparse
 import statistics
 import tempfile
 from functools import partial
 from pathlib import Path
 
+from benchmarks import rounds_of
 from benchmarks.messaging import BODY, OUTSTANDING, central, process, rate
 from tca_module import Client, Inform, Module, Query, Task, connect
 
@@ -81,12 +81,8 @@ def inform(client: Client, way: str) -> int:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=1.0)
-    options = parser.parse_args()
-    rounds = [measure(options.seconds) for _ in range(options.rounds)]
-    print(f"{'median of ' + str(options.rounds):>24} {'central':>10} {'direct':>10} {'direct / central':>17}")
+    rounds = rounds_of(measure, __doc__ or "")
+    print(f"{'median of ' + str(len(rounds)):>24} {'central':>10} {'direct':>10} {'direct / central':>17}")
     for key in [key.partition(": ")[2] for key in rounds[0] if key.startswith("central")]:
         through, direct = (statistics.median(one[f"{way}: {key}"] for one in rounds) for way in WAYS)
         print(f"{key:>24} {through:>10,.0f} {direct:>10,.0f} {direct / through:>17.2f}")

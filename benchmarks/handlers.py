@@ -6,7 +6,6 @@ answers later from another thread.
 Central without a journal, three processes, Unix sockets; one query at a time. Ratios hold.
 """
 
-import argparse
 import queue
 import statistics
 import tempfile
@@ -14,6 +13,7 @@ import threading
 from functools import partial
 from pathlib import Path
 
+from benchmarks import rounds_of
 from benchmarks.messaging import BODY, central, process, rate
 from tca_module import Client, Later, Module, Query, Task, connect
 
@@ -68,12 +68,8 @@ def measure(seconds: float) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=1.0)
-    options = parser.parse_args()
-    rounds = [measure(options.seconds) for _ in range(options.rounds)]
-    print(f"{'median of ' + str(options.rounds):>20} {'round trip, us':>15}")
+    rounds = rounds_of(measure, __doc__ or "")
+    print(f"{'median of ' + str(len(rounds)):>20} {'round trip, us':>15}")
     for kind in KINDS:
         print(f"{kind:>20} {statistics.median(result[kind] for result in rounds):>15.0f}")
 

@@ -1,8 +1,8 @@
 """Locks and reservations: a module has a resource for itself for a while (TCA 8.5: LockResource, ReserveResource).
 
 A claim waits in the resource's queue like a message, until nobody is in; resources.py has the order. It ends when it is
-given up, when the task it was made for has ended (a message that is no task: when its handler has returned), with its
-connection, or when an operator takes it away.
+given up, when the task it was made for has ended (a message that is no task: when its handler has returned), when that
+fails, is killed or retried, with its connection, or when an operator takes it away.
 """
 
 from tca_central.clock import Due, checked_seconds

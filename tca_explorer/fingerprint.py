@@ -163,9 +163,6 @@ class _Walk:
 
     # --- attributes that are not what they seem ----------------------------------------------------------------------
 
-    def add_truth(self, _: object, value: object) -> None:
-        self._out.append(bool(value))
-
     def add_rank(self, delivery: Any, arrival: int) -> None:
         """Only the order of arrivals matters, and only among those that may wait in the same queue."""
         group = self._rivals.get(delivery.message.name, -1)
