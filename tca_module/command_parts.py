@@ -1,6 +1,7 @@
 """What the commands that talk to a running central have in common: options, errors as one line, how values look."""
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,6 +13,19 @@ from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
+
+
+class _Seconds(click.FloatRange):
+    """A time to wait: 0 or more, and a number ("nan" is none)."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        seconds = float(super().convert(value, param, ctx))
+        if math.isnan(seconds):
+            self.fail(f"{value!r} is no number of seconds", param, ctx)
+        return seconds
+
+
+SECONDS = _Seconds(min=0)
 
 _PATIENCE = 2.0  # seconds that a person waits for central
 

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
+from tca_module.arguments import check_message, check_timeout
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
 from tca_module.session import Request, Session, refers_to_tasks
@@ -31,9 +32,6 @@ ACKNOWLEDGED_WITHIN = 30.0
 
 STEP = 0.2
 """Seconds at a time that a wait listens, so that stops are noticed."""
-
-BRIEF = 1.0
-"""Seconds: a wait that is to be shorter ends soon by itself, and is no deadlock."""
 
 STALL = 2.0
 """Seconds that a turn of a wait never takes unless the process itself was stopped."""
@@ -119,6 +117,7 @@ class Connection:
         self._declared.update({message.name: message for message in new})
 
     def _is_new(self, message: Message[Any, Any]) -> bool:
+        check_message(message)
         return self._declared.get(message.name) is not message
 
     def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
@@ -158,6 +157,7 @@ is alive: it is overloaded; whether it took the request is not known"
         self._check_thread()
         with self._lock:
             try:
+                check_timeout(timeout)
                 came = self._wait(is_over or (lambda: request.is_over), timeout)
             except BaseException:
                 self.session.abandon(request)
@@ -363,11 +363,6 @@ it listens"
 '{threading.current_thread().name}', but belongs to the one that \
 opened it: a handler sends with its task, other threads open a connection of their own with connect()"
             raise MisuseError(msg)
-
-
-def blocks(timeout: float | None) -> bool:
-    """Whether a wait with this timeout is one for which central looks for deadlocks."""
-    return timeout is None or timeout >= BRIEF
 
 
 def _check(request: Request, what: str) -> None:

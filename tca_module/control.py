@@ -2,6 +2,7 @@
 
 from typing import Any, TypedDict, Unpack
 
+from tca_module.arguments import listed
 from tca_module.context import MonitorHandle
 from tca_module.errors import MisuseError
 from tca_module.knowledge import Knowledge
@@ -116,7 +117,7 @@ class Control(Knowledge):
             self._parent,
             self._origin,
             flags,
-            [*constraints, *options.get("constraints", [])],
+            [*constraints, *listed(options.get("constraints", []))],
             watch=watch,
         )
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))

@@ -6,8 +6,9 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
+from tca_module.arguments import blocks
 from tca_module.claim import Claim
-from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection, blocks
+from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.controls import ExceptionHandler
@@ -117,7 +118,8 @@ class Knowledge:
         return bool(self._connection().call(Unlock(0, resource, module), f"unlocking resource '{resource}'"))
 
     def _claim(self, resource: str, module: str, timeout: float | None, priority: int, *, reserve: bool) -> Claim:
-        seconds, blocking = _seconds(timeout), blocks(timeout)
+        blocking = blocks(timeout)
+        seconds = -1 if timeout is None else timeout
         header = Lock(0, resource, module, reserve, self._origin, seconds, priority, blocking)
         claim = Claim(self._connection(), header)
         claim.wait(timeout)
@@ -194,16 +196,6 @@ def _check_variable(call: str, variable: Any) -> None:
     if not isinstance(variable, Variable):
         msg = f"{call}() takes a Variable, and {variable!r} is none"
         raise MisuseError(msg)
-
-
-def _seconds(timeout: float | None) -> float:
-    """A timeout as central takes it: negative for none."""
-    if timeout is None:
-        return -1
-    if not timeout >= 0:
-        msg = f"timeout={timeout} is no time to wait: give seconds, or None to wait for ever"
-        raise MisuseError(msg)
-    return timeout
 
 
 def _ask(connection: Connection, header: ToCentral, what: str, body: bytes = b"") -> bytes:

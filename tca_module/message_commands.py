@@ -10,10 +10,11 @@ from typing import Any
 
 import click
 
+from tca_module.arguments import name_of
 from tca_module.client import Client
-from tca_module.command_parts import as_json, as_text, central_option, json_option, printable, talking
+from tca_module.command_parts import SECONDS, as_json, as_text, central_option, json_option, printable, talking
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
-from tca_module.replies import QUERY_TIMEOUT, name_of
+from tca_module.replies import QUERY_TIMEOUT
 from tca_module.task_ref import TaskRef
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import Broadcast, Command, Goal, Message, MultiQuery, Query, Variable
@@ -27,9 +28,7 @@ _HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pos
 """
 
 data_argument = click.argument("data", nargs=-1)
-timeout_option = click.option(
-    "--timeout", metavar="SECONDS", type=click.FloatRange(min=0), help="Wait no longer than this."
-)
+timeout_option = click.option("--timeout", metavar="SECONDS", type=SECONDS, help="Wait no longer than this.")
 
 
 @click.command(epilog=_HOW)

@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
+from tca_module.arguments import name_of
 from tca_module.connection import Connection
 from tca_module.errors import BadData, MisuseError, QueryFailed, TcaError, Timeout
 from tca_module.session import Request
@@ -14,11 +15,6 @@ from tca_wire.vocabulary import Outcome
 
 QUERY_TIMEOUT = 30.0
 """Seconds that a query waits for its reply where nobody says otherwise."""
-
-
-def name_of(message: Message[Any, Any]) -> str:
-    """A message as errors name it."""
-    return f"{message.message_class} '{message.name}'"
 
 
 def not_answered(message: Message[Any, Any], timeout: float | None) -> Timeout:

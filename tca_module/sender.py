@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, TypedDict, Unpack, overload
 
-from tca_module.connection import Connection, blocks
+from tca_module.arguments import blocks, check_class, check_executable, check_priority, check_timeout, listed, name_of
+from tca_module.connection import Connection
 from tca_module.control import Control
 from tca_module.errors import MisuseError
 from tca_module.ordering import Ordering
-from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, name_of, not_answered
+from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.session import Request
 from tca_module.task_handle import attachment
 from tca_module.task_ref import TaskRef
@@ -26,13 +27,10 @@ from tca_wire.declarations import (
     MultiQuery,
     Query,
     R,
-    Variable,
 )
 from tca_wire.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
 from tca_wire.vocabulary import MessageClass
-
-HIGHEST_PRIORITY = 1_000_000
 
 
 class TaskOptions(TypedDict, total=False):
@@ -77,7 +75,7 @@ class Sender(Control):
         Raises BadData if *data* does not fit, FormatRefused if others declare the message differently, Refused if the
         constraints can never be met.
         """
-        _check_class(message, Goal)
+        check_class(message, Goal)
         return self._task(message, data, options)
 
     def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[R]:
@@ -85,7 +83,7 @@ class Sender(Control):
 
         Raises what ``goal`` does.
         """
-        _check_class(message, Command)
+        check_class(message, Command)
         return self._task(message, data, options)
 
     def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
@@ -104,7 +102,7 @@ class Sender(Control):
         is_goal = message.message_class is MessageClass.GOAL
         flags, constraints = self._ordering.place(is_goal=is_goal, sequential=sequential)
         flags |= _flags(options)
-        constraints += options.get("constraints", ())
+        constraints += listed(options.get("constraints", ()))
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(
@@ -180,7 +178,7 @@ class Sender(Control):
         return Notification(pending, callback, on_failure)
 
     def _ask(self, message: Query[D, R], data: D, priority: int, *, blocking: bool) -> PendingReply[R]:
-        _check_class(message, Query)
+        check_class(message, Query)
         return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
 
     def _question(
@@ -193,7 +191,7 @@ class Sender(Control):
         maximum: int = 0,
         if_handled: bool = False,
     ) -> tuple[Connection, Request]:
-        _check_priority(message, priority)
+        check_priority(message, priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -225,7 +223,8 @@ class Sender(Control):
 
         They end as those of ``multi_query`` do; *timeout* counts from now.
         """
-        _check_class(message, MultiQuery)
+        check_class(message, MultiQuery)
+        check_timeout(timeout)
         if not isinstance(maximum, int) or maximum < 0:
             msg = f"{name_of(message)} can't end with {maximum!r:.40} replies: 1, 2, ... or 0 (all) can be"
             raise MisuseError(msg)
@@ -236,12 +235,12 @@ class Sender(Control):
 
     def inform(self, message: Inform[D], data: D = NOTHING) -> None:
         """Tell the one module that handles the message: at most once, in order, without waiting."""
-        _check_class(message, Inform)
+        check_class(message, Inform)
         self._tell(message, data)
 
     def broadcast(self, message: Broadcast[D], data: D = NOTHING) -> None:
         """Tell every module that handles the message: at most once, in order, without waiting."""
-        _check_class(message, Broadcast)
+        check_class(message, Broadcast)
         self._tell(message, data)
 
     def _tell(self, message: Message[D, None], data: D) -> None:
@@ -267,7 +266,7 @@ class Sender(Control):
 
         For code that is given messages without knowing their class (TCA 8.5: tcaExecute).
         """
-        _check_executable(message)
+        check_executable(message)
         if isinstance(message, Goal | Command):
             return self._task(message, data, {})
         if isinstance(message, Query):
@@ -292,7 +291,7 @@ class Sender(Control):
         Returns what ``execute`` does, or None if nobody handles the message: nothing was sent then. Of an inform or
         broadcast: whether it was sent (TCA 8.5: tcaMaybeExecute). The handler may still be lost afterwards.
         """
-        _check_executable(message)
+        check_executable(message)
         if isinstance(message, Goal | Command):
             return self._task_if(message, data, {}, handled=True)
         if isinstance(message, Query | MultiQuery):
@@ -320,13 +319,7 @@ def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
         known = ", ".join(TaskOptions.__annotations__)
         msg = f"{name_of(message)} can't be sent with {unknown[0]}=: the options are {known}"
         raise MisuseError(msg)
-    _check_priority(message, options.get("priority", 0))
-
-
-def _check_priority(message: Message[Any, Any], priority: Any) -> None:
-    if not isinstance(priority, int) or abs(priority) > HIGHEST_PRIORITY:
-        msg = f"{name_of(message)} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
-        raise MisuseError(msg)
+    check_priority(message, options.get("priority", 0))
 
 
 def _flags(options: TaskOptions) -> Flags:
@@ -338,28 +331,3 @@ def _flags(options: TaskOptions) -> Flags:
     if options.get("delay_planning"):
         flags |= Flags.DELAY_PLANNING
     return flags
-
-
-_CALLS = {
-    Goal: "goal()",
-    Command: "command()",
-    Query: "query()",
-    MultiQuery: "multi_query()",
-    Inform: "inform()",
-    Broadcast: "broadcast()",
-}
-
-
-def _check_executable(message: Any) -> None:
-    if not isinstance(message, tuple(_CALLS)):
-        classes = ", ".join(kind.__name__ for kind in _CALLS)
-        msg = f"execute() takes messages to send ({classes}), and {message!r} is none"
-        raise MisuseError(msg)
-
-
-def _check_class(message: Any, wanted: type[Message[Any, Any]]) -> None:
-    if not isinstance(message, wanted):
-        known = {**_CALLS, Variable: "set_variable()"}
-        call = f": use {known[type(message)]}" if type(message) in known else ""
-        msg = f"{_CALLS[wanted]} takes messages of class {wanted.__name__}, and {message!r} is none{call}"
-        raise MisuseError(msg)

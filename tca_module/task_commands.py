@@ -6,11 +6,12 @@ from typing import Any
 import click
 
 from tca_module.client import Client
-from tca_module.command_parts import central_option, printable, talking
+from tca_module.command_parts import SECONDS, central_option, printable, talking
 from tca_module.errors import Refused
 from tca_module.task_handle import TaskHandle, TaskInfo
 from tca_wire.declarations import Failure
 from tca_wire.plain_data import Bare, PlainFormat
+from tca_wire.points import ROOT
 from tca_wire.vocabulary import Scope
 
 _ANYTHING: Any = PlainFormat("{}")
@@ -22,36 +23,36 @@ task_argument = click.argument("task", metavar="TASK")
 
 @click.command()
 @task_argument
-@click.option(
-    "--descendants", "scope", flag_value=Scope.DESCENDANTS, help="Only what is under it, not the task itself."
-)
-@click.option("--siblings", "scope", flag_value=Scope.SIBLINGS, help="Only the other children of its parent.")
-@click.option(
-    "--in", "delay", metavar="SECONDS", type=click.FloatRange(min=0), default=0.0, help="So many seconds from now."
-)
+@click.option("--descendants", is_flag=True, help="Only what is under it, not the task itself.")
+@click.option("--siblings", is_flag=True, help="Only the other children of its parent.")
+@click.option("--in", "delay", metavar="SECONDS", type=SECONDS, default=0.0, help="So many seconds from now.")
 @click.option("--why", metavar="TEXT", default="", help="What those are told who wait for it.")
 @central_option
-def kill(task: str, scope: str | None, delay: float, why: str, central: str | None) -> None:
+def kill(task: str, delay: float, why: str, central: str | None, *, descendants: bool, siblings: bool) -> None:
     """End a task and all under it.
 
     TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told, not
     interrupted: a task ends when they have returned.
     """
+    if descendants and siblings:
+        msg = "--descendants and --siblings are given: kill them one after the other"
+        raise click.UsageError(msg)
+    scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
     with talking("kill", central) as client:
         handle = find_task(client, task)
-        handle.kill(why, delay=delay, scope=Scope(scope or Scope.TASK))
+        handle.kill(why, delay=delay, scope=scope)
         click.echo(f"{_whom(handle, scope)}: {_killed(handle, scope, delay)}")
 
 
-def _whom(handle: TaskHandle, scope: str | None) -> str:
+def _whom(handle: TaskHandle, scope: Scope) -> str:
     of = {Scope.DESCENDANTS: "all under ", Scope.SIBLINGS: "the siblings of "}
-    return f"{of[Scope(scope)] if scope else ''}{handle}"
+    return f"{of.get(scope, '')}{handle}"
 
 
-def _killed(handle: TaskHandle, scope: str | None, delay: float) -> str:
+def _killed(handle: TaskHandle, scope: Scope, delay: float) -> str:
     if delay:
         return f"to be killed in {delay:g} s"
-    is_over = scope is not None or handle.info() is None
+    is_over = scope is not Scope.TASK or handle.info() is None
     return "killed" if is_over else "told to end; it does when the handlers that run have returned"
 
 
@@ -100,7 +101,8 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
     """Raise a failure on a task, as if its handler had.
 
     TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
-    called; if there is none the top-level task ends. TEXT says for people what happened.
+    called; if there is none the top-level task ends. FAILURE is any name: handlers of that failure, and of any, take
+    it. TEXT says for people what happened.
     """
     with talking("raise", central) as client:
         handle = find_task(client, task)
@@ -142,6 +144,9 @@ def find_task(client: Client, named: str) -> TaskHandle:
 
 
 def _numbered(client: Client, number: int) -> TaskHandle:
+    if number == ROOT:
+        msg = "task 0 is the root, which never ends: give the number of a task, 'tca tree' shows them all"
+        raise click.ClickException(msg)
     try:
         handle = client.task(min(number, _HIGHEST))
     except Refused as refused:

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from tca_module.arguments import check_class
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
@@ -101,6 +102,7 @@ class TaskHandle(Intervals):
 
         What comes after the task waits until that has been done.
         """
+        check_class(message, Goal, Command, call="on_termination()")
         body = message.encode_data(data)
         self._connection.declare(message)
         self._call(Send(0, message.name, self.id, self._origin, when_killed=True), f"on termination of {self}", body)

@@ -3,7 +3,8 @@
 from collections.abc import Generator
 from typing import Any, Generic
 
-from tca_module.connection import Connection, blocks
+from tca_module.arguments import blocks
+from tca_module.connection import Connection
 from tca_module.errors import NIL, BadData, MisuseError, TaskFailed, TaskKilled, Timeout
 from tca_module.session import Request
 from tca_module.task_handle import TaskHandle

@@ -128,6 +128,8 @@ def _complain(error: click.ClickException) -> NoReturn:
 
 def _advised(error: click.ClickException, message: str) -> str:
     """Messages of click in our style: lower case, and what to do."""
+    if isinstance(error, click.NoSuchOption) and error.option_name[1:2].isdecimal():
+        return f"'{error.option_name}' looks like an option: write '--' before what begins with a minus"
     if not isinstance(error, click.UsageError) or not error.ctx or "--help" in message:
         return message
     return f"{message[:1].lower()}{message[1:].rstrip('.')}; see '{error.ctx.command_path} --help'"

@@ -304,6 +304,7 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
 @pytest.mark.parametrize(
     ("task", "code", "error"),
     [
+        ("0", 1, "task 0 is the root, which never ends: give the number of a task, 'tca tree' shows them all"),
         ("999", 1, "there is no task 999: 'tca tree' shows them all"),
         ("9" * 30, 1, f"there is no task {(1 << 63) - 1}: 'tca tree' shows them all"),
         ("nobody", 1, "no living task is called 'nobody': 'tca tree' shows them all"),
@@ -320,6 +321,9 @@ def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     assert tca(kill, "walk", "--in", "1e300")[0] == 1
     assert tca(kill, "walk", "--in", "-1")[0] == 2
+    assert "is no number of seconds" in tca(kill, "walk", "--in", "nan")[2]
+    assert "one after the other" in tca(kill, "walk", "--siblings", "--descendants")[2]
+    assert "is no number of seconds" in tca(query, "where", "x=1", "--timeout", "nan")[2]
     assert tca(raise_failure, "walk", "a\nb")[0] == 2
     assert walk.info() is not None
 

@@ -285,6 +285,13 @@ def test_options_of_a_wrong_type_are_found_at_once(robot: tuple[Robot, Client]) 
         (lambda: user.command(REST, priority=2**70), "priority"),
         (lambda: task.deadline(wrong), "Deadline can't be sent: seconds: "),
         (lambda: user.lock(wrong, 5), "Lock can't be sent: module: "),  # type: ignore[arg-type]
+        (lambda: task.on_termination(5), r"on_termination\(\) takes messages of class Goal or Command, and 5 is none"),  # type: ignore[arg-type]
+        (lambda: user.tap(Condition.WHEN_SENT, "rest", REST), "'rest' is no message"),  # type: ignore[arg-type]
+        (lambda: user.command(REST, constraints=wrong), "constraints='soon' is no list of constraints"),
+        (
+            lambda: user.command(REST, constraints=task.achieving.end <= this.achieving.start),  # type: ignore[arg-type]
+            "constraints=.* is no list of constraints: write constraints=",
+        ),
         (lambda: user.unlock(5), "Unlock can't be sent: resource: "),  # type: ignore[arg-type]
     ):
         with pytest.raises(MisuseError, match=field):

@@ -224,6 +224,12 @@ def test_a_broadcast_reaches_everybody_who_listens(central: LocalCentral, user: 
         ),
         (lambda user: user.multi_query(TEMPERATURE), r"multi_query\(\).*use query\(\)"),
         (lambda user: user.query_send(HEALTH), r"query\(\).*use multi_query\(\)"),
+        (lambda user: user.query(TEMPERATURE, timeout=float("nan")), r"timeout=nan is no time to wait"),
+        (lambda user: user.query(TEMPERATURE, timeout=-1), r"timeout=-1 is no time to wait"),
+        (lambda user: user.query_send(TEMPERATURE).receive("5"), r"timeout='5' is no time to wait"),
+        (lambda user: user.multi_query(HEALTH, timeout=-1), r"timeout=-1 is no time to wait"),
+        (lambda user: user.wait_until_handled(REST, timeout=-1), r"timeout=-1 is no time to wait"),
+        (lambda user: user.wait_until_handled("rest"), r"'rest' is no message: give the declaration"),
     ],
 )
 def test_each_call_takes_its_class_of_message(user: Client, call: Callable[[Client], object], complaint: str) -> None:

@@ -90,6 +90,11 @@ def test_errors_are_one_line_and_an_exit_code(tca: Tca) -> None:
     assert wrong.stderr.startswith("tca: no such option")
     assert wrong.stderr.endswith("; see 'tca hello --help'\n")
     assert tca("--nothing").exit_code == 2
+    minus = tca("hello", "-5")
+    assert (minus.exit_code, minus.stderr) == (
+        2,
+        "tca: '-5' looks like an option: write '--' before what begins with a minus\n",
+    )
 
 
 def test_no_command_shows_the_help(tca: Tca) -> None:
