@@ -3,47 +3,25 @@
 Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may begin in the middle.
 """
 
-from collections.abc import Callable, Iterable
+import gc
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from math import inf, nextafter
 from typing import Any
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task, Wait
+from tca_tools.past import UNKNOWN, Past
+from tca_tools.records import Claim, Handling, Hold, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
-from tca_wire.points import MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.points import MOMENTS, ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
-UNKNOWN = "?"
-"""The name of what was sent before the journal's first entry."""
 
-
-class History:
-    """What happened until ``time``; ``apply`` is the only way it changes.
-
-    1. ``tasks`` holds every task, ``messages`` every message, tasks included.
-    2. A task's parent is the root or a task with a smaller id, so walks up and down end.
-    """
+class History(Past):
+    """What happened until ``time``; ``apply`` is the only way it changes."""
 
     def __init__(self) -> None:
-        self.time = 0.0
-        self.began: float | None = None
-        """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
-        self.epoch = ""
-        self.top: list[TaskId] = []
-        """The tasks under the root."""
-        self.tasks: dict[int, Task] = {}
-        self.messages: dict[int, Message] = {}
-        self.handlings: list[Handling] = []
-        self.queueings: list[Queueing] = []
-        self.modules: dict[str, ModuleRecord] = {}
-        self.claims: dict[int, Claim] = {}
-        """Locks and reservations."""
-        self.held_by: dict[tuple[str, str], Claim] = {}
-        """By module and resource, the lock or reservation in force."""
-        self.handlers: dict[str, dict[str, str]] = {}
-        """For each message its handlers: module and resource."""
-        self.formats: dict[str, facts.FormatDefined] = {}
-        """For each message its class and formats, as first declared."""
-        self.lost_directly: dict[str, int] = {}
-        """How many informs of each message were sent directly and lost."""
+        super().__init__()
+        self._touched: dict[int, Task] = {}
         self._deliveries: dict[int, Handling] = {}
         self._queued: dict[int, Queueing] = {}
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
@@ -55,42 +33,34 @@ class History:
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
         """What was known at *time* (None: at the end)."""
         history = cls()
-        for entry in entries:
-            if time is not None and entry.time > time:
-                history.time = time
-                break
-            history.apply(entry)
+        with _no_garbage():
+            for entry in entries:
+                if time is not None and entry.time > time:
+                    history.time = time
+                    break
+                history.apply(entry)
         return history
 
     def apply(self, entry: facts.Entry) -> None:
         """Take in the facts that one event caused."""
-        self.time = max(self.time, entry.time)
+        self._tick(entry)
         for fact in entry.facts:
             if take := _TAKE.get(type(fact)):
                 take(self, fact)
+        for task in self._touched.values():
+            state = task.state
+            if not task.states or task.states[-1][1] is not state:
+                task.states.append((self.time, state))
+        self._touched.clear()
 
-    def children(self, task: int) -> list[TaskId]:
-        """The tasks right under *task*, oldest first."""
-        return self.top if task == ROOT else self.tasks[task].children
-
-    def has_reached(self, point: Point) -> bool:
-        """Whether the point is past; what is unknown ended before the journal began."""
-        task = self.tasks.get(point.task)
-        return task is None or point.moment in task.reached
-
-    def running(self, module: str, resource: str) -> list[Handling]:
-        """The handlers that run in a resource now."""
-        return list(self._running.get((module, resource), {}).values())
-
-    def describe(self, message_id: int) -> str:
-        """A message's name with its id: ``take steps {7}``."""
-        claim = self.claims.get(message_id)
-        return str(claim) if claim else f"{self.name(message_id)} {{{message_id}}}"
-
-    def name(self, message_id: int) -> str:
-        """A message's name."""
-        message = self.messages.get(message_id)
-        return message.name if message else UNKNOWN
+    def _tick(self, entry: facts.Entry) -> None:
+        """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
+        if self.numbers and entry.number == self.numbers[-1]:
+            return  # an event of so many facts that it takes several records
+        self.time = entry.time if entry.time > self.time or not self.times else nextafter(self.time, inf)
+        self.times.append(self.time)
+        self.clock.append(entry.time)
+        self.numbers.append(entry.number)
 
     # --- what each fact changes -----------------------------------------------------------------------------------
 
@@ -146,7 +116,8 @@ class History:
 
     def _plant(self, task: Task) -> None:
         """Put a new task into the tree."""
-        self.messages[task.id] = self.tasks[task.id] = task
+        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = task
+        self.births.append(self.time)
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
@@ -158,7 +129,7 @@ class History:
     def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
         for constraint in fact.constraints:
             if constraint.after.task in self.tasks:
-                self.tasks[constraint.after.task].constraints.append(constraint)
+                self.tasks[constraint.after.task].holds.append(Hold(constraint, self.time))
 
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
@@ -167,7 +138,8 @@ class History:
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
         if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
-            message.queueing = queueing
+            message.queueings.append(queueing)
+            self._touch(message.id)
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet
@@ -176,6 +148,7 @@ class History:
     def _unqueue(self, delivery: int) -> Queueing | None:
         if queueing := self._queued.pop(delivery, None):
             queueing.end = self.time
+            self._touch(queueing.message_id)
         return queueing
 
     def _deliver(self, fact: facts.Delivered) -> None:
@@ -184,18 +157,20 @@ class History:
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         self.handlings.append(handling)
+        self.runs.setdefault((fact.module, fact.resource), []).append(handling)
         self._deliveries[fact.id] = handling
         self._running.setdefault((fact.module, fact.resource), {})[fact.id] = handling
         self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
             message.handlings.append(handling)
-            message.failure = ""
+            self._change(message, "failure", "")
+            self._touch(message.id)
 
     def _return(self, fact: facts.Returned) -> None:
         if handling := self._finish(fact.id):
             handling.outcome = fact.outcome
-            if message := self.messages.get(handling.message_id):
-                message.result = fact.body
+            if (message := self.messages.get(handling.message_id)) and fact.body != message.result:
+                self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
         start = max(0.0, fact.ended - fact.seconds)
@@ -217,6 +192,7 @@ class History:
     def _end(self, handling: Handling) -> None:
         if handling.end is None:
             handling.end = self.time
+            self._touch(handling.message_id)
         for wait in handling.waits[-1:]:
             wait.end = self.time if wait.end is None else wait.end
 
@@ -235,11 +211,11 @@ class History:
         if lost:
             lost.outcome = Outcome.FAILED
         if message := self.messages.get(lost.message_id if lost else fact.id):
-            message.failure = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
+            self._change(message, "failure", f"{fact.failure}: {fact.text}" if fact.text else fact.failure)
 
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
-            self._task(fact.task).killed = fact.why
+            self._change(self._task(fact.task), "killed", fact.why)
             self._unqueue(fact.task)
 
     def _drop(self, fact: facts.Dropped) -> None:
@@ -248,7 +224,7 @@ class History:
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
-            message.dropped = fact.why
+            self._change(message, "dropped", fact.why)
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
@@ -271,8 +247,9 @@ class History:
     def _retried(self, fact: facts.Retried) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            task.is_recovering, task.failure = False, ""
-            task.body = fact.body or task.body
+            task.is_recovering = False
+            self._change(task, "failure", "")
+            self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
         below = [fact.task] if fact.task > 0 else []
@@ -282,8 +259,10 @@ class History:
             below += [child for child in task.children if Moment.END_ACHIEVING not in self.tasks[child].reached]
 
     def _timed_out(self, fact: facts.TimedOut) -> None:
-        if (held := fact.constraint.after.task) > 0:
-            self._task(held).timed_out.append(fact.constraint)
+        if (held := self.tasks.get(fact.constraint.after.task)) is not None:
+            for hold in held.holds:
+                if hold.over is None and hold.constraint == fact.constraint:
+                    hold.over = self.time
 
     def _wait_began(self, fact: facts.WaitBegan) -> None:
         moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
@@ -309,14 +288,12 @@ class History:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
         if (claim := self.claims.get(fact.id)) is not None:
             claim.granted = self.time
-            self.held_by[claim.module, claim.resource] = claim
+            self.grants.setdefault((claim.module, claim.resource), []).append(claim)
 
     def _claim_ended(self, fact: facts.ClaimEnded) -> None:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
         if (claim := self.claims.get(fact.id)) is not None:
             claim.end, claim.ended = self.time, fact.why
-            if self.held_by.get((claim.module, claim.resource)) is claim:
-                del self.held_by[claim.module, claim.resource]
 
     def _wait(self, wait: Wait, module: str, origin: int) -> Wait:
         """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
@@ -336,15 +313,39 @@ class History:
         return self.modules[name]
 
     def _task(self, task: TaskId) -> Task:
-        """A task; one sent before the journal begins gets a record under the root."""
+        """A task that something happens to; one sent before the journal begins gets a record under the root."""
         if task not in self.tasks:
             self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
-        return self.tasks[task]
+        return self._touched.setdefault(task, self.tasks[task])
+
+    def _touch(self, message_id: int) -> None:
+        """Look at a task's state again when all facts of the event are known."""
+        if (task := self.tasks.get(message_id)) is not None:
+            self._touched[message_id] = task
+
+    def _change(self, message: Message, name: str, value: str | bytes) -> None:
+        """Write a new value over a field, and remember from when on it is so."""
+        if getattr(message, name) != value:
+            message.changes.append((self.time, name, getattr(message, name)))
+            setattr(message, name, value)
+            self._touch(message.id)
 
 
 def _outlives(task: Task) -> bool:
     """Whether it is not suspended with what is above it: it leaves things safe."""
     return task.role in (Role.TERMINATION, Role.CANCEL)
+
+
+@contextmanager
+def _no_garbage() -> Iterator[None]:
+    """A fold only adds: Python would look through all of it for garbage, again and again, and take twice the time."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 # ruff: noqa: SLF001

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, TaskId
@@ -83,6 +84,18 @@ class Claim:
         return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)} {{{self.id}}}"
 
 
+Change = tuple[float, str, Any]
+
+
+@dataclass(slots=True)
+class Hold:
+    """A constraint on a moment of a task; its delay, if it has one, was over at *over*."""
+
+    constraint: Constraint
+    added: float
+    over: float | None = None
+
+
 @dataclass(slots=True)
 class Message:
     """A message that central accepted."""
@@ -95,9 +108,10 @@ class Message:
     """The delivery whose handler sent it (0: none)."""
     received: float
     body: bytes = b""
-    queueing: Queueing | None = None
-    """The last time it queued."""
+    queueings: list[Queueing] = field(default_factory=list)
     handlings: list[Handling] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    """What was written over: when, which of the fields (``body`` or one below), and what it was before."""
     failure: str = ""
     """The failure raised on it, with its text; "" again when it is handled anew."""
     dropped: str = ""
@@ -113,7 +127,7 @@ class Message:
     @property
     def is_queued(self) -> bool:
         """Whether it waits for a resource or a handler now."""
-        return self.queueing is not None and self.queueing.end is None
+        return bool(self.queueings) and self.queueings[-1].end is None
 
     @property
     def handling(self) -> Handling | None:
@@ -127,8 +141,8 @@ class Task(Message):
 
     parent: TaskId = ROOT
     children: list[TaskId] = field(default_factory=list)
-    constraints: list[Constraint] = field(default_factory=list)
-    """Those that hold back a moment of this task."""
+    holds: list[Hold] = field(default_factory=list)
+    """The constraints on moments of this task."""
     reached: dict[Moment, float] = field(default_factory=dict)
     killed: str | None = None
     """Why it was killed."""
@@ -139,8 +153,8 @@ class Task(Message):
     is_dealt_with: bool = False
     """Its failure was dealt with."""
     is_suspended: bool = False
-    timed_out: list[Constraint] = field(default_factory=list)
-    """Constraints whose delay is over."""
+    states: list[tuple[float, State]] = field(default_factory=list)
+    """From when on it was in which state."""
 
     @property
     def state(self) -> State:

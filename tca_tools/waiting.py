@@ -1,10 +1,9 @@
-"""Why a task does not go on, in plain words. Asks a history; changes nothing."""
+"""Why a task does not go on, in plain words. Asks what was known; changes nothing."""
 
 from collections.abc import Iterator
 
-from tca_tools.history import History
-from tca_tools.records import State, Task
-from tca_wire.constraints import Constraint
+from tca_tools.records import Hold, State
+from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.wording import place
 
@@ -22,89 +21,89 @@ _NAMED = 3
 """How many subtasks a reason names."""
 
 
-def why_waiting(history: History, task_id: TaskId) -> list[str]:
+def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     """What keeps a task waiting: ``["until take steps {2} is achieved"]``; nothing if it is over or unknown."""
-    task = history.tasks.get(task_id)
+    task = then.tasks.get(task_id)
     reasons = _REASONS.get(task.state) if task else None
-    return list(dict.fromkeys(reasons(history, task))) if task and reasons else []
+    return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
-def _of_held(history: History, task: Task) -> Iterator[str]:
+def _of_held(then: Then, task: TaskThen) -> Iterator[str]:
     first = Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING
-    return _held_back(history, task, [Moment.START_HANDLING, first])
+    return _held_back(then, task, [Moment.START_HANDLING, first])
 
 
-def _of_planned(history: History, task: Task) -> Iterator[str]:
-    return _held_back(history, task, [Moment.START_ACHIEVING])
+def _of_planned(then: Then, task: TaskThen) -> Iterator[str]:
+    return _held_back(then, task, [Moment.START_ACHIEVING])
 
 
-def _of_queued(history: History, task: Task) -> Iterator[str]:
+def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
     queueing = task.queueing
     if not queueing or not queueing.module:
         yield f"for a module that handles {task.name}"
         return
     where = place(queueing.module, queueing.resource)
-    held_by = history.held_by.get((queueing.module, queueing.resource))
+    held_by = then.held_by(queueing.module, queueing.resource)
     if held_by and not (held_by.is_reserved and held_by.sender == task.sender):
         yield f"for {where}, which {held_by.sender} has {'reserved' if held_by.is_reserved else 'locked'}"
         return
-    busy = [history.describe(handling.message_id) for handling in history.running(queueing.module, queueing.resource)]
+    busy = [then.describe(handling.message_id) for handling in then.running(queueing.module, queueing.resource)]
     yield f"for {where}" + (f", busy with {_listed(busy)}" if busy else "")
 
 
-def _of_handled(history: History, task: Task) -> Iterator[str]:
+def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
     """A handler that runs may block."""
-    for wait in task.handling.waits[-1:] if task.handling else []:
-        if wait.end is None and wait.moment:
-            yield _until(history, Point(TaskId(wait.awaited), wait.moment))
-        elif wait.end is None and wait.awaited in history.claims:
-            yield f"for the {history.describe(wait.awaited)}"
-        elif wait.end is None:
-            yield f"for the reply to {history.describe(wait.awaited)}"
+    wait = task.wait
+    if wait and wait.moment:
+        yield _until(then, Point(TaskId(wait.awaited), wait.moment))
+    elif wait and wait.awaited in then.past.claims:
+        yield f"for the {then.describe(wait.awaited)}"
+    elif wait:
+        yield f"for the reply to {then.describe(wait.awaited)}"
 
 
-def _of_planning(history: History, task: Task) -> Iterator[str]:
+def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
     if task.handling:
-        return _of_handled(history, task)
-    return _of_children(history, task, Moment.END_PLANNING)
+        return _of_handled(then, task)
+    return _of_children(then, task, Moment.END_PLANNING)
 
 
-def _of_achieving(history: History, task: Task) -> Iterator[str]:
-    yield from _held_back(history, task, [Moment.END_PLANNING, Moment.END_ACHIEVING])
-    yield from _of_children(history, task, Moment.END_ACHIEVING)
+def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
+    yield from _held_back(then, task, [Moment.END_PLANNING, Moment.END_ACHIEVING])
+    yield from _of_children(then, task, Moment.END_ACHIEVING)
 
 
-def _of_children(history: History, task: Task, moment: Moment) -> Iterator[str]:
-    open_ones = [str(history.tasks[child]) for child in task.children if moment not in history.tasks[child].reached]
+def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
+    open_ones = [str(then.tasks[child]) for child in task.children if moment not in then.tasks[child].reached]
     if open_ones:
         yield f"until {_listed(open_ones)} {'are' if len(open_ones) > 1 else 'is'} {_CLAUSES[moment][3:]}"
 
 
-def _held_back(history: History, task: Task, moments: list[Moment]) -> Iterator[str]:
+def _held_back(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[str]:
     """What must happen before the task can reach these moments; a wait for one of its own leads on to that one's."""
     for moment in moments:  # grows while it is walked
-        for constraint in task.constraints:
-            before = constraint.before
-            if constraint.after.moment != moment or _is_met(history, task, constraint):
+        for hold in task.holds:
+            constraint, before = hold.constraint, hold.constraint.before
+            if constraint.after.moment != moment or _is_met(then, task, hold):
                 continue
             if before.task == ROOT:
                 yield f"until {constraint.delay:g} s"
-            elif constraint.delay and history.has_reached(before):
-                yield f"until {constraint.delay:g} s after {history.describe(before.task)} {_CLAUSES[before.moment]}"
+            elif constraint.delay and then.has_reached(before):
+                yield f"until {constraint.delay:g} s after {then.describe(before.task)} {_CLAUSES[before.moment]}"
             elif before.task != task.id:
-                yield _until(history, before)
+                yield _until(then, before)
             elif before.moment not in moments:
                 moments.append(before.moment)
-        if moment in _OF_FAMILY and not history.has_reached(Point(task.parent, moment)):
-            yield f"until its parent {history.describe(task.parent)} {_CLAUSES[moment]}"
+        if moment in _OF_FAMILY and not then.has_reached(Point(task.parent, moment)):
+            yield f"until its parent {then.describe(task.parent)} {_CLAUSES[moment]}"
 
 
-def _is_met(history: History, task: Task, constraint: Constraint) -> bool:
-    return constraint in task.timed_out if constraint.delay else history.has_reached(constraint.before)
+def _is_met(then: Then, task: TaskThen, hold: Hold) -> bool:
+    return task.is_over(hold) if hold.constraint.delay else then.has_reached(hold.constraint.before)
 
 
-def _until(history: History, point: Point) -> str:
-    return f"until {history.describe(point.task)} {_CLAUSES[point.moment]}"
+def _until(then: Then, point: Point) -> str:
+    return f"until {then.describe(point.task)} {_CLAUSES[point.moment]}"
 
 
 def _listed(names: list[str]) -> str:
@@ -112,12 +111,12 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _of_suspended(_: History, task: Task) -> Iterator[str]:
+def _of_suspended(_: Then, task: TaskThen) -> Iterator[str]:
     yield f"until {task} is resumed"
 
 
-def _of_recovering(history: History, task: Task) -> Iterator[str]:
-    handlers = [str(history.tasks[handler]) for handler in task.caught_by[-1:] if handler in history.tasks]
+def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
+    handlers = [str(then.tasks[handler]) for handler in task.caught_by[-1:] if handler in then.tasks]
     yield f"until {_listed(handlers)} has dealt with its failure"
 
 

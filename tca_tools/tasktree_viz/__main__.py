@@ -14,6 +14,7 @@ from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, outline, whole_ou
 from tca_tools.tasktree_viz.picture import PICTURES, drawn
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.terminal import can_show, cut, line_width, printable
+from tca_tools.then import Then
 
 _MOST_DRAWN = 3000
 """Beyond that many boxes Graphviz takes minutes, and nobody could read the picture."""
@@ -36,29 +37,29 @@ def tree(
     if output and output.suffix not in (".txt", ".dot", *PICTURES):
         raise click.BadParameter(f"{output}: its name must end in .svg, .png, .pdf, .dot or .txt", param_hint="'-o'")
     journal = open_log(log_path)
-    history = History.until(journal, at)
-    rows = _chosen_rows(history, everything, is_picture=output is not None and output.suffix != ".txt")
-    title = f"{printable(journal.name)}: {words.summary(history)}"
+    then = Then.by_clock(History.until(journal), at)
+    rows = _chosen_rows(then, everything, is_picture=output is not None and output.suffix != ".txt")
+    title = f"{printable(journal.name)}: {words.summary(then)}"
     if output is None:
         guides = ASCII if as_ascii or not can_show("├─└│…") else UNICODE
         width = line_width()
         click.echo(cut(title, width))
-        click.echo("\n".join(tree_lines(history, rows, guides=guides, width=width, with_data=data)))
+        click.echo("\n".join(tree_lines(then, rows, guides=guides, width=width, with_data=data)))
     else:
-        text = [title, *tree_lines(history, rows, guides=ASCII if as_ascii else UNICODE, with_data=data)]
+        text = [title, *tree_lines(then, rows, guides=ASCII if as_ascii else UNICODE, with_data=data)]
         if output.suffix in PICTURES and len(rows) > _MOST_DRAWN:
             raise NoPicture(
                 f"{len(rows)} tasks are too many for a picture: ask for a .txt, or for an earlier time --at"
             )
-        _write(output, dot_source(history, rows, title, with_data=data), click.unstyle("\n".join(text)) + "\n")
+        _write(output, dot_source(then, rows, title, with_data=data), click.unstyle("\n".join(text)) + "\n")
     journal.check()
 
 
-def _chosen_rows(history: History, everything: bool, *, is_picture: bool) -> list[Row]:
+def _chosen_rows(then: Then, everything: bool, *, is_picture: bool) -> list[Row]:
     """A text scrolls, so it is folded only when it is long; a picture also when it is wide."""
-    if everything or (len(history.tasks) <= SHOWN_AT_MOST and not is_picture):
-        return whole_outline(history)
-    return outline(history)
+    if everything or (len(then.tasks) <= SHOWN_AT_MOST and not is_picture):
+        return whole_outline(then)
+    return outline(then)
 
 
 def _write(output: Path, dot: str, text: str) -> None:

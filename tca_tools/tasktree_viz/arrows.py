@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tca_tools.history import History
+from tca_tools.then import Then
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
 
@@ -42,11 +42,11 @@ class Arrows:
         return {kind for kinds in (*self.between.values(), *self.own.values()) for kind in kinds}
 
 
-def arrows(history: History, shown: set[int]) -> Arrows:
+def arrows(then: Then, shown: set[int]) -> Arrows:
     """The arrows between the tasks shown."""
     found = Arrows()
     for task_id in sorted(shown):
-        task = history.tasks[task_id]
+        task = then.tasks[task_id]
         incoming: dict[int, list[str]] = {}
         for constraint in task.constraints:
             if constraint.before.task == task_id or constraint.before.task in shown:

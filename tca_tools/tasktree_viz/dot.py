@@ -10,12 +10,12 @@ from itertools import pairwise, starmap
 from operator import itemgetter
 from textwrap import wrap
 
-from tca_tools.history import History
-from tca_tools.records import State, Task
+from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
+from tca_tools.then import TaskThen, Then
 from tca_wire.points import Interval
 from tca_wire.vocabulary import Role
 
@@ -53,23 +53,23 @@ _MONITOR = "#00796b", "monitor"
 _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
 
 
-def dot_source(history: History, rows: list[Row], title: str, *, with_data: bool = False) -> str:
+def dot_source(then: Then, rows: list[Row], title: str, *, with_data: bool = False) -> str:
     """A directed graph of the rows."""
-    found = arrows(history, {row.task.id for row in rows if row.task})
-    body = "\n".join(f"  {line}" for line in _statements(history, rows, found, with_data))
+    found = arrows(then, {row.task.id for row in rows if row.task})
+    body = "\n".join(f"  {line}" for line in _statements(then, rows, found, with_data))
     return f"digraph tasks {{\n{_LOOKS}  label=<{_heading(rows, title, found)}>;\n{body}\n}}\n"
 
 
-def _statements(history: History, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
+def _statements(then: Then, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
     for row in rows:
-        yield _node(history, row, found, with_data)
+        yield _node(then, row, found, with_data)
     for row in rows:
         if row.parent >= 0:
             yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
     joined = set()
     for (before, after), kinds in found.between.items():
         joined.add((f"t{before}", f"t{after}"))
-        yield _constraint_arrow(history, before, after, kinds)
+        yield _constraint_arrow(then, before, after, kinds)
     for brothers in _brothers(rows):
         names = list(map(_id, brothers))
         order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(names) if (a, b) not in joined)
@@ -88,15 +88,15 @@ def _brothers(rows: list[Row]) -> Iterable[list[Row]]:
     return (brothers for brothers in below.values() if len(brothers) > 1)
 
 
-def _constraint_arrow(history: History, before: int, after: int, kinds: list[str]) -> str:
+def _constraint_arrow(then: Then, before: int, after: int, kinds: list[str]) -> str:
     label = " · ".join(kinds)
-    tooltip = printable(f"{history.describe(before)} to {history.describe(after)}: {label}")
-    siblings = history.tasks[before].parent == history.tasks[after].parent
+    tooltip = printable(f"{then.describe(before)} to {then.describe(after)}: {label}")
+    siblings = then.tasks[before].parent == then.tasks[after].parent
     rank = "" if siblings else ", constraint=false"
     return f"t{before} -> t{after} [label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}];"
 
 
-def _node(history: History, row: Row, found: Arrows, with_data: bool) -> str:
+def _node(then: Then, row: Row, found: Arrows, with_data: bool) -> str:
     if row.task is None:
         fill = FILLS[row.state]
         label = words.folded(row)
@@ -104,32 +104,32 @@ def _node(history: History, row: Row, found: Arrows, with_data: bool) -> str:
     task, state = row.task, row.task.state
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if state is State.HELD else ""
-    tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(history, task), words.data(task)]))
-    label = "<br/>".join(_label_lines(history, task, found.own.get(task.id, []), with_data))
+    tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(then, task), words.data(task)]))
+    label = "<br/>".join(_label_lines(then, task, found.own.get(task.id, []), with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := _looks_of(task)) else ""
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
     return f"{_id(row)} [label=<{label}>, {rest}];"
 
 
-def _looks_of(task: Task) -> tuple[str, str] | None:
+def _looks_of(task: TaskThen) -> tuple[str, str] | None:
     """The border of a task that no module sent, or that no module handles; and what it is."""
     return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role)
 
 
-def _label_lines(history: History, task: Task, own: list[str], with_data: bool) -> Iterator[str]:
+def _label_lines(then: Then, task: TaskThen, own: list[str], with_data: bool) -> Iterator[str]:
     name = escape(cut(printable(task.name), _LONGEST_NAME))
     yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
     yield _small(" ".join(filter(None, [task.state, _times(task)])))
     if own:
         yield f'<font point-size="9" color="{_HEAVY}">{escape(", ".join(own))}</font>'
     if task.failure:
-        for line in wrap(words.note(history, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
+        for line in wrap(words.note(then, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
             yield _small(line)
     if with_data and (data := words.data(task)):
         yield _small(cut(data, _LONGEST_DATA))
 
 
-def _times(task: Task) -> str:
+def _times(task: TaskThen) -> str:
     """When it was achieved or, before that is so, planned."""
     span = words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING)
     if not span:

@@ -7,8 +7,8 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import groupby
 
-from tca_tools.history import History
-from tca_tools.records import State, Task
+from tca_tools.records import State
+from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT
 
 SHOWN_AT_MOST = 300
@@ -23,7 +23,7 @@ _KEPT = 2
 class Row:
     """One task, or achieved ones in its place, in the order of reading (a task before what is under it)."""
 
-    task: Task | None
+    task: TaskThen | None
     parent: int
     """The number of its parent's row (-1: it is under the root)."""
     depth: int
@@ -37,44 +37,44 @@ class Row:
     """Its place among all rows."""
 
 
-def outline(history: History, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST) -> list[Row]:
+def outline(then: Then, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST) -> list[Row]:
     """The rows of the tree. Beyond *shown_at_most*, subtrees that are achieved are folded, those deep down first."""
-    is_large = len(history.tasks) > shown_at_most
-    return _rows(history, _choose(history, shown_at_most) if is_large else None, beside_at_most)
+    is_large = len(then.tasks) > shown_at_most
+    return _rows(then, _choose(then, shown_at_most) if is_large else None, beside_at_most)
 
 
-def whole_outline(history: History) -> list[Row]:
+def whole_outline(then: Then) -> list[Row]:
     """A row for every task."""
-    return _rows(history, None, len(history.tasks))
+    return _rows(then, None, len(then.tasks))
 
 
-def _choose(history: History, budget: int) -> set[int]:
+def _choose(then: Then, budget: int) -> set[int]:
     """The tasks to show: all that are not achieved with what they hang under, then achieved ones from the top down."""
     shown = {0}
-    for task_id in sorted(history.tasks, reverse=True):  # children have larger ids than their parents
-        task = history.tasks[task_id]
+    for task_id in sorted(then.tasks, reverse=True):  # children have larger ids than their parents
+        task = then.tasks[task_id]
         if task_id in shown or task.state is not State.ACHIEVED:
             shown.update((task_id, task.parent))
     level = deque([ROOT])
     while level and len(shown) <= budget:
-        children = history.children(level.popleft())
+        children = then.children(level.popleft())
         shown.update(children[: budget + 1 - len(shown)])
         level.extend(child for child in children if child in shown)
     return shown
 
 
-def _sizes(history: History) -> dict[int, int]:
+def _sizes(then: Then) -> dict[int, int]:
     """How many tasks each subtree has."""
-    sizes = dict.fromkeys(history.tasks, 1)
-    for task_id in sorted(history.tasks, reverse=True):
-        parent = history.tasks[task_id].parent
+    sizes = dict.fromkeys(then.tasks, 1)
+    for task_id in sorted(then.tasks, reverse=True):
+        parent = then.tasks[task_id].parent
         if parent != ROOT:
             sizes[parent] += sizes[task_id]
     return sizes
 
 
-def _rows(history: History, shown: set[int] | None, beside_at_most: int) -> list[Row]:
-    sizes = _sizes(history)
+def _rows(then: Then, shown: set[int] | None, beside_at_most: int) -> list[Row]:
+    sizes = _sizes(then)
     rows: list[Row] = []
     waiting = [Row(None, -1, -1)]  # a stack: the last goes first
     while waiting:
@@ -83,7 +83,7 @@ def _rows(history: History, shown: set[int] | None, beside_at_most: int) -> list
             row.number = len(rows)
             rows.append(row)
         if row.task or row.depth < 0:
-            below = _below(history, shown, sizes, row)
+            below = _below(then, shown, sizes, row)
             below = _squeezed(below, sizes) if len(below) > beside_at_most else below
             for last in below[-1:]:
                 last.is_last = True
@@ -91,12 +91,12 @@ def _rows(history: History, shown: set[int] | None, beside_at_most: int) -> list
     return rows
 
 
-def _below(history: History, shown: set[int] | None, sizes: dict[int, int], row: Row) -> list[Row]:
+def _below(then: Then, shown: set[int] | None, sizes: dict[int, int], row: Row) -> list[Row]:
     """The rows right under one; tasks that are not shown and stand side by side share one."""
     found: list[Row] = []
-    for child in history.children(row.task.id if row.task else ROOT):
+    for child in then.children(row.task.id if row.task else ROOT):
         if shown is None or child in shown:
-            found.append(Row(history.tasks[child], row.number, row.depth + 1))
+            found.append(Row(then.tasks[child], row.number, row.depth + 1))
         elif found and found[-1].task is None:
             found[-1].folded += sizes[child]
         else:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import click
 
-from tca_tools.history import History
-from tca_tools.records import State, Task
+from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, padded, printable
+from tca_tools.then import TaskThen, Then
 from tca_wire.points import Interval
 
 COLOURS = {
@@ -46,7 +46,7 @@ UNICODE, ASCII = Guides(), Guides("|- ", "`- ", "|  ", "   ")
 
 
 def tree_lines(
-    history: History, rows: list[Row], *, guides: Guides = UNICODE, width: int | None = None, with_data: bool = False
+    then: Then, rows: list[Row], *, guides: Guides = UNICODE, width: int | None = None, with_data: bool = False
 ) -> Iterator[str]:
     """The tree, line by line, below a line of headings; each cut to *width*."""
     if not rows:
@@ -61,7 +61,7 @@ def tree_lines(
         if row.task is None:
             yield click.style(cut(label, width), fg=COLOURS[row.state])
             continue
-        yield _task_line(history, row.task, padded(label, name_width), width)
+        yield _task_line(then, row.task, padded(label, name_width), width)
         if with_data and (data := words.data(row.task)):
             yield click.style(cut(f"{below}{data}", width), dim=True)
 
@@ -70,16 +70,14 @@ def _name(row: Row) -> str:
     return printable(str(row.task)) if row.task else words.folded(row)
 
 
-def _task_line(history: History, task: Task, label: str, width: int | None) -> str:
+def _task_line(then: Then, task: TaskThen, label: str, width: int | None) -> str:
     state = task.state
     spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in (Interval.PLANNING, Interval.ACHIEVING)]
-    rest = cut(
-        "  ".join([f"{state:{_STATE_WIDTH}}", *spans, words.note(history, task)]).rstrip(), _rest_of(width, label)
-    )
+    rest = cut("  ".join([f"{state:{_STATE_WIDTH}}", *spans, words.note(then, task)]).rstrip(), _rest_of(width, label))
     return f"{label}  {click.style(rest[:_STATE_WIDTH], fg=COLOURS[state])}{rest[_STATE_WIDTH:]}"
 
 
-def _times(task: Task, interval: Interval) -> str:
+def _times(task: TaskThen, interval: Interval) -> str:
     if not (span := words.span(task, interval)):
         return ""
     start, end = span

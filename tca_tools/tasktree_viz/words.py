@@ -3,15 +3,15 @@
 from collections import Counter
 
 from tca_tools.data import data_text
-from tca_tools.history import History
-from tca_tools.records import State, Task
+from tca_tools.records import State
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import printable
+from tca_tools.then import TaskThen, Then
 from tca_tools.waiting import why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 
 
-def span(task: Task, interval: Interval) -> tuple[float, float | None] | None:
+def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | None:
     """From when until when (None: it goes on); None before. A command is a leaf: of its planning nothing is told."""
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
@@ -21,20 +21,20 @@ def span(task: Task, interval: Interval) -> tuple[float, float | None] | None:
     return start, end
 
 
-def note(history: History, task: Task) -> str:
+def note(then: Then, task: TaskThen) -> str:
     """What keeps it waiting, or how it ended if not well."""
     if task.failure:
         return printable(task.failure)
     if task.killed is not None:
-        above = history.tasks.get(task.parent)
+        above = then.tasks.get(task.parent)
         return "" if above and above.killed == task.killed else printable(task.killed)
     if task.children and not task.handling and task.state in (State.ACHIEVING, State.PLANNING):
         return ""  # for them, and they are shown
-    reasons = why_waiting(history, TaskId(task.id))
+    reasons = why_waiting(then, TaskId(task.id))
     return printable(f"waits {', and '.join(reasons)}") if reasons else ""
 
 
-def data(task: Task) -> str:
+def data(task: TaskThen) -> str:
     """Its data and result."""
     return " -> ".join(filter(None, (data_text(task.body), data_text(task.result))))
 
@@ -44,9 +44,9 @@ def folded(row: Row) -> str:
     return f"+ {row.folded} task{'s' * (row.folded != 1)} {row.state}"
 
 
-def summary(history: History) -> str:
+def summary(then: Then) -> str:
     """``4.00 s, 8 tasks: 2 held, 1 achieving``."""
-    counts = Counter(task.state for task in history.tasks.values())
+    counts = Counter(task.state for task in then.tasks.values())
     states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])
-    total = f"{len(history.tasks)} task{'s' * (len(history.tasks) != 1)}"
-    return f"{history.time:.2f} s, {total}" + (f": {states}" if states else "")
+    total = f"{len(then.tasks)} task{'s' * (len(then.tasks) != 1)}"
+    return f"{then.time:.2f} s, {total}" + (f": {states}" if states else "")

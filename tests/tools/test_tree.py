@@ -18,6 +18,7 @@ from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
 from tca_wire.facts import Failed
@@ -85,7 +86,7 @@ def a_long_walk(achieved: int, held: int) -> Story:
 
 
 def test_a_large_tree_is_folded_where_it_is_achieved() -> None:
-    rows = outline(a_long_walk(achieved=400, held=3).fold())
+    rows = outline(Then(a_long_walk(achieved=400, held=3).fold()))
     assert [row.folded or str(row.task) for row in rows] == [
         *("walk {1}", "step {2}", "step {3}", 398),
         *("step {402}", "step {403}", "step {404}"),
@@ -113,7 +114,7 @@ def test_what_went_wrong_is_never_folded() -> None:
     story = a_long_walk(achieved=400, held=0)
     for task in range(200, 220):
         story.say(Failed(task, "slip", "on ice"))
-    rows = outline(story.fold(), shown_at_most=5)
+    rows = outline(Then(story.fold()), shown_at_most=5)
     failed = [f"step {{{task}}}" for task in range(200, 220)]
     assert [row.folded or str(row.task) for row in rows] == ["walk {1}", 198, *failed, 182]
 
@@ -125,7 +126,7 @@ def test_what_went_wrong_deep_down_is_shown_with_what_it_hangs_under() -> None:
     for task in range(30, 0, -1):
         story.reached(task, *Moment)
     story.say(Failed(25, "slip", ""))
-    rows = outline(story.fold(), shown_at_most=10)
+    rows = outline(Then(story.fold()), shown_at_most=10)
     assert [row.task.id for row in rows if row.task] == list(range(1, 26))
 
 
@@ -137,27 +138,27 @@ def test_deep_achieved_parts_are_folded_first() -> None:
         ids.append(parent)
     for task in reversed(ids):
         story.reached(task, *Moment)
-    rows = outline(story.fold(), shown_at_most=10)
+    rows = outline(Then(story.fold()), shown_at_most=10)
     assert [row.task.id for row in rows if row.task] == ids[:10]
     assert rows[-1].folded == 20
 
 
 def test_constraints_become_one_arrow_between_two_tasks() -> None:
     history = walking().fold()
-    found = arrows(history, set(history.tasks))
+    found = arrows(Then(history), set(history.tasks))
     assert found.between == {
         (2, 3): ["SEQ"],
         (3, 4): ["SEQ", "plan ahead"],
         (6, 7): ["SEQ"],
         (9, 10): ["SEQ"],
     }
-    assert arrows(history, {1, 2, 4}).between == {}
+    assert arrows(Then(history), {1, 2, 4}).between == {}
 
 
 def test_delayed_planning_joins_the_arrow_of_the_sequence() -> None:
     history = arcs().fold()
-    assert arrows(history, set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
-    assert arrows(history, set(history.tasks)).own == {}
+    assert arrows(Then(history), set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
+    assert arrows(Then(history), set(history.tasks)).own == {}
 
 
 def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
@@ -167,7 +168,7 @@ def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
     odd = Constraint(Point(TaskId(1), Moment.END_HANDLING), Point(THIS, Moment.START_HANDLING))
     story.goal("c", "x", 0, odd, sequential_achievement(TaskId(1), THIS))
     history = story.fold()
-    found = arrows(history, {1, 2, 3})
+    found = arrows(Then(history), {1, 2, 3})
     assert found.own == {1: ["plan first"], 2: ["DP"]}
     assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
 
@@ -181,8 +182,8 @@ def test_what_stands_in_a_row_needs_no_arrow_from_the_first_to_the_third() -> No
         "check", "x", 0, sequential_achievement(TaskId(body), THIS), sequential_achievement(TaskId(leg), THIS)
     )
     history = story.fold()
-    assert arrows(history, {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
-    assert arrows(history, {1, 3}).between == {(1, 3): ["SEQ"]}
+    assert arrows(Then(history), {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
+    assert arrows(Then(history), {1, 3}).between == {(1, 3): ["SEQ"]}
 
 
 def test_the_picture_tells_what_central_sent_itself() -> None:
@@ -197,7 +198,7 @@ def test_the_picture_tells_what_central_sent_itself() -> None:
         (birth,) = [f for f in story.entries[-1].facts if isinstance(f, facts.Received) and f.id == number]
         story.entries[-1].facts[story.entries[-1].facts.index(birth)] = msgspec.structs.replace(birth, role=role)
     history = story.fold()
-    dot = dot_source(history, whole_outline(history), "roles")
+    dot = dot_source(Then(history), whole_outline(Then(history)), "roles")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [False, True, True, True]
     for meaning in ("exception handler", "sent by a wiretap", "monitor"):
@@ -206,7 +207,7 @@ def test_the_picture_tells_what_central_sent_itself() -> None:
 
 def test_the_picture_shows_classes_states_and_order() -> None:
     history = walking().fold()
-    dot = dot_source(history, whole_outline(history), "<walk> & talk")
+    dot = dot_source(Then(history), whole_outline(Then(history)), "<walk> & talk")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert 'style="filled,rounded"' in nodes["t2"]
     assert 'style="filled"' in nodes["t7"]
@@ -223,7 +224,7 @@ def test_siblings_without_constraints_keep_their_order() -> None:
     for name in "abc":
         story.goal(name, "x")
     history = story.fold()
-    dot = dot_source(history, whole_outline(history), "abc")
+    dot = dot_source(Then(history), whole_outline(Then(history)), "abc")
     assert "{ rank=same; t1; t2; t3; t1 -> t2 [style=invis]; t2 -> t3 [style=invis]; }" in dot
 
 
@@ -334,5 +335,5 @@ def test_wide_characters_keep_the_columns() -> None:
     story = Story()
     story.goal("走る", "x")
     story.goal("walk", "x")
-    lines = list(tree_lines(story.fold(), whole_outline(story.fold())))
+    lines = list(tree_lines(Then(story.fold()), whole_outline(Then(story.fold()))))
     assert lines[1].index("held") + 2 == lines[2].index("held")

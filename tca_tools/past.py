@@ -1,0 +1,75 @@
+"""All records of a run, as far as they are known. history.py fills it; then.py asks it what was known when."""
+
+from array import array
+from bisect import bisect_right
+
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task
+from tca_wire import facts
+from tca_wire.points import ROOT, TaskId
+
+UNKNOWN = "?"
+"""The name of what was sent before the journal's first entry."""
+
+
+class Past:
+    """What is known of a run until ``time``.
+
+    1. ``tasks`` holds every task, ``messages`` every message, tasks included, oldest first.
+    2. A task's parent is the root or a task with a smaller id, so walks up and down end.
+    """
+
+    def __init__(self) -> None:
+        self.time = 0.0
+        self.times = array("d")
+        """The time of each entry, each later than the one before."""
+        self.clock = array("d")
+        """What the entries say that their times are."""
+        self.numbers = array("q")
+        self.began: float | None = None
+        """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
+        self.epoch = ""
+        self.top: list[TaskId] = []
+        """The tasks under the root."""
+        self.tasks: dict[int, Task] = {}
+        self.births = array("d")
+        """When each task was sent."""
+        self.messages: dict[int, Message] = {}
+        self.handlings: list[Handling] = []
+        self.queueings: list[Queueing] = []
+        self.modules: dict[str, ModuleRecord] = {}
+        self.claims: dict[int, Claim] = {}
+        """Locks and reservations."""
+        self.grants: dict[tuple[str, str], list[Claim]] = {}
+        """By module and resource, the locks and reservations that were granted, one after the other."""
+        self.runs: dict[tuple[str, str], list[Handling]] = {}
+        """By module and resource, the handlings of what central delivered, as they began."""
+        self.handlers: dict[str, dict[str, str]] = {}
+        """For each message its handlers: module and resource."""
+        self.formats: dict[str, facts.FormatDefined] = {}
+        """For each message its class and formats, as first declared."""
+        self.lost_directly: dict[str, int] = {}
+        """How many informs of each message were sent directly and lost."""
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+        return self.top if task == ROOT else self.tasks[task].children
+
+    def children_until(self, children: list[TaskId], time: float) -> list[TaskId]:
+        """Those of some tasks, oldest first, that had been sent at *time*."""
+        if time >= self.time:
+            return children
+        return children[: bisect_right(children, time, key=lambda child: self.tasks[child].received)]
+
+    def describe(self, message_id: int) -> str:
+        """A message's name with its id: ``take steps {7}``."""
+        claim = self.claims.get(message_id)
+        return str(claim) if claim else f"{self.name(message_id)} {{{message_id}}}"
+
+    def name(self, message_id: int) -> str:
+        """A message's name."""
+        message = self.messages.get(message_id)
+        return message.name if message else UNKNOWN
+
+    def place(self, clock: float) -> int:
+        """How many entries say that they are no later than *clock*."""
+        return bisect_right(self.clock, clock)

@@ -1,0 +1,227 @@
+"""What was known at a moment of a run, from records that go on after it. Pure, and nothing is folded again.
+
+A moment is the time of an entry: each entry has its own. Looking at one task costs O(log) of what happened to it.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from itertools import islice
+from math import inf
+from operator import attrgetter, itemgetter
+from typing import Any, TypeVar
+
+from tca_tools.past import Past
+from tca_tools.records import Claim, Handling, Hold, Queueing, State, Task, Wait
+from tca_wire.constraints import Constraint
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Role
+
+_Span = TypeVar("_Span", Queueing, Handling, Wait)
+_SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
+
+
+class TaskThen:
+    """A task as it was; what never changes is read from its record."""
+
+    __slots__ = ("_past", "_record", "_time")
+
+    def __init__(self, past: Past, record: Task, time: float) -> None:
+        self._past = past
+        self._record = record
+        self._time = time
+
+    def __str__(self) -> str:
+        return str(self._record)
+
+    @property
+    def id(self) -> TaskId:
+        """Its number."""
+        return TaskId(self._record.id)
+
+    @property
+    def name(self) -> str:
+        """Its message's name."""
+        return self._record.name
+
+    @property
+    def message_class(self) -> MessageClass:
+        """Goal, command or a monitor."""
+        return self._record.message_class
+
+    @property
+    def parent(self) -> TaskId:
+        """The task that it is under."""
+        return self._record.parent
+
+    @property
+    def sender(self) -> str:
+        """The module that sent it."""
+        return self._record.sender
+
+    @property
+    def role(self) -> Role:
+        """Why central made it."""
+        return self._record.role
+
+    @property
+    def state(self) -> State:
+        """What it was doing."""
+        states = self._record.states
+        return states[max(bisect_right(states, self._time, key=_SINCE) - 1, 0)][1]
+
+    @property
+    def failure(self) -> str:
+        """The failure raised on it."""
+        return str(self._before("failure"))
+
+    @property
+    def killed(self) -> str | None:
+        """Why it was killed."""
+        why: str | None = self._before("killed")
+        return why
+
+    @property
+    def body(self) -> bytes:
+        """Its data."""
+        body: bytes = self._before("body")
+        return body
+
+    @property
+    def result(self) -> bytes:
+        """What its handler returned."""
+        result: bytes = self._before("result")
+        return result
+
+    @property
+    def children(self) -> list[TaskId]:
+        """The tasks right under it, oldest first."""
+        return self._past.children_until(self._record.children, self._time)
+
+    @property
+    def caught_by(self) -> list[TaskId]:
+        """The exception handlers that were called for its failures."""
+        return self._past.children_until(self._record.caught_by, self._time)
+
+    @property
+    def reached(self) -> dict[Moment, float]:
+        """When it reached which moments."""
+        return {moment: time for moment, time in self._record.reached.items() if time <= self._time}
+
+    @property
+    def holds(self) -> list[Hold]:
+        """The constraints on its moments."""
+        return [hold for hold in self._record.holds if hold.added <= self._time]
+
+    def is_over(self, hold: Hold) -> bool:
+        """Whether the delay of one of them was over."""
+        return hold.over is not None and hold.over <= self._time
+
+    @property
+    def constraints(self) -> list[Constraint]:
+        """The same, as they were written."""
+        return [hold.constraint for hold in self.holds]
+
+    @property
+    def queueing(self) -> Queueing | None:
+        """Its wait in a queue."""
+        return _going_on(self._record.queueings, self._time)
+
+    @property
+    def handling(self) -> Handling | None:
+        """The run of its handler that went on."""
+        return _going_on(self._record.handlings, self._time)
+
+    @property
+    def wait(self) -> Wait | None:
+        """What its handler waited for."""
+        return _going_on(self.handling.waits, self._time) if self.handling else None
+
+    def _before(self, name: str) -> Any:
+        """A field's value before it was next written over."""
+        for time, field, old in self._record.changes:
+            if time > self._time and field == name:
+                return old
+        return getattr(self._record, name)
+
+
+class Then:
+    """A run as it was at a moment: ``tasks`` are those that had been sent."""
+
+    def __init__(self, past: Past, moment: float = inf, time: float | None = None) -> None:
+        self.past = past
+        self.moment = min(moment, past.time)
+        self.time = self.moment if time is None else time
+        """What the clock of the entries showed."""
+        self.tasks = _Tasks(past, self.moment)
+        self._running: dict[tuple[str, str], list[Handling]] = {}
+
+    @classmethod
+    def by_clock(cls, past: Past, clock: float | None) -> "Then":
+        """As it was when the clock of the entries showed so many seconds (None: at the end)."""
+        place = len(past.times) if clock is None else past.place(clock)
+        is_past = place < len(past.times)
+        return cls(past, past.times[place - 1] if place else -inf, clock if is_past else past.time)
+
+    @cached_property
+    def top(self) -> list[TaskId]:
+        """The tasks under the root."""
+        return self.past.children_until(self.past.top, self.moment)
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+        return self.top if task == ROOT else self.tasks[task].children
+
+    def has_reached(self, point: Point) -> bool:
+        """Whether the point was past; what is unknown ended before the journal began."""
+        task = self.past.tasks.get(point.task)
+        return task is None or task.reached.get(point.moment, inf) <= self.moment
+
+    def running(self, module: str, resource: str) -> list[Handling]:
+        """The handlers that ran in a resource."""
+        key = (module, resource)
+        if key not in self._running:
+            runs = self.past.runs.get(key, [])
+            begun = islice(runs, bisect_right(runs, self.moment, key=_START))
+            self._running[key] = [run for run in begun if run.end is None or run.end > self.moment]
+        return self._running[key]
+
+    def held_by(self, module: str, resource: str) -> Claim | None:
+        """The lock or reservation that was in force."""
+        grants = self.past.grants.get((module, resource), [])
+        last = grants[: bisect_right(grants, self.moment, key=_GRANTED)][-1:]
+        return next((claim for claim in last if claim.end is None or claim.end > self.moment), None)
+
+    def describe(self, message_id: int) -> str:
+        """A message's name with its id: ``take steps {7}``."""
+        return self.past.describe(message_id)
+
+
+class _Tasks(Mapping[int, TaskThen]):
+    """The tasks that had been sent, oldest first."""
+
+    def __init__(self, past: Past, moment: float) -> None:
+        self._past = past
+        self._moment = moment
+        self._count = bisect_right(past.births, moment)
+        self._seen: dict[int, TaskThen] = {}
+
+    def __getitem__(self, task: int) -> TaskThen:
+        if (seen := self._seen.get(task)) is not None:
+            return seen
+        record = self._past.tasks[task]
+        if record.received > self._moment:
+            raise KeyError(task)
+        return self._seen.setdefault(task, TaskThen(self._past, record, self._moment))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[int]:
+        return islice(self._past.tasks, self._count)
+
+
+def _going_on(spans: list[_Span], time: float) -> _Span | None:
+    """The last of them that had begun, if it had not ended."""
+    last = spans[: bisect_right(spans, time, key=_START)][-1:]
+    return next((span for span in last if span.end is None or span.end > time), None)

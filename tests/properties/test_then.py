@@ -1,0 +1,109 @@
+"""What records that go on say of an earlier moment is what was known then: after every event of a random life."""
+
+from typing import Any
+
+from central.player import Player
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life, operation
+
+from tca_central.events import Effect, Record
+from tca_tools.history import History
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.outline import whole_outline
+from tca_tools.tasktree_viz.text import tree_lines
+from tca_tools.then import Then
+from tca_wire.points import MOMENTS, Point, TaskId
+
+
+def seen(then: Then) -> Any:
+    """All that can be seen of a moment."""
+    places = [(handling.module, handling.resource) for handling in then.past.handlings]
+    return (
+        list(tree_lines(then, whole_outline(then), with_data=True)),
+        words.summary(then),
+        [
+            (
+                str(task),
+                task.state,
+                task.failure,
+                task.killed,
+                task.body,
+                task.result,
+                list(task.caught_by),
+                task.constraints,
+            )
+            for task in then.tasks.values()
+        ],
+        [then.has_reached(Point(TaskId(task), moment)) for task in then.tasks for moment in MOMENTS],
+        [[handling.message_id for handling in then.running(*place)] for place in dict.fromkeys(places)],
+        [str(then.held_by(*place)) for place in dict.fromkeys(places)],
+    )
+
+
+class WatchedPlayer(Player):
+    """Folds every entry, and notes what is seen."""
+
+    def __init__(self) -> None:
+        super().__init__(check=False)
+        self.history = History()
+        self.seen: list[tuple[float, Any]] = []
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        for effect in effects:
+            if isinstance(effect, Record):
+                self.history.apply(effect.entry)
+                self.seen.append((self.history.time, seen(Then(self.history))))
+                self.check_now()
+        return effects
+
+    def check_now(self) -> None:
+        """What is known then is, now, what the records say."""
+        then = Then(self.history)
+        assert list(then.tasks) == list(self.history.tasks)
+        for task in then.tasks.values():
+            record = self.history.tasks[task.id]
+            for name in (
+                "state",
+                "failure",
+                "killed",
+                "body",
+                "result",
+                "caught_by",
+                "reached",
+                "children",
+                "handling",
+            ):
+                assert getattr(task, name) == getattr(record, name), name
+            assert bool(task.queueing) == record.is_queued
+
+
+def check(player: WatchedPlayer) -> None:
+    assert len({time for time, _ in player.seen}) == len(player.seen)
+    for time, known in player.seen:
+        then = Then(player.history, time)
+        trees, summary, *rest = seen(then)
+        assert (trees, *rest[:2]) == (known[0], *known[2:4])
+        assert summary == known[1]
+        for now, before in zip(rest[2:], known[4:], strict=True):  # of places that came later nothing was known
+            assert now[: len(before)] == before
+            assert not any(one and one != "None" for one in now[len(before) :])
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=150, deadline=None)
+def test_the_past_is_as_it_was(operations: list[tuple[str, int, int, int, int]]) -> None:
+    player = WatchedPlayer()
+    life = Life(player)
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    check(player)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=1, deadline=None)
+def test_the_past_of_a_longer_life_is_as_it_was(seed: int) -> None:
+    player = WatchedPlayer()
+    Life(player).go_on(seed, 300)
+    check(player)
