@@ -28,6 +28,11 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
+def clause(moment: Moment) -> str:
+    """What a task does when it reaches a moment: "is achieved"."""
+    return _CLAUSES[moment]
+
+
 def _of_held(then: Then, task: TaskThen) -> Iterator[str]:
     first = Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING
     return _held_back(then, task, [Moment.START_HANDLING, first])

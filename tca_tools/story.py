@@ -1,0 +1,127 @@
+"""What became of one message, in sentences: who sent it, what it waited for, who handled it, how it ended."""
+
+from collections.abc import Iterator
+from math import nextafter
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+from tca_tools.past import Past
+from tca_tools.records import Handling, Message, Queueing, State, Task, Wait
+from tca_tools.then import Then
+from tca_tools.waiting import clause, why_waiting
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Outcome
+from tca_wire.wording import place
+
+_NO_TIME = 1e-6
+_OVER = {State.ACHIEVED, State.FAILED, State.KILLED}
+_IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING}
+"""States of which other sentences tell."""
+
+
+class Sentence(NamedTuple):
+    """Something that happened: when, and how long it took (None: it goes on, or took no time)."""
+
+    time: float
+    text: str
+    seconds: float | None = None
+
+
+def story(past: Past, message_id: int) -> list[Sentence]:
+    """All that happened to a message or task, in order; nothing of one that is unknown."""
+    message = past.messages.get(message_id)
+    if message is None:
+        return []
+    told = [_birth(past, message), *_changes(message)]
+    if isinstance(message, Task):
+        told += _recoveries(past, message)
+    told += _waits_in_queues(past, message)
+    for handling in message.handlings:
+        told += _run(past, handling)
+    if isinstance(message, Task):
+        told += _states(past, message)
+    return sorted(told, key=attrgetter("time"))  # at one time: what happened before what follows from it
+
+
+def sender_of(past: Past, message: Message) -> str:
+    """Who sent it, and while doing what."""
+    origin = past.messages.get(message.origin)
+    return message.sender + (f" while handling {origin}" if origin else "")
+
+
+def _birth(past: Past, message: Message) -> Sentence:
+    text = f"{message.message_class} sent by {sender_of(past, message)}"
+    if message.role:
+        text = f"{message.message_class} made by central: {message.role} for {past.describe(message.about)}"
+    if isinstance(message, Task) and message.parent:
+        text += f", under {past.describe(message.parent)}"
+    return Sentence(message.received, text)
+
+
+def _waits_in_queues(past: Past, message: Message) -> Iterator[Sentence]:
+    for queueing in message.queueings:
+        where = place(queueing.module, queueing.resource)
+        busy = Then(past, queueing.start).running(queueing.module, queueing.resource)
+        why = f", busy with {past.describe(busy[0].message_id)}" if where and busy else ""
+        yield Sentence(
+            queueing.start, f"queued for {where}{why}" if where else "no module handles it", _length(queueing)
+        )
+
+
+def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
+    how = ""
+    if handling.end is not None and handling.outcome is not Outcome.DONE:
+        how = f": {handling.outcome or 'cut off'}"
+    where = place(handling.module, handling.resource)
+    yield Sentence(handling.start, f"handled by {where}{how}", _length(handling))
+    for wait in handling.waits:
+        yield Sentence(wait.start, f"its handler waits {awaited(past, wait)}", _length(wait))
+
+
+def awaited(past: Past, wait: Wait) -> str:
+    """What a handler waited for: ``for the reply to next stance {7}``."""
+    if wait.moment:
+        return f"until {past.describe(wait.awaited)} {clause(wait.moment)}"
+    reply = "" if wait.awaited in past.claims else "reply to "
+    return f"for the {reply}{past.describe(wait.awaited)}"
+
+
+def _changes(message: Message) -> Iterator[Sentence]:
+    """What was written over: each entry holds the value before it, so the new one is in the next."""
+    for number, (time, name, _) in enumerate(message.changes):
+        new = next((old for _, other, old in message.changes[number + 1 :] if other == name), getattr(message, name))
+        if say := _SAY.get(name) if new else None:
+            yield Sentence(time, say(new))
+
+
+_SAY: dict[str, Any] = {
+    "failure": lambda text: f"failed: {text}",
+    "killed": lambda why: f"killed: {why}",
+    "dropped": lambda why: f"came to nothing: {why}",
+    "body": lambda _: "to be handled again, with other data",
+}
+
+
+def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
+    for handler in task.caught_by:
+        if found := past.tasks.get(handler):
+            yield Sentence(found.received, f"exception handler {found} is called")
+
+
+def _states(past: Past, task: Task) -> Iterator[Sentence]:
+    """The states that nothing else tells of, with what ended them or keeps them up."""
+    for number, (time, state) in enumerate(task.states):
+        after = task.states[number + 1][0] if number + 1 < len(task.states) else None
+        if state in _IS_TOLD or (after is not None and after - time < _NO_TIME):
+            continue
+        if state in _OVER:
+            yield Sentence(time, str(state))
+            continue
+        last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
+        reasons = why_waiting(Then(past, last), TaskId(task.id)) if state is not State.PLANNING else []
+        why = f", {' and '.join(reasons)}" if reasons else ""
+        yield Sentence(time, f"{state}{why}", None if after is None else after - time)
+
+
+def _length(span: Queueing | Handling | Wait) -> float | None:
+    return None if span.end is None else span.end - span.start

@@ -1,0 +1,85 @@
+"""The stories of messages, as people read them."""
+
+from tools.story import GOAL, QUERY, Story, stumbling
+
+from tca_tools.history import History
+from tca_tools.story import story
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome, Role
+
+
+def told(history: History, message: int) -> list[str]:
+    return [
+        f"{one.time:.1f} {'' if one.seconds is None else f'({one.seconds:.1f} s) '}{one.text}"
+        for one in story(history, message)
+    ]
+
+
+def test_a_task_that_waited_for_its_turn_and_its_parent_to_be_killed() -> None:
+    assert told(stumbling().fold(), 9) == [
+        "2.2 command sent by gait planner while handling take steps {3}, under take steps {3}",
+        "2.2 (2.3 s) held, until its parent take steps {3} is being achieved",
+        "4.5 killed: failure 'terrain collision' of move body {7} was not handled",
+    ]
+
+
+def test_a_task_that_failed() -> None:
+    assert told(stumbling().fold(), 7) == [
+        "1.4 command sent by gait planner while handling take steps {2}, under take steps {2}",
+        "1.4 (2.0 s) held, until move leg {6} is achieved",
+        "3.4 (1.1 s) handled by controller: failed",
+        "4.5 failed: terrain collision: leg 4 met\x1b[31m rock",
+    ]
+
+
+def test_a_task_that_queued_asked_and_was_planned_ahead() -> None:
+    assert told(stumbling().fold(), 3) == [
+        "0.6 goal sent by gait planner while handling traverse arc {1}, under traverse arc {1}",
+        "0.6 (0.8 s) queued for gait planner, busy with traverse arc {1}",
+        "1.4 (0.8 s) handled by gait planner",
+        "1.4 (0.8 s) planning",
+        "1.5 (0.5 s) its handler waits for the reply to elevation map {8}",
+        "2.2 (2.3 s) planned, until take steps {2} is achieved",
+        "4.5 killed: failure 'terrain collision' of move body {7} was not handled",
+    ]
+
+
+def test_a_query_that_nobody_handled_for_a_while() -> None:
+    tale = Story().module("eye", "seen")
+    seen = tale.received("seen", QUERY, "user", blocking=True)
+    tale.queued(seen).at(2.0).delivered(seen, "eye").at(2.5).returned(seen, data=5)
+    assert told(tale.fold(), seen) == [
+        "0.0 query sent by user",
+        "0.0 (2.0 s) no module handles it",
+        "2.0 (0.5 s) handled by eye",
+    ]
+
+
+def test_a_failure_that_is_handled_by_another_try() -> None:
+    tale = Story().module("legs", "move").module("expert", "recover")
+    move = tale.command("move", "user")
+    tale.delivered(move, "legs").at(1.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", ""))
+    recover = tale.received("recover", GOAL, "central", move, origin=0)
+    tale.entries[-1].facts[-1] = facts.Received(
+        recover, "recover", GOAL, "central", TaskId(move), 0, False, b"", [], Role.EXCEPTION, move
+    )
+    tale.say(facts.Caught(TaskId(move), TaskId(recover), TaskId(0), 9)).delivered(recover, "expert")
+    tale.at(1.5).say(facts.Retried(TaskId(move), b"\x07")).returned(recover).reached(recover, *Moment)
+    tale.delivered(move, "legs").at(2.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    history = tale.fold()
+    assert told(history, move) == [
+        "0.0 command sent by user",
+        "0.0 (1.0 s) handled by legs: failed",
+        "1.0 failed: slip",
+        "1.0 exception handler recover {2} is called",
+        "1.0 (0.5 s) recovering, until recover {2} has dealt with its failure",
+        "1.5 to be handled again, with other data",
+        "1.5 (0.5 s) handled by legs",
+        "2.0 achieved",
+    ]
+    assert told(history, recover)[0] == "1.0 goal made by central: exception handler for move {1}, under move {1}"
+
+
+def test_of_what_is_unknown_there_is_no_story() -> None:
+    assert story(stumbling().fold(), 99) == []
