@@ -34,6 +34,8 @@ class Wait:
     start: float
     moment: Moment | None = None
     end: float | None = None
+    by: "Handling | str" = field(default="", repr=False, compare=False)
+    """The run of a handler that waits, or the module where it does outside of any."""
 
 
 @dataclass(slots=True)
