@@ -4,6 +4,7 @@ import contextlib
 import socket
 import webbrowser
 from pathlib import Path
+from types import FrameType
 
 import click
 
@@ -37,6 +38,12 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
     with _listening(host, port) as door:
         address = f"http://{_in_address(host)}:{door.getsockname()[1]}/"
         hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]
+
+        class Server(uvicorn.Server):
+            def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+                reading.stop()  # or a page that waits for news would be waited for
+                super().handle_exit(sig, frame)
+
         config = uvicorn.Config(application(reading, hosts), log_level="warning", timeout_graceful_shutdown=1)
         reading.start()
         click.echo(f"{reading.log.name}: {address}  (Ctrl-C ends)")
@@ -44,7 +51,7 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
             webbrowser.open(address)
         try:
             with contextlib.suppress(KeyboardInterrupt):
-                uvicorn.Server(config).run(sockets=[door])
+                Server(config).run(sockets=[door])
         finally:
             reading.stop()
 

@@ -75,10 +75,7 @@ async def _frame(reading: Reading, request: Request) -> Response:
 
 def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
     with reading:
-        if reading.caught_up:
-            reading.wait_for_more(since.get("entry", 0), _PATIENCE)
-        elif reading.entries <= since.get("entry", 0):
-            reading.wait_for_more(since.get("entry", 0), 1.0)
+        reading.wait_for_more(since.get("entry", 0), _PATIENCE)
         history = reading.feed.history
         told = {
             "name": reading.log.name,

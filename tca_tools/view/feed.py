@@ -6,6 +6,7 @@ is asked for of one task (its data, its story, why it waits) is not here: see an
 
 from collections.abc import Callable
 from enum import IntEnum, IntFlag
+from operator import attrgetter
 from typing import Any
 
 from tca_tools.gantt.bars import NO_HANDLER
@@ -86,8 +87,12 @@ class Feed:
         history.apply(entry)
         if len(history.times) > entries:
             columns.add("entry", history.time)
-        for record in {id(record): record for record in history.news}.values():
-            _TELL[type(record)](self, record)
+        news = {id(record): record for record in history.news}.values()
+        for task in sorted((record for record in news if isinstance(record, Task)), key=attrgetter("id")):
+            self._tell_task(task)  # a parent before what is under it
+        for record in news:
+            if not isinstance(record, Task):
+                _TELL[type(record)](self, record)
 
     def _tell_birth(self, task: Task) -> None:
         form = Form.GOAL if task.message_class.is_goal else Form.COMMAND
@@ -166,7 +171,6 @@ class Feed:
 
 # ruff: noqa: SLF001
 _TELL: dict[type, Callable[[Feed, Any], None]] = {
-    Task: Feed._tell_task,
     Handling: Feed._tell_handling,
     Queueing: Feed._tell_queueing,
     Wait: Feed._tell_wait,

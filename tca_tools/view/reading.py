@@ -1,5 +1,6 @@
 """A journal that is read in the background while pages already look at what has been read, and followed at its end."""
 
+import gc
 import threading
 from itertools import groupby
 from operator import attrgetter
@@ -15,6 +16,8 @@ from tca_wire.journal import JournalReader
 _AT_ONCE = 2000
 """Entries that are taken in while nobody can look."""
 _POLL_SECONDS = 0.1
+_WHILE_READING = 1.0
+"""Seconds between two looks at a long journal that is being read."""
 
 
 class Reading:
@@ -65,8 +68,14 @@ class Reading:
         return bool(self.problem) or self._stopped.is_set()
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
-        """Wait, inside of ``with``, until there are more than so many entries, or the time is over."""
-        self._grown.wait_for(lambda: self.entries > entries or self.is_over, seconds)
+        """Wait, inside of ``with``, until there are more than so many entries, or the time is over.
+
+        While a long journal is being read, news are told together.
+        """
+        if not self.caught_up:
+            self._grown.wait_for(lambda: self.caught_up or self.is_over, min(seconds, _WHILE_READING))
+        else:
+            self._grown.wait_for(lambda: self.entries > entries or self.is_over, seconds)
 
     def entries_between(self, first: int, last: int) -> list[Entry]:
         """Entries by their numbers from the first on, read anew from the disk. Not to be called inside of ``with``."""
@@ -87,6 +96,7 @@ class Reading:
         return found
 
     def _read(self) -> None:
+        gc.disable()  # see history.without_garbage; here until all has been read that there is
         try:
             for entry, place in self.log.follow_places(self._pause):
                 self._pending.append((entry, place))
@@ -98,17 +108,20 @@ class Reading:
             self.log.check()
         except ToolError as error:
             self._take()
-            with self:
-                self.problem, self.caught_up = error.message, True
-                self._grown.notify_all()
+            self._catch_up(error.message)
 
     def _pause(self) -> None:
         self._take()
         if not self.caught_up:
-            with self:
-                self.caught_up = True
-                self._grown.notify_all()
+            self._catch_up()
         self._stopped.wait(_POLL_SECONDS)
+
+    def _catch_up(self, problem: str = "") -> None:
+        gc.freeze()
+        gc.enable()
+        with self:
+            self.problem, self.caught_up = problem, True
+            self._grown.notify_all()
 
     def _take(self) -> None:
         """Let those who look see what has been read."""

@@ -145,12 +145,14 @@ export class Chart {
         draw(span, x, end - x);
         place++;
       } else {
+        const next = this.#timeAt(x + NARROW);
+        const after = Math.max(place + 1, firstWith(lane, (other) => other.end > next, place + 1));
+        const busy = after > place + 1 ? share(lane, place, after, next - this.#timeAt(x)) : 0.75;
         this.context.fillStyle = colour(span.name);
-        this.context.globalAlpha = 0.75;
+        this.context.globalAlpha = 0.2 + 0.8 * busy; // the fuller, the more was going on
         this.context.fillRect(x, y, NARROW, tall);
         this.context.globalAlpha = 1;
-        const next = this.#timeAt(x + NARROW);
-        place = Math.max(place + 1, firstWith(lane, (other) => other.end > next, place + 1));
+        place = after;
       }
     }
   }
@@ -323,6 +325,17 @@ function describe({ span, wait, row }, store) {
   const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
   if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;
   return `${what} ${VERBS[span.kind]}${where}${how}: ${went}`;
+}
+
+// Which part of some seconds the spans of a lane between two places take.
+function share(lane, from, to, seconds) {
+  const sums = (lane.sums ??= [0]); // of the lengths of all before each place
+  while (sums.length <= to) {
+    const span = lane[sums.length - 1];
+    if (span.end === Infinity) return 1;
+    sums.push(sums[sums.length - 1] + span.end - span.start);
+  }
+  return Math.min((sums[to] - sums[from]) / seconds, 1);
 }
 
 // The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.

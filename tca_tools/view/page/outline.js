@@ -11,6 +11,13 @@ export class Outline {
     this.opened = new Map(); // what the reader opened or closed
     this.unfolded = new Set(); // whose folded runs he opened
     this.chosen = null;
+    this.kept = new Set(); // the chosen task and what it lies under: never folded
+  }
+
+  choose(task) {
+    this.chosen = task;
+    this.kept.clear();
+    for (let above = task; above; above = above.parent) this.kept.add(above);
   }
 
   isOpen(task, time) {
@@ -25,11 +32,7 @@ export class Outline {
 
   // Open what a task lies under, so that it has a row.
   reveal(task) {
-    for (let above = task.parent; above; above = above.parent) {
-      this.opened.set(above, true);
-      this.unfolded.add(above);
-    }
-    this.unfolded.add(task.parent);
+    for (let above = task.parent; above; above = above.parent) this.opened.set(above, true);
   }
 
   // The rows at a moment: { task } or, for a run that is folded, { folded, state, parent }; each with its depth.
@@ -61,8 +64,8 @@ export class Outline {
     for (let i = 0; i < sent;) {
       const state = this.store.stateAt(children[i], time);
       let end = i + 1;
-      while (end < sent && this.store.stateAt(children[end], time) === state) end++;
-      const fold = end - i > RUN && this.#mayFold(children, i, end, state);
+      if (!this.kept.has(children[i])) while (end < sent && this.#isAlike(children[end], state, time)) end++;
+      const fold = end - i > RUN && this.store.head.states[state].name !== "failed";
       for (let j = i; j < end; j++) {
         if (fold && j === i + KEPT) {
           const last = end - KEPT;
@@ -77,11 +80,7 @@ export class Outline {
     return rows;
   }
 
-  // Nothing worth seeing is lost: not what the reader chose, nor failures.
-  #mayFold(children, from, to, state) {
-    if (this.store.head.states[state].name === "failed") return false;
-    const chosen = this.chosen;
-    return !(chosen && chosen.time >= children[from].time && children.indexOf(chosen, from) >= from
-      && children.indexOf(chosen, from) < to);
+  #isAlike(task, state, time) {
+    return this.store.stateAt(task, time) === state && !this.kept.has(task);
   }
 }

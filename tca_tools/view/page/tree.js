@@ -44,7 +44,8 @@ export class Tree {
 
   // Bring a task into sight.
   reveal(task) {
-    this.outline.chosen = task;
+    this.outline.choose(task);
+    this.show(this.time);
     let place = this.rows.findIndex((row) => row.task === task);
     if (place < 0 && task.time <= this.time) {
       this.outline.reveal(task);
