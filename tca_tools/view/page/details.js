@@ -98,7 +98,7 @@ function times([start, end]) {
 
 function pretty(text) {
   try {
-    return JSON.stringify(JSON.parse(text), null, 1).replace(/\n\s+/g, text.length < 90 ? " " : "\n  ");
+    return text.length < 70 ? text : JSON.stringify(JSON.parse(text), null, 2);
   } catch {
     return text;
   }

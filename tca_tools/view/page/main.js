@@ -25,6 +25,7 @@ async function ask(what, parameters = {}) {
 
 function setTime(time, { keepPlaying = false } = {}) {
   if (!keepPlaying) slider.stop();
+  if (keepPlaying || time === Infinity) tree.keepsUp = true;
   cursor = time >= store.end ? Infinity : Math.max(time, store.start);
   draw();
 }

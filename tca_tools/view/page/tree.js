@@ -24,9 +24,11 @@ export class Tree {
     this.rows = [];
     this.notes = new Map();
     this.found = new Set();
+    this.keepsUp = true; // what is being handled stays in sight, until the reader scrolls himself
     this.arrows = document.createElementNS("http://www.w3.org/2000/svg", "svg");
     this.arrows.id = "arrows";
     this.scroller.addEventListener("scroll", () => this.#draw());
+    for (const own of ["wheel", "pointerdown"]) this.scroller.addEventListener(own, () => { this.keepsUp = false; }, { passive: true });
     new ResizeObserver(() => this.#draw()).observe(this.scroller);
     this.spacer.addEventListener("click", (event) => this.#click(event));
     this.spacer.addEventListener("dblclick", (event) => this.#toggle(this.#rowOf(event)));
@@ -39,12 +41,25 @@ export class Tree {
     this.version = this.store.version;
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
+    if (this.keepsUp) this.#keepUp();
     this.#draw();
+  }
+
+  #keepUp() {
+    const handling = this.store.head.states.findIndex((state) => state.name === "handling");
+    const place = this.rows.findLastIndex((row) => row.task && this.store.stateAt(row.task, this.time) === handling);
+    if (place >= 0) this.#scrollTo(place);
+  }
+
+  #scrollTo(place) {
+    const top = place * ROW, { scrollTop, clientHeight } = this.scroller;
+    if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 2;
   }
 
   // Bring a task into sight.
   reveal(task) {
     this.outline.choose(task);
+    this.keepsUp = false;
     this.show(this.time);
     let place = this.rows.findIndex((row) => row.task === task);
     if (place < 0 && task.time <= this.time) {
@@ -53,8 +68,7 @@ export class Tree {
       place = this.rows.findIndex((row) => row.task === task);
     }
     if (place < 0) return this.#draw();
-    const top = place * ROW, { scrollTop, clientHeight } = this.scroller;
-    if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 3;
+    this.#scrollTo(place);
     this.#draw();
   }
 
@@ -169,8 +183,8 @@ export class Tree {
         drawn.set(hold.before, [...(drawn.get(hold.before) ?? []), hold.kind]);
       }
       for (const [before, kinds] of drawn) {
-        const chosen = task === this.outline.chosen || before === this.outline.chosen;
-        paths.push(...arrow(edge, places.get(before), place, [...new Set(kinds)].join(", "), chosen));
+        const other = task === this.outline.chosen ? before : before === this.outline.chosen ? task : null;
+        paths.push(...arrow(edge, places.get(before), place, [...new Set(kinds)].join(", "), other && places.get(other)));
       }
     }
     this.arrows.replaceChildren(...paths);
@@ -189,8 +203,10 @@ function svg(kind, attributes) {
   return made;
 }
 
-// From the row of what comes first to the row of what waits for it, as a bow at the right of the names.
-function arrow(edge, from, to, kind, chosen) {
+// From the row of what comes first to the row of what waits for it, as a bow at the right of the names; if one of both is
+// chosen, what it means stands at the other's row.
+function arrow(edge, from, to, kind, labelled) {
+  const chosen = labelled !== null;
   const a = from * ROW + ROW / 2, b = to * ROW + ROW / 2, bow = Math.min(14 + Math.abs(to - from) * 4, 60);
   const looks = chosen ? { class: "chosen" } : {};
   const path = svg("path", { d: `M ${edge} ${a} C ${edge - bow} ${a}, ${edge - bow} ${b}, ${edge} ${b}`, ...looks });
@@ -198,7 +214,7 @@ function arrow(edge, from, to, kind, chosen) {
   path.append(svg("title", {}));
   path.firstChild.textContent = kind;
   if (!chosen) return [path, head];
-  const text = svg("text", { x: edge - bow - 4, y: (a + b) / 2 + 3, "text-anchor": "end" });
+  const text = svg("text", { x: edge - 16, y: labelled * ROW + ROW / 2 + 3, "text-anchor": "end" });
   text.textContent = kind;
   return [path, head, text];
 }
