@@ -88,6 +88,12 @@ class Log:
             else:
                 wait()
 
+    def check_beginning(self) -> None:
+        """Raise UnusableLog if this is no journal; one that is empty may become one."""
+        for segment in self.segments()[:1]:
+            with self._excused(), segment.open("rb") as stream:
+                next(iter(JournalReader(stream, str(segment))), None)
+
     def check(self) -> None:
         """Raise DamagedLog if reading stopped early, with the one line that says where and why."""
         if self._damage:

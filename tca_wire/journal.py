@@ -41,7 +41,8 @@ def record(entry: Entry) -> bytes:
 class JournalReader:
     """Reads the entries of one segment; at the end of what is there it stops, and goes on when iterated again.
 
-    It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record, ``torn`` the number of bytes behind it that are no whole record.
+    It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record,
+    ``torn`` the number of bytes behind it that are no whole record.
     """
 
     def __init__(self, stream: BinaryIO, name: str = "journal", offset: int = 0) -> None:

@@ -34,7 +34,9 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
         from tca_tools.view.reading import Reading  # noqa: PLC0415
     except ImportError as error:
         raise ToolError(f"the package '{error.name}' is missing: pip install 'tca[view]'") from None
-    reading = Reading(open_log(log_path))
+    log = open_log(log_path)
+    log.check_beginning()
+    reading = Reading(log)
     with _listening(host, port) as door:
         address = f"http://{_in_address(host)}:{door.getsockname()[1]}/"
         hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]

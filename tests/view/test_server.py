@@ -9,10 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from tools.story import stumbling, walking
 
 from tca_tools.view.__main__ import view
 from tca_tools.view.columns import parsed
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal import record
 
 pytestmark = pytest.mark.slow
 
@@ -91,10 +95,29 @@ def test_a_foreign_name_is_not_served(address: str) -> None:
 
 
 def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path: Path) -> None:
-    from click.testing import CliRunner
-
     port = address.rsplit(":", 1)[1].strip("/")
     taken = CliRunner().invoke(view, [str(walking().write(tmp_path / "other")), "--port", port, "--no-browser"])
     assert (taken.exit_code, "give another --port" in taken.stderr) == (1, True)
     none = CliRunner().invoke(view, [str(tmp_path / "nothing"), "--no-browser"])
     assert (none.exit_code, "there is no such file or directory" in none.stderr) == (2, True)
+
+
+def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) -> None:
+    foreign, future = tmp_path / "foreign.tcaj", tmp_path / "future.tcaj"
+    foreign.write_bytes(b"PK\x03\x04 this is something else altogether")
+    future.write_bytes(record(Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")])))
+    for path, why in ((foreign, "not a journal of tca central"), (future, "written by a later version")):
+        told = CliRunner().invoke(view, [str(path), "--no-browser"])
+        assert (told.exit_code, why in told.stderr, told.stdout) == (2, True, "")
+
+
+def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: Path) -> None:
+    log = tmp_path / "new.tcaj"
+    log.touch()
+    address = serve(log)
+    head, columns = parsed(get(f"{address}api/frame"))
+    assert (head["closed"], len(columns["task.id"])) == (False, 0)
+    log.write_bytes(walking().encoded())
+    while not len(columns["task.id"]):
+        _, columns = parsed(get(f"{address}api/frame"))
+    assert len(columns["task.id"]) == 8
