@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from central.player import Player
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
 from properties.oracle import Oracle
@@ -18,6 +18,8 @@ JUDGED = {
     "map": ("query where", "multi-query all", "broadcast pose"),
     "expert": MODULES["expert"],
 }
+NO_SMALLER_SEED = (Phase.explicit, Phase.reuse, Phase.generate)
+"""A life from a smaller seed is no simpler."""
 
 
 class JudgedPlayer(Player):
@@ -71,13 +73,19 @@ def test_the_oracle_agrees_with_central_in_every_short_life(operations: list[tup
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=60, deadline=None, phases=NO_SMALLER_SEED)
+def test_the_oracle_agrees_with_central_in_lives_of_hundreds_of_events(seed: int) -> None:
+    JudgedLife().go_on(seed, 400)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=3, deadline=None, phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_in_lives_of_thousands_of_events(seed: int) -> None:
     JudgedLife().go_on(seed, 4_000)
 
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30, deadline=None, phases=NO_SMALLER_SEED)
 def test_the_oracle_agrees_with_central_in_many_long_lives(seed: int) -> None:
     JudgedLife().go_on(seed, 10_000)
