@@ -8,19 +8,21 @@ each resource. Central must have done the same: reached the same points of the s
 given, in the order of priority and arrival, told those who waited for a point, and sent nothing else.
 
 What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of those that came to wait
-at the same time is first; which slot of several. Left out are pending limits and variables (what gives way
-is a rule of queues, which test_central_properties.py holds), and which of two timers is first that are due at the very same
-time: lives for the oracle have none. What central refuses is not judged, and changes nothing.
+at the same time is first; which slot of several. So is what central calls a deadlock (test_deadlocks.py judges that). Left
+out are pending limits and variables (what gives way is a rule of queues, which test_central_properties.py holds), and
+which of two timers is first that are due at the very same time: lives for the oracle have none. What central refuses is
+not judged, and changes nothing.
 
     oracle.py           what each message does          oracle_rules.py     points, constraints, birth and end of tasks
     oracle_records.py   the records                     oracle_failures.py  failures, retries, kills, suspension
-    oracle_slots.py     resources and their order       oracle_taps.py, oracle_monitors.py
+    oracle_slots.py     resources and their order       oracle_locks.py     locks and reservations
+    oracle_taps.py, oracle_monitors.py
 """
 
 from collections.abc import Callable
 from typing import Any
 
-from properties import oracle_failures, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
+from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
 from properties.oracle_records import (
     EA,
     EP,
@@ -53,6 +55,7 @@ class Oracle:
     def __init__(self) -> None:
         self.world = World()
         self.reached: dict[int, int] = {}  # by task, as central says
+        self.claimed: dict[int, bool] = {}  # who wants (False) or has a resource, as central says
         self.queued: dict[int, int] = {}  # by delivery, the messages that wait, as central says
 
     def judge(self, event: Event, effects: list[Effect]) -> None:
@@ -70,8 +73,9 @@ class Oracle:
 
     def _settle(self) -> None:
         oracle_rules.settle(self.world)
-        while oracle_monitors.start_all(self.world) or oracle_slots.give(self.world):
-            oracle_rules.settle(self.world)
+        world = self.world
+        while oracle_monitors.start_all(world) or oracle_slots.give(world) or oracle_locks.end_deadlocks(world):
+            oracle_rules.settle(world)
 
     def _compare(self, seen: Seen) -> None:
         """Whether central did just what it had to."""
@@ -88,10 +92,11 @@ class Oracle:
         for task in touched - world.nodes.keys():
             if self.reached[task] != 63:
                 raise Disagreement(f"task {task} has ended; central says {_words(self.reached[task])}")
-        if world.seen.made or world.seen.delivered:
-            raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.delivered}")
+        if world.seen.made or world.seen.given:
+            raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.given}")
         self._compare_queues(seen)
         self._compare_waits(seen)
+        self._compare_claims(seen)
 
     def _compare_queues(self, seen: Seen) -> None:
         """Whether those tasks wait for a slot that may start."""
@@ -113,6 +118,22 @@ class Oracle:
                 raise Disagreement(f"{key} waits for {moment} of {node.id}: {key in answered} that it is answered")
             if moment in node.past:
                 del world.waits[key]
+
+    def _compare_claims(self, seen: Seen) -> None:
+        """Whether just those have, and want, a resource that do, and who has got one is told."""
+        for fact in seen.facts:
+            if isinstance(fact, facts.Claimed | facts.Granted):
+                self.claimed[fact.id] = isinstance(fact, facts.Granted)
+            elif isinstance(fact, facts.ClaimEnded):
+                del self.claimed[fact.id]
+        mine = {claim.id: claim.granted for claim in self.world.claims}
+        if mine != self.claimed:
+            raise Disagreement(f"who wants (False) or has a resource: {mine}; central says {self.claimed}")
+        answered = {(name, header.number) for name, header in seen.told if isinstance(header, headers.Answer)}
+        granted = {fact.id for fact in seen.facts if isinstance(fact, facts.Granted)}
+        for claim in self.world.claims:
+            if (claim.id in granted) != ((claim.sender, claim.number) in answered):
+                raise Disagreement(f"{claim.id in granted} that {claim} is granted, but not that its sender is told")
 
     # --- modules -----------------------------------------------------------------------------------------------
 
@@ -171,7 +192,8 @@ class Oracle:
         if kind.is_task:
             self._new_task(connection, header, birth.id)
             return
-        job = Job(birth.id, header.message, kind, connection, header.number, header.priority)
+        module = world.modules[connection]
+        job = Job(birth.id, header.message, kind, connection, module, header.number, header.priority)
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
@@ -229,6 +251,8 @@ class Oracle:
     def reply(self, _: str, header: headers.Reply, body: bytes) -> None:
         job = self._returned(header.delivery)
         oracle_taps.happened(self.world, job, oracle_taps.after_handler(job.kind, failed=False))
+        if job.killed if isinstance(job, Node) else True:
+            oracle_locks.end_for(self.world, job)
         if not isinstance(job, Node):
             oracle_slots.answered(self.world, job, done=True)
             oracle_monitors.answered(self.world, job, body)
@@ -241,6 +265,7 @@ class Oracle:
         job = self._returned(header.delivery)
         what = oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue)
         oracle_taps.happened(self.world, job, what)
+        oracle_locks.end_for(self.world, job)
         if not isinstance(job, Node):
             oracle_slots.answered(self.world, job, done=False)
             oracle_monitors.answered(self.world, job, None, (header.failure, *header.kinds))
@@ -311,6 +336,12 @@ class Oracle:
     def end_monitor(self, _: str, header: headers.EndMonitor, _body: bytes) -> None:
         oracle_monitors.end(self.world, self.world.nodes[header.monitor])
 
+    def lock(self, connection: str, header: headers.Lock, _: bytes) -> None:
+        oracle_locks.lock(self.world, connection, header)
+
+    def unlock(self, _: str, header: headers.Unlock, _body: bytes) -> None:
+        oracle_locks.unlock(self.world, header)
+
     def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
         world = self.world
         taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
@@ -354,6 +385,8 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Retry: Oracle.retry,
     headers.Suspend: Oracle.suspend,
     headers.Deadline: Oracle.deadline,
+    headers.Lock: Oracle.lock,
+    headers.Unlock: Oracle.unlock,
     headers.Tap: Oracle.tap,
     headers.Fire: Oracle.fire,
     headers.EndMonitor: Oracle.end_monitor,

@@ -8,7 +8,7 @@ past; what is killed waits for nothing but its running handlers.
 from collections.abc import Callable
 from typing import Any
 
-from properties import oracle_failures, oracle_monitors, oracle_taps
+from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Node, Pair, World
 
 from tca_wire.points import Moment
@@ -125,6 +125,7 @@ def family(node: Node) -> tuple[int, str]:
 def _end(world: World, node: Node) -> None:
     del world.nodes[node.id]
     world.ended.add(node.id)
+    oracle_locks.end_for(world, node)
     key = family(node)
     if world.last.get(key) is node:
         del world.last[key]
@@ -152,6 +153,7 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
                 oracle_monitors.rings(world, alarm)
             elif alarm.moment is not None and not alarm.node.killed and alarm.moment not in alarm.node.past:
                 oracle_failures.raise_beside(world, alarm.node, ("timeout",))
+        oracle_locks.time_out(world)
         settle()
         world.step += 1
     world.due_by = world.time
@@ -159,7 +161,8 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
 
 def _next_due(world: World) -> float:
     pairs = [pair.due for pair in world.pairs if pair.due is not None and pair.due > world.due_by]
-    return min([alarm.due for alarm in world.alarms] + pairs, default=float("inf"))
+    waits = [claim.due for claim in world.claims if not claim.granted]
+    return min([alarm.due for alarm in world.alarms] + pairs + waits, default=float("inf"))
 
 
 # --- the fixpoint ----------------------------------------------------------------------------------------------------
@@ -226,6 +229,7 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
     node.waiting = True
     if node.again:
         node.again, node.recovering = False, None
+        oracle_locks.end_for(world, node)
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since
     return True
