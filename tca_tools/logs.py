@@ -55,7 +55,8 @@ class Log:
     @property
     def name(self) -> str:
         """What a title calls this journal."""
-        return self.path.resolve().name
+        path = self.path.resolve()
+        return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
 
     def segments(self) -> list[Path]:
         """The segments there are now, oldest first."""
