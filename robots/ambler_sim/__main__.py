@@ -245,7 +245,7 @@ def main() -> int:
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
     tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
-    console.print(f"Look at any moment again: [bold]{tca} tree {walk.folder}/journal --at 5[/bold]", soft_wrap=True)
+    console.print(f"Look at any moment again, in the browser: [bold]{tca} view {walk.folder}/journal[/bold]", soft_wrap=True)
     return code
 
 

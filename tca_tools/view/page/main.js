@@ -182,8 +182,8 @@ function goToFailure(by) {
 }
 
 document.addEventListener("keydown", (event) => {
-  const busy = ["INPUT", "SELECT", "BUTTON", "DIALOG"].includes(event.target.tagName);
-  if ((busy && event.key !== "Escape") || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
+  const kind = event.target.tagName, isButton = kind === "BUTTON" && ["Enter", " "].includes(event.key);
+  if (isButton || ["INPUT", "SELECT", "DIALOG"].includes(kind) || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
   event.preventDefault();
   KEYS[event.key]();
 });
