@@ -220,8 +220,9 @@ is alive: it is overloaded; whether it took the request is not known"
         self._check_thread()
         with self._lock:
             self._catch_up()
-            self.session.tell(delivery)
-            return self.session.is_cancelled(delivery)
+            if is_cancelled := self.session.is_cancelled(delivery):
+                self.session.tell(delivery)
+            return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled is suspended."""
