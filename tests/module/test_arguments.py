@@ -83,6 +83,11 @@ def test_what_is_yes_or_no_is_true_or_false(user: Client, option: str, value: ob
         user.goal(WALK, 1.0, **{option: value})  # type: ignore[arg-type]
 
 
+def test_so_is_whether_a_message_comes_directly(legs: Module) -> None:
+    with pytest.raises(MisuseError, match="inform 'say': direct='yes' is neither True nor False"):
+        legs.handles(SAY, direct="yes")(lambda _, __: None)  # type: ignore[call-overload]
+
+
 @pytest.mark.parametrize(
     ("monitor", "options", "words"),
     [
