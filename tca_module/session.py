@@ -378,6 +378,11 @@ def refers_to_tasks(header: Any) -> bool:
 
 def _check_fields(header: ToCentral) -> None:
     """A wrong type in an option is found here: central could not even say whom it answers."""
-    if wrong := misfit(header):
+    try:
+        wrong = misfit(header)
+    except UnicodeEncodeError as error:
+        msg = f"{error.object!r:.60} is no text that can be sent"
+        raise MisuseError(msg) from None
+    if wrong:
         msg = f"{type(header).__name__} can't be sent: {wrong}"
         raise MisuseError(msg)

@@ -93,8 +93,8 @@ def misfit(header: Any) -> str:
     """What is wrong with the fields of a header, as central would see it; "" if nothing is."""
     try:
         _decode_header(_encode(header))
-    except UnicodeEncodeError as error:
-        return f"{error.object!r:.60} is no text that can be sent"
+    except UnicodeEncodeError:
+        raise
     except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__

@@ -53,7 +53,7 @@ def refused(call: Call, user: Client, words: str, wrong: Any = "soon") -> None:
         (lambda _, task, x: task.kill(scope=x), "scope='soon' is none: Scope.TASK, Scope.DESCENDANTS"),
         (lambda _, task, x: task.kill(after=x), "'soon' is no point of a task: task.achieving.end is one"),
         (lambda _, task, __: task.kill(ANY), "Kill can't be sent: why: Expected `str`, got `None`$"),
-        (lambda _, task, __: task.kill("\ud800"), r"Kill can't be sent: '\\ud800' is no text that can be sent"),
+        (lambda _, task, __: task.kill("\ud800"), r"^'\\ud800' is no text that can be sent"),
         (lambda _, task, x: task.deadline(x), "a deadline of task 1 'rest': seconds='soon' is no time"),
         (lambda _, task, x: task.deadline(1, x), "'soon' is no point of a task"),
         (lambda _, task, x: task.wait_for(x), "'soon' is no point of a task"),
