@@ -11,7 +11,8 @@ from tca_wire.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Role
 
-_CANCEL = 2  # which part of a demon monitor
+_ACTION = 1  # which part of a monitor
+_CANCEL = 2  # of a demon monitor
 
 
 class Watch:
@@ -38,7 +39,8 @@ class Watch:
     @property
     def header(self) -> Watching:
         """What the handlers of its messages are told."""
-        return Watching(involved(self.task))
+        action = self.parts[_ACTION]
+        return Watching(involved(self.task), action.name if action is not None else "")
 
     def met(self, central: State, _: Task) -> None:
         """The point at which it ends is reached."""

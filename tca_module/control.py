@@ -2,9 +2,15 @@
 
 from typing import Any, TypedDict, Unpack
 
-from tca_module.arguments import listed
+from tca_module.arguments import (
+    check_attachable,
+    check_class,
+    check_known,
+    check_monitor_options,
+    listed,
+    name_of,
+)
 from tca_module.context import MonitorHandle
-from tca_module.errors import MisuseError
 from tca_module.knowledge import Knowledge
 from tca_module.ordering import Ordering
 from tca_module.task_handle import Attached, TaskHandle, attachment
@@ -65,12 +71,17 @@ class Control(Knowledge):
         """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
         it, or (of=None) of all tasks.
 
-        It is called at most *maximum* times (0: any number) for each task that it is attached to; of several the newest
-        is called first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage).
+        It is called at most *maximum* times (0: any number) for each task that it is attached to. The search goes from
+        the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
+        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
+        or none if it is declared without. Raises MisuseError if their types differ; where *failure* is None that shows
+        only when it is called.
         """
         if isinstance(of, TaskHandle):
             return of.on_failure(failure, handler, maximum=maximum)
         wanted = attachment(failure, handler, maximum)
+        if of is not None:
+            check_attachable(of)
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, wanted, ROOT, of.name if of is not None else "")
@@ -82,7 +93,8 @@ class Control(Knowledge):
         """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
 
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
-        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference).
+        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A listener that nobody handles at that
+        moment is passed over, and holds nothing.
         """
         if isinstance(tapped, TaskHandle):
             connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
@@ -95,13 +107,9 @@ class Control(Knowledge):
         """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
         ends when all else under its parent has ended.
         """
-        if not isinstance(monitor, Monitor):
-            msg = f"monitor() takes monitors, and {monitor!r} is none"
-            raise MisuseError(msg)
-        unknown = sorted(options.keys() - MonitorOptions.__annotations__.keys())
-        if unknown:
-            msg = f"a monitor can't have {unknown[0]}=: the options are {', '.join(MonitorOptions.__annotations__)}"
-            raise MisuseError(msg)
+        check_class(monitor, Monitor, call="monitor()")
+        check_known(name_of(monitor), options, MonitorOptions.__annotations__)
+        check_monitor_options(monitor, options)
         body = monitor.encode_data(data)
         connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
@@ -123,4 +131,5 @@ class Control(Knowledge):
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
         if is_task:
             self._ordering.add(task_id, sequential=sequential)
-        return MonitorHandle(connection, monitor.name, task_id, self._origin)
+        action = monitor.parts[1]
+        return MonitorHandle(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
