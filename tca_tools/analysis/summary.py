@@ -1,0 +1,117 @@
+"""How a run went, in one sentence and a few numbers."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from tca_tools.past import Past
+from tca_tools.records import State, Task
+
+ENDED_BADLY = (State.FAILED, State.KILLED)
+"""States of a task that has ended and is not achieved."""
+_ENDED = (*ENDED_BADLY, State.ACHIEVED)
+_LONGEST_REASON = 200
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A run at a glance."""
+
+    began: float | None
+    """Wall-clock time (seconds since 1970) of the entries' 0."""
+    start: float
+    """When the first task (or else message) was sent, in seconds since the run began."""
+    end: float
+    """When the last task ended, or else the journal; the time between is what the shares in a report are of."""
+    journal_end: float
+    modules: int
+    messages: int
+    tasks: dict[State, int]
+    """How many tasks are in which state at the end, those that occur."""
+    top: dict[State, int]
+    """The same of top-level tasks."""
+    failures: int
+    """How many tasks and messages had failures."""
+    is_good: bool
+    """Whether every top-level task was achieved."""
+    outcome: str
+
+    @property
+    def seconds(self) -> float:
+        """How long the tasks took."""
+        return max(self.end - self.start, 0.0)
+
+
+def summary(past: Past) -> Summary:
+    """What there is to say of the whole run."""
+    counts = Counter(task.state for task in past.tasks.values())
+    top = [past.tasks[task] for task in past.top]
+    top_counts = Counter(task.state for task in top)
+    failures = sum(1 for message in past.messages.values() if has_failed(message))
+    start, end = span_of(past)
+    return Summary(
+        past.began,
+        start,
+        end,
+        past.time,
+        len(past.modules),
+        len(past.messages),
+        {state: counts[state] for state in State if counts[state]},
+        {state: top_counts[state] for state in State if top_counts[state]},
+        failures,
+        bool(top) and all(task.state is State.ACHIEVED for task in top),
+        _outcome(top, top_counts, failures),
+    )
+
+
+def span_of(past: Past) -> tuple[float, float]:
+    """From the first task sent until the last one ended; if one goes on, until the journal's end."""
+    if not past.tasks:
+        first = next(iter(past.messages.values()), None)
+        return (first.received if first else past.time), past.time
+    ends = [past.tasks[task].states[-1][0] if is_over(past.tasks[task]) else past.time for task in past.top]
+    return past.births[0], max(ends, default=past.time)
+
+
+def is_over(task: Task) -> bool:
+    """Whether a task has ended."""
+    return task.state in _ENDED
+
+
+def has_failed(message: object) -> bool:
+    """Whether a failure was ever raised on a message, also one that was dealt with."""
+    failure: str = getattr(message, "failure", "")
+    return bool(failure) or any(name == "failure" and old for _, name, old in getattr(message, "changes", ()))
+
+
+def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
+    """One sentence: good, bad or not over, and the first reason."""
+    if not top:
+        return "No task was sent."
+    bad = [task for task in top if task.state in ENDED_BADLY]
+    living = len(top) - len(bad) - counts[State.ACHIEVED]
+    which = "The top-level task" if len(top) == 1 else f"{counts[State.ACHIEVED]} of {len(top)} top-level tasks"
+    if not bad and not living:
+        which = f"{'The' if len(top) == 1 else f'All {len(top)}'} top-level task{'s' * (len(top) > 1)}"
+        after = f", after {failures} failure{'s' * (failures > 1)} on the way" if failures else ""
+        return f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}."
+    parts = []
+    if bad:
+        parts.append(f"{_count(bad, top)} not achieved; the first, {bad[0]}, {_fate(bad[0])}")
+    if living:
+        subject = "The task" if len(top) == 1 else f"{living} of {len(top)} top-level tasks"
+        parts.append(f"{subject} had not ended when the journal did")
+    return "; ".join(parts) + "."
+
+
+def _count(bad: list[Task], top: list[Task]) -> str:
+    if len(top) == 1:
+        return "The top-level task was"
+    return f"{len(bad)} of {len(top)} top-level tasks {'was' if len(bad) == 1 else 'were'}"
+
+
+def _fate(task: Task) -> str:
+    if task.state is State.FAILED:
+        text = f"failed: {task.failure}"
+    else:
+        text = f"was killed: {task.killed or 'nobody said why'}"
+    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"
