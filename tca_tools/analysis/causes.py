@@ -142,7 +142,9 @@ class Causes:
         if isinstance(message, Task):
             for hold in message.holds:
                 if hold.over == time:
-                    return self._delayed(message, hold.constraint.before.task, hold.constraint.before.moment, hold.added, time)
+                    return self._delayed(
+                        message, hold.constraint.before.task, hold.constraint.before.moment, hold.added, time
+                    )
             since, state = next(((t, state) for t, state in reversed(message.states) if t < time), (time, None))
             if state is State.SUSPENDED:
                 return _waited(since, time, Doing.SUSPENDED, message.id)
@@ -169,9 +171,7 @@ class Causes:
         return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
 
 
-def _waited(
-    start: float, end: float, doing: Doing, message: int, where: Queueing | None = None
-) -> tuple[Step, _At]:
+def _waited(start: float, end: float, doing: Doing, message: int, where: Queueing | None = None) -> tuple[Step, _At]:
     module, resource = (where.module, where.resource) if where else ("", "")
     return Step(start, end, doing, message, module, resource), _At(start, message)
 

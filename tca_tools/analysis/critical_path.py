@@ -10,6 +10,7 @@ from math import nextafter
 
 from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.summary import is_over
+from tca_tools.analysis.words import seconds
 from tca_tools.past import Past
 from tca_tools.records import Handling, Queueing, Task
 from tca_tools.story import awaited
@@ -117,11 +118,13 @@ def queueing_before(past: Past, step: Step) -> Queueing | None:
 def why_then(past: Past, step: Step) -> str:
     """Why a step did not begin sooner, in words; "" if nothing is known that held it back."""
     if step.resumed:
-        return f"its sender waited {awaited(past, step.resumed)}" if step.doing is Doing.OUTSIDE else (
-            f"its handler waited {awaited(past, step.resumed)}"
+        return (
+            f"its sender waited {awaited(past, step.resumed)}"
+            if step.doing is Doing.OUTSIDE
+            else (f"its handler waited {awaited(past, step.resumed)}")
         )
     if queueing := queueing_before(past, step):
-        return f"{queueing.start:.3f} to {step.start:.3f} s in the queue for {place(queueing.module, queueing.resource)}"
+        return f"{seconds(step.start - queueing.start)} in the queue for {place(queueing.module, queueing.resource)}"
     message = past.messages.get(step.message_id)
     if message is None or message.received == step.start:
         return f"{message.role} for {past.describe(message.about)}" if message and message.role else ""

@@ -32,6 +32,10 @@ GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED)
 """After these the robot went on."""
 
 
+_OF_CENTRAL = frozenset(("timeout", "deadlock", "module lost", "overload"))
+"""Failures that central itself raises."""
+
+
 @dataclass(slots=True)
 class Case:
     """One failure."""
@@ -118,7 +122,8 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         after = values[number + 1] if number + 1 < len(values) else None
         name, _, words = text.partition(": ")
         failed = _failing_run(message, time)
-        case = Case(message.id, str(message), name, words, time, _raised_by(message, failed), [], Fate.ANSWERED, "", 0.0, 0.0)
+        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
+        case = Case(message.id, str(message), name, words, time, by, [], Fate.ANSWERED, "", 0.0, 0.0)
         case.lost = time - failed.start if failed else 0.0
         if isinstance(message, Task):
             _follow(past, message, case, None if after is None else after[0])
@@ -141,7 +146,9 @@ def _raised_by(message: Message, failed: Handling | None) -> str:
     if failed:
         return f"its handler in {place(failed.module, failed.resource)}"
     where = message.handlings[-1] if message.handlings else None
-    return "another module or central" + (f", beside its handler in {place(where.module, where.resource)}" if where else "")
+    return "another module or central" + (
+        f", beside its handler in {place(where.module, where.resource)}" if where else ""
+    )
 
 
 def _follow(past: Past, task: Task, case: Case, until: float | None) -> None:

@@ -1,5 +1,6 @@
 """How a run went, in one sentence and a few numbers."""
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ ENDED_BADLY = (State.FAILED, State.KILLED)
 """States of a task that has ended and is not achieved."""
 _ENDED = (*ENDED_BADLY, State.ACHIEVED)
 _LONGEST_REASON = 200
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ class Summary:
     """The same of top-level tasks."""
     failures: int
     """How many tasks and messages had failures."""
+    reasons: list[tuple[str, int, str]]
+    """Why top-level tasks were not achieved: in words without numbers, how many, and the first of them."""
     is_good: bool
     """Whether every top-level task was achieved."""
     outcome: str
@@ -58,6 +62,7 @@ def summary(past: Past) -> Summary:
         {state: counts[state] for state in State if counts[state]},
         {state: top_counts[state] for state in State if top_counts[state]},
         failures,
+        _reasons(top),
         bool(top) and all(task.state is State.ACHIEVED for task in top),
         _outcome(top, top_counts, failures),
     )
@@ -89,7 +94,6 @@ def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
         return "No task was sent."
     bad = [task for task in top if task.state in ENDED_BADLY]
     living = len(top) - len(bad) - counts[State.ACHIEVED]
-    which = "The top-level task" if len(top) == 1 else f"{counts[State.ACHIEVED]} of {len(top)} top-level tasks"
     if not bad and not living:
         which = f"{'The' if len(top) == 1 else f'All {len(top)}'} top-level task{'s' * (len(top) > 1)}"
         after = f", after {failures} failure{'s' * (failures > 1)} on the way" if failures else ""
@@ -101,6 +105,14 @@ def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
         subject = "The task" if len(top) == 1 else f"{living} of {len(top)} top-level tasks"
         parts.append(f"{subject} had not ended when the journal did")
     return "; ".join(parts) + "."
+
+
+def _reasons(top: list[Task]) -> list[tuple[str, int, str]]:
+    found: dict[str, list[Task]] = {}
+    for task in top:
+        if task.state in ENDED_BADLY:
+            found.setdefault(f"{task.name} {_NUMBER.sub('…', _fate(task))}", []).append(task)
+    return sorted(((why, len(tasks), str(tasks[0])) for why, tasks in found.items()), key=lambda row: -row[1])
 
 
 def _count(bad: list[Task], top: list[Task]) -> str:
