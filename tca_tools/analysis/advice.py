@@ -7,11 +7,14 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from tca_tools.analysis.causes import Doing, Step
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
+from tca_tools.analysis.failures import Kind
 from tca_tools.analysis.resources import Use
+from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.waits import locked_during
 from tca_tools.analysis.words import listed, moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
@@ -23,6 +26,7 @@ from tca_wire.wording import place
 class Topic(StrEnum):
     """What a piece of advice is about."""
 
+    FAILURE = "failures"
     OVERLAP = "plan while acting"
     QUERY = "ask sooner"
     CAPACITY = "more capacity"
@@ -69,18 +73,50 @@ class _Sum:
             self.longest, self.window, self.words = length, (end - length, end), words
 
 
+class _Words(NamedTuple):
+    """What a topic has to say: a title, what was found, and what to do."""
+
+    title: str
+    text: str
+    remedy: str
+
+
 _Sums = dict[tuple[Topic, str], _Sum]
 
 
 def advice(
-    past: Past, path: CriticalPath | None, overlaps: list[Overlap], uses: list[Use], at_least: float
+    past: Past, path: CriticalPath | None, overlaps: list[Overlap], uses: list[Use], kinds: list[Kind], at_least: float
 ) -> list[Advice]:
     """All advice that bears on at least so many seconds; first what shortens the critical path most."""
     found = [_on_overlap(past, path, overlap) for overlap in overlaps]
     if path:
+        found += [_on_failures(path, kind) for kind in kinds]
         found += _on_path(past, path, uses)
     worth = [one for one in found if one.saving >= at_least]
     return sorted(worth, key=lambda one: (-one.on_path, -one.saving))
+
+
+# --- failures ------------------------------------------------------------------------------------------------------
+
+
+def _on_failures(path: CriticalPath, kind: Kind) -> Advice:
+    """The failures of a kind whose handlers were on the path: what was lost, and until they were overcome."""
+    ends = {(step.message_id, step.end) for step in path.steps}
+    cases = [case for case in kind.cases if (case.message_id, case.time) in ends]
+    spans = [(case.time - case.lost, case.time + case.recovery) for case in cases]
+    cost = Cover(spans).within(path.start, path.end)
+    longest = max(cases, key=lambda case: case.cost, default=kind.cases[0])
+    text = (
+        f"'{kind.message}' failed {say_times(len(cases))} on the critical path; what it had done until then and what "
+        f"was done about it took {seconds(cost)}. Without these failures the run would be shorter by at most that"
+    )
+    example = f"{longest.of}, at {moment(longest.time)}, {seconds(longest.cost)}" + (
+        longest.text and f": {longest.text}"
+    )
+    return Advice(
+        Topic.FAILURE, f"Avoid '{kind.failure}' of '{kind.message}'", text, cost, cost, len(cases), example,
+        "find out why it comes about, or let it be noticed sooner", spans[0] if spans else None,
+    )  # fmt: skip
 
 
 # --- planning while acting -----------------------------------------------------------------------------------------
@@ -98,9 +134,9 @@ def _on_overlap(past: Past, path: CriticalPath | None, overlap: Overlap) -> Advi
     first = past.name(chance.first)
     pair = f"one '{first}' and the next" if first == second else f"'{first}' and '{second}'"
     text = (
-        f"{acting} stood idle {say_times(times)} between {pair}, {seconds(overlap.idle)} in all, "
-        f"{seconds(overlap.planning)} of that while {listed(planners)} planned what comes next. Planning it while the one before is executed would "
-        f"save at most {seconds(overlap.saving)}"
+        f"{acting} stood idle {say_times(times)} between {pair}, {seconds(overlap.idle)} in all. For "
+        f"{seconds(overlap.planning)} of that {listed(planners)} planned what comes next. Planning it while the one "
+        f"before is executed would save at most {seconds(overlap.saving)}"
     )
     example = (
         f"{chance.start:.3f} to {seconds(chance.end)}, between {past.describe(chance.first)} and "
@@ -167,35 +203,34 @@ def _add_wait(past: Past, sums: _Sums, step: Step, missing: list[Step]) -> None:
 
 _TOPICS = {Doing.NO_HANDLER: Topic.HANDLER, Doing.DELAY: Topic.DELAY, Doing.LOCKED: Topic.LOCK}
 _WORDS = {
-    Topic.QUERY: (
+    Topic.QUERY: _Words(
         "'{name}' is asked on the critical path",
         "The critical path waits {times} for the reply to '{name}', {seconds} in all. A reply that is there when it is "
         "needed would save at most that",
         "ask before something slow and fetch the reply later (query_send), keep the value as a variable, or answer "
         "faster",
     ),
-    Topic.CAPACITY: (
+    Topic.CAPACITY: _Words(
         "{name} is a bottleneck",
         "The critical path stands {times} in the queue for {name}, {seconds} in all.{busy} One more slot, or a second "
         "module in its pool, would save at most that",
         "raise its capacity, share its messages in a pool, or split what it handles over two resources",
     ),
-    Topic.LOCK: (
+    Topic.LOCK: _Words(
         "{name} is locked on the critical path",
         "The critical path waits {times} until {name} is no longer locked or reserved, {seconds} in all. Locks held "
         "only while they are needed would save at most that",
         "take the lock later, release it sooner, or lock a smaller resource",
     ),
-    Topic.HANDLER: (
+    Topic.HANDLER: _Words(
         "Nobody handles '{name}' for a while",
         "The critical path waits {times} for a module that handles '{name}', {seconds} in all",
         "start that module before what needs it (requires=), or find out why it left",
     ),
-    Topic.DELAY: (
+    Topic.DELAY: _Words(
         "Delays before '{name}'",
         "Constraints with a delay hold '{name}' back {times} on the critical path, {seconds} in all. Shorter ones "
         "would save at most that",
         "shorten the delay, if what it waits for allows that",
     ),
 }
-"""Of each topic the title, what was found, and what to do."""

@@ -29,6 +29,7 @@ class Doing(StrEnum):
     QUEUED = "queued"  # for a resource, and no handler is known that had it
     LOCKED = "locked"  # a resource was locked from outside of any handler
     SUSPENDED = "suspended"
+    KILLED = "killed"  # it went on until it was killed, or a failure was raised on it, from outside
     WATCHING = "watching"  # a monitor, until it looked again or its condition held
     UNKNOWN = "unknown"  # the journal does not say what was waited for
 
@@ -145,13 +146,15 @@ class Causes:
                     return self._delayed(
                         message, hold.constraint.before.task, hold.constraint.before.moment, hold.added, time
                     )
-            since, state = next(((t, state) for t, state in reversed(message.states) if t < time), (time, None))
+            began, state = next(((t, state) for t, state in reversed(message.states) if t < time), (time, None))
             if state is State.SUSPENDED:
-                return _waited(since, time, Doing.SUSPENDED, message.id)
+                return _waited(began, time, Doing.SUSPENDED, message.id)
         if message.received == time:
             return None, (_At(time, message.about) if message.about in self._past.messages else None)
+        was_ended = any(when == time and name in ("killed", "failure") for when, name, _ in message.changes)
         ends = (run.end for run in reversed(message.handlings) if run.end is not None and run.end < time)
-        return _waited(max(next(ends, message.received), message.received), time, Doing.UNKNOWN, message.id)
+        since = max(next(ends, message.received), message.received)
+        return _waited(since, time, Doing.KILLED if was_ended else Doing.UNKNOWN, message.id)
 
     def _delayed(self, task: Task, before: int, moment: Moment, added: float, time: float) -> tuple[Step, _At]:
         """Back to the point after which the delay counts; counted from the time that it was asked for, to that."""

@@ -7,8 +7,8 @@ killed, or the journal ended. Pure.
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
+from tca_tools.analysis.summary import values
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, State, Task
 from tca_wire.points import Moment
@@ -86,11 +86,16 @@ class Kind:
     @property
     def is_good(self) -> bool:
         """Whether all of them were overcome."""
-        return all(case.fate in GOOD_FATES for case in self.cases)
+        return not self.bad
+
+    @property
+    def bad(self) -> int:
+        """How many were not overcome."""
+        return sum(case.fate not in GOOD_FATES for case in self.cases)
 
 
 def failures(past: Past) -> list[Kind]:
-    """The failures by name and message: first those that were not overcome, then by what they cost."""
+    """The failures by name and message: first those of which most were not overcome, then by what they cost."""
     kinds: dict[tuple[str, str], Kind] = {}
     tops = _tops(past)
     for message in past.messages.values():
@@ -102,7 +107,7 @@ def failures(past: Past) -> list[Kind]:
                 case.fate = Fate.REPLACED
             key = (case.failure, message.name)
             kinds.setdefault(key, Kind(*key)).cases.append(case)
-    return sorted(kinds.values(), key=lambda kind: (kind.is_good, -kind.cost))
+    return sorted(kinds.values(), key=lambda kind: (-kind.bad, -kind.cost))
 
 
 def _tops(past: Past) -> dict[int, int]:
@@ -115,11 +120,11 @@ def _tops(past: Past) -> dict[int, int]:
 
 def _cases(past: Past, message: Message) -> Iterator[Case]:
     """The failures of one message, in order."""
-    values = _values(message, "failure")
-    for number, (time, text) in enumerate(values):
+    had = values(message, "failure")
+    for number, (time, text) in enumerate(had):
         if not text:
             continue
-        after = values[number + 1] if number + 1 < len(values) else None
+        after = had[number + 1] if number + 1 < len(had) else None
         name, _, words = text.partition(": ")
         failed = _failing_run(message, time)
         by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
@@ -128,13 +133,6 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         if isinstance(message, Task):
             _follow(past, message, case, None if after is None else after[0])
         yield case
-
-
-def _values(message: Message, name: str) -> list[tuple[float, Any]]:
-    """The values that a field had, each with the time from which on it had it (-1 for the first)."""
-    changes = [(time, old) for time, field_name, old in message.changes if field_name == name]
-    times = [-1.0, *(time for time, _ in changes)]
-    return list(zip(times, [*(old for _, old in changes), getattr(message, name)], strict=True))
 
 
 def _failing_run(message: Message, time: float) -> Handling | None:

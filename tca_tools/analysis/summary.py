@@ -3,9 +3,10 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 from tca_tools.past import Past
-from tca_tools.records import State, Task
+from tca_tools.records import Message, State, Task
 
 ENDED_BADLY = (State.FAILED, State.KILLED)
 """States of a task that has ended and is not achieved."""
@@ -32,7 +33,7 @@ class Summary:
     top: dict[State, int]
     """The same of top-level tasks."""
     failures: int
-    """How many tasks and messages had failures."""
+    """How many failures were raised on tasks and other messages."""
     reasons: list[tuple[str, int, str]]
     """Why top-level tasks were not achieved: in words without numbers, how many, and the first of them."""
     is_good: bool
@@ -50,7 +51,8 @@ def summary(past: Past) -> Summary:
     counts = Counter(task.state for task in past.tasks.values())
     top = [past.tasks[task] for task in past.top]
     top_counts = Counter(task.state for task in top)
-    failures = sum(1 for message in past.messages.values() if has_failed(message))
+    failed = [message for message in past.messages.values() if message.failure or message.changes]
+    failures = sum(bool(text) for message in failed for _, text in values(message, "failure"))
     start, end = span_of(past)
     return Summary(
         past.began,
@@ -82,10 +84,11 @@ def is_over(task: Task) -> bool:
     return task.state in _ENDED
 
 
-def has_failed(message: object) -> bool:
-    """Whether a failure was ever raised on a message, also one that was dealt with."""
-    failure: str = getattr(message, "failure", "")
-    return bool(failure) or any(name == "failure" and old for _, name, old in getattr(message, "changes", ()))
+def values(message: Message, name: str) -> list[tuple[float, Any]]:
+    """The values that a field had, each with the time from which on it had it (the first: since it was sent)."""
+    changes = [(time, old) for time, field, old in message.changes if field == name]
+    since = [message.received, *(time for time, _ in changes)]
+    return list(zip(since, [*(old for _, old in changes), getattr(message, name)], strict=True))
 
 
 def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
@@ -96,7 +99,7 @@ def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
     living = len(top) - len(bad) - counts[State.ACHIEVED]
     if not bad and not living:
         which = f"{'The' if len(top) == 1 else f'All {len(top)}'} top-level task{'s' * (len(top) > 1)}"
-        after = f", after {failures} failure{'s' * (failures > 1)} on the way" if failures else ""
+        after = f", after {failures:,} failure{'s' * (failures > 1)} on the way" if failures else ""
         return f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}."
     parts = []
     if bad:
