@@ -139,7 +139,7 @@ def _on_overlap(past: Past, path: CriticalPath | None, overlap: Overlap) -> Advi
         f"before is executed would save at most {seconds(overlap.saving)}"
     )
     example = (
-        f"{chance.start:.3f} to {seconds(chance.end)}, between {past.describe(chance.first)} and "
+        f"{moment(chance.start)} to {moment(chance.end)}, between {past.describe(chance.first)} and "
         f"{past.describe(chance.second)}: {chance.reason}"
     )
     title = f"Plan the next while {acting} acts"
@@ -159,8 +159,9 @@ def _on_path(past: Past, path: CriticalPath, uses: list[Use]) -> Iterator[Advice
         _add_queue(past, sums, step)
         _add_wait(past, sums, step, missing)
         if step.doing in _TOPICS:
-            name = step.module if step.doing is Doing.LOCKED else past.name(step.message_id)
-            sums[_TOPICS[step.doing], name].add(step.seconds, step.end, past.describe(step.message_id))
+            sums[_TOPICS[step.doing], past.name(step.message_id)].add(
+                step.seconds, step.end, past.describe(step.message_id)
+            )
         if step.doing is Doing.NO_HANDLER:
             missing.append(step)
     by_name = {use.name: use for use in uses}
@@ -201,7 +202,7 @@ def _add_wait(past: Past, sums: _Sums, step: Step, missing: list[Step]) -> None:
     sums[Topic.QUERY, past.name(wait.awaited)].add(length, step.start, words)
 
 
-_TOPICS = {Doing.NO_HANDLER: Topic.HANDLER, Doing.DELAY: Topic.DELAY, Doing.LOCKED: Topic.LOCK}
+_TOPICS = {Doing.NO_HANDLER: Topic.HANDLER, Doing.DELAY: Topic.DELAY}
 _WORDS = {
     Topic.QUERY: _Words(
         "'{name}' is asked on the critical path",

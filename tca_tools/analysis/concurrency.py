@@ -77,8 +77,8 @@ class Overlap:
 
     @property
     def example(self) -> Chance:
-        """The chance that saves most."""
-        return max(self.chances, key=lambda chance: chance.saving)
+        """The first chance that saves most."""
+        return max(self.chances, key=lambda chance: round(chance.saving, 6))
 
 
 def overlaps(past: Past, causes: Causes) -> list[Overlap]:

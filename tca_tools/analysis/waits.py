@@ -17,6 +17,10 @@ from tca_wire.points import TaskId
 from tca_wire.wording import place
 
 
+_NO_TIME = 1e-6
+"""What takes less only tells what came first."""
+
+
 class WaitKind(StrEnum):
     """What was waited for."""
 
@@ -65,7 +69,7 @@ def waits(past: Past, at_most: int = 10) -> list[Waits]:
         kind, of_kind = found[0], by_kind[found[0]]
         end = past.time if found[3] is None else found[3]
         seconds = end - found[2]
-        if seconds <= 0:
+        if seconds < _NO_TIME:
             continue
         of_kind.number += 1
         of_kind.seconds += seconds
