@@ -16,7 +16,6 @@ from tca_tools.waiting import why_waiting
 from tca_wire.points import TaskId
 from tca_wire.wording import place
 
-
 _NO_TIME = 1e-6
 """What takes less only tells what came first."""
 

@@ -1,5 +1,7 @@
 """Stories of small robots whose times can be worked out by hand."""
 
+from typing import Any
+
 from tools.story import THIS, Story
 
 from tca_wire import facts
@@ -8,6 +10,11 @@ from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 INFORM = MessageClass.INFORM
+
+
+def near(*values: Any) -> tuple[Any, ...]:
+    """Values to compare: times to the microsecond, for entries at one time are a hair apart."""
+    return tuple(round(value, 6) if isinstance(value, float) else value for value in values)
 
 
 def stepping(planning: float = 1.0, acting: float = 2.0, steps: int = 3, errand: float = 0.0) -> Story:

@@ -1,7 +1,7 @@
 """Outcome, failures, waits and resources of a run, each worked out by hand."""
 
 import pytest
-from tools.robots import caught, commanding, fail, recovering, stepping
+from tools.robots import caught, commanding, fail, near, recovering, stepping
 from tools.story import Story, stumbling, walking
 
 from tca_tools.analysis import words
@@ -53,10 +53,10 @@ def test_failures_and_what_became_of_them() -> None:
     slip, fall, jam = kinds["slip"], kinds["fall"], kinds["jam"]
     assert (slip.fate, slip.of, slip.text, slip.time) == (Fate.RETRIED, "move {1}", "left foot", 2.0)
     assert (slip.raised_by, slip.chain) == ("its handler in legs", ["recover {2} in expert"])
-    assert (slip.lost, slip.recovery) == (pytest.approx(1.0), pytest.approx(0.2))
-    assert (fall.fate, fall.lost, fall.recovery) == (Fate.DEALT_WITH, pytest.approx(0.5), pytest.approx(0.3))
-    assert (jam.fate, jam.chain, jam.cost) == (Fate.NOT_HANDLED, [], pytest.approx(0.4))
-    assert list(kinds)[0] == "jam"  # what was not overcome comes first
+    assert near(slip.lost, slip.recovery) == (1.0, 0.2)
+    assert near(fall.fate, fall.lost, fall.recovery) == (Fate.DEALT_WITH, 0.5, 0.3)
+    assert near(jam.fate, jam.chain, jam.cost) == (Fate.NOT_HANDLED, [], 0.4)
+    assert next(iter(kinds)) == "jam"  # what was not overcome comes first
 
 
 def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
@@ -72,7 +72,7 @@ def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
     (kind,) = failures(story.fold())
     (case,) = kind.cases
     assert (case.fate, case.why, kind.is_good) == (Fate.REPLACED, "another way", True)
-    assert (case.lost, case.recovery) == (pytest.approx(1.0), pytest.approx(1.0))
+    assert near(case.lost, case.recovery) == (1.0, 1.0)
 
 
 def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
@@ -84,7 +84,7 @@ def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
     fail(story, where, "blind", "")
     blind, timeout = (kind.cases[0] for kind in failures(story.fold()))
     assert (timeout.raised_by, timeout.fate) == ("central", Fate.NOT_HANDLED)
-    assert (blind.fate, blind.lost) == (Fate.ANSWERED, pytest.approx(0.5))
+    assert near(blind.fate, blind.lost) == (Fate.ANSWERED, 0.5)
 
 
 def test_the_longest_waits_of_each_kind() -> None:
@@ -95,16 +95,16 @@ def test_the_longest_waits_of_each_kind() -> None:
         ("step {3}", 1.2, 4.3, "until step {2} is achieved"),
     ]
     (queued,) = found[WaitKind.RESOURCE].longest
-    assert (queued.who, queued.seconds, queued.what) == (
+    assert near(queued.who, queued.seconds, queued.what) == (
         "step {2}",
-        pytest.approx(0.1),
+        0.1,
         "for planner, busy with walk {1}",
     )
 
 
 def test_waits_for_replies_and_tasks_name_who_was_slow() -> None:
     found = {kind.kind: kind for kind in waits(commanding().fold())}
-    assert (found[WaitKind.REPLY].number, found[WaitKind.REPLY].seconds) == (2, pytest.approx(0.8))
+    assert near(found[WaitKind.REPLY].number, found[WaitKind.REPLY].seconds) == (2, 0.8)
     reply, task = found[WaitKind.REPLY].longest[0], found[WaitKind.TASK].longest[0]
     assert (reply.who, reply.what) == ("the handler of walk {1}", "for the reply to where {2} from eye")
     assert task.what == "until move {3} is achieved"
@@ -132,9 +132,9 @@ def test_only_the_longest_are_told() -> None:
 def test_how_busy_resources_were() -> None:
     past = stepping().fold()
     legs, planner = uses(past, 1.0, 10.3)
-    assert (legs.name, legs.busy, legs.share) == ("legs", pytest.approx(6.0), pytest.approx(6 / 9.3))
-    assert (planner.handled, planner.busy, planner.waiting) == (4, pytest.approx(3.3), 0)
-    assert (planner.queued, planner.queue_seconds, planner.longest_queue) == (1, pytest.approx(0.1), 1)
+    assert near(legs.name, legs.busy, legs.share) == ("legs", 6.0, 0.645161)
+    assert near(planner.handled, planner.busy, planner.waiting) == (4, 3.3, 0)
+    assert near(planner.queued, planner.queue_seconds, planner.longest_queue) == (1, 0.1, 1)
 
 
 def test_a_resource_of_several_slots_and_one_that_was_locked() -> None:
@@ -145,7 +145,7 @@ def test_a_resource_of_several_slots_and_one_that_was_locked() -> None:
     story.at(6.0).say(facts.Claimed(50, "map", "map", False, "eye", 0)).at(7.0).say(facts.Granted(50))
     story.at(9.0).say(facts.ClaimEnded(50, "released"), facts.ResourceChanged("map", "map", 0))
     (use,) = uses(story.fold(), 1.0, 11.0)
-    assert (use.capacity, use.busy, use.share, use.full, use.locked) == (2, 6.0, 0.3, pytest.approx(2.0), 2.0)
+    assert near(use.capacity, use.busy, use.share, use.full, use.locked) == (2, 6.0, 0.3, 2.0, 2.0)
 
 
 def test_spans() -> None:

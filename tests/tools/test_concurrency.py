@@ -1,7 +1,7 @@
 """Planning that could have been done while something was acted, and what that saves at most: worked out by hand."""
 
 import pytest
-from tools.robots import commanding, looking_ahead, recovering, stepping
+from tools.robots import commanding, looking_ahead, near, recovering, stepping
 from tools.story import THIS, Story, walking
 
 from tca_tools.analysis.advice import Advice, Topic, advice
@@ -41,7 +41,7 @@ def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_
 
 def test_no_more_is_saved_than_the_acting_takes() -> None:
     (overlap,) = found_in(stepping(planning=3.0, acting=2.0).fold())
-    assert (overlap.idle, overlap.saving) == (pytest.approx(6.0), pytest.approx(4.0))
+    assert near(overlap.idle, overlap.saving) == (6.0, 4.0)
 
 
 def test_no_more_is_saved_than_the_planner_has_time_for() -> None:
@@ -83,7 +83,7 @@ def test_a_script_that_waits_for_one_task_before_it_sends_the_next() -> None:
         story.say(facts.WaitEnded("script", 0, TaskId(walk)))
         now += 4.0
     (overlap,) = found_in(story.fold())
-    assert (overlap.saving, overlap.example.reason) == (pytest.approx(1.0), "script waited for walk {1}")
+    assert near(overlap.saving, overlap.example.reason) == (1.0, "script waited for walk {1}")
 
 
 def test_a_question_that_queues_behind_the_acting() -> None:
@@ -120,7 +120,7 @@ def test_the_advice_in_words_with_its_numbers() -> None:
         "legs stood idle twice between one 'move' and the next, 2.00 s in all. For 2.00 s of that planner planned what "
         "comes next. Planning it while the one before is executed would save at most 2.00 s"
     )
-    assert (one.saving, one.on_path) == (pytest.approx(2.0), pytest.approx(2.0))
+    assert near(one.saving, one.on_path) == (2.0, 2.0)
     assert (
         one.example == "4.300 s to 5.300 s, between move {5} and move {6}: step {3} was held until step {2} is achieved"
     )
@@ -144,7 +144,7 @@ def test_a_resource_that_all_queue_for() -> None:
         if number < 2:
             story.delivered(moves[number + 1], "legs")
     (one,) = advised(story.fold())
-    assert (one.topic, one.saving) == (Topic.CAPACITY, pytest.approx(6.0))
+    assert near(one.topic, one.saving) == (Topic.CAPACITY, 6.0)
     assert "It is busy 100% of the time, with 1 at a time." in one.text
 
 
@@ -155,11 +155,11 @@ def test_a_lock_that_is_held_long() -> None:
     story.queued(move, "legs").at(5.0).say(facts.ClaimEnded(50, "released")).delivered(move, "legs")
     story.at(6.0).returned(move).reached(move, Moment.END_ACHIEVING)
     (one,) = advised(story.fold())
-    assert (one.topic, one.saving) == (Topic.LOCK, pytest.approx(3.0))
+    assert near(one.topic, one.saving) == (Topic.LOCK, 3.0)
     assert one.example == "move {1} waited 3.00 s, until 5.000 s; eye had it"
 
 
 def test_failures_cost_what_was_done_in_vain_and_what_was_done_about_them() -> None:
     """The last move: 0.4 s in vain. Its path does not lead through the others."""
     (one,) = advised(recovering().fold())
-    assert (one.topic, one.saving) == (Topic.FAILURE, pytest.approx(0.4))
+    assert near(one.topic, one.saving) == (Topic.FAILURE, 0.4)

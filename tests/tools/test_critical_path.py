@@ -1,8 +1,11 @@
 """The critical path, of runs short enough to work it out by hand."""
 
+from itertools import pairwise
+from typing import Any
+
 import pytest
-from tools.robots import commanding, looking_ahead, recovering, stepping
-from tools.story import COMMAND, Story, stumbling, walking
+from tools.robots import commanding, looking_ahead, near, recovering, stepping
+from tools.story import Story, stumbling, walking
 
 from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
@@ -12,22 +15,22 @@ from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, Point, TaskId
 
 
-def path_of(past: Past) -> list[tuple[str, str, float, float]]:
+def path_of(past: Past) -> list[tuple[Any, ...]]:
     """The critical path of the last top-level task: what, where, from when until when; what took no time is left out."""
     task = last_task(past)
     assert task is not None
     steps = critical_path(past, Causes(past), task).steps
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in pairwise(steps):
         assert before.end == after.start, "a path has no gaps"
     return [
-        (past.name(step.message_id) if step.doing is Doing.WORK else str(step.doing), step.module, *near(step))
+        (
+            past.name(step.message_id) if step.doing is Doing.WORK else str(step.doing),
+            step.module,
+            *near(step.start, step.end),
+        )
         for step in steps
         if step.seconds > 1e-9
     ]
-
-
-def near(step: object) -> tuple[float, float]:
-    return round(getattr(step, "start", 0.0), 6), round(getattr(step, "end", 0.0), 6)
 
 
 def test_planning_and_acting_in_turn() -> None:
@@ -129,11 +132,11 @@ def test_a_delay_and_a_missing_handler() -> None:
     story = Story().module("a").module("legs", "move")
     first = story.at(1.0).command("move", "a")
     story.delivered(first, "legs")
-    delay = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(-1), Moment.START_ACHIEVING), 3.0)
-    second = story.at(1.5).received("look", COMMAND, "a", 0, delay)
-    hold = story.entries[-1].facts[0].constraints[0]
+    second = 2
+    delay = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(second), Moment.START_ACHIEVING), 3.0)
+    assert story.at(1.5).command("look", "a", 0, delay) == second
     story.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING)
-    story.at(5.0).say(facts.TimedOut(hold)).queued(second)
+    story.at(5.0).say(facts.TimedOut(delay)).queued(second)
     story.at(7.0).module("eye", "look").delivered(second, "eye")
     story.at(8.0).returned(second).reached(second, Moment.END_ACHIEVING)
     assert path_of(story.fold()) == [
@@ -147,7 +150,8 @@ def test_a_delay_and_a_missing_handler() -> None:
 def test_a_run_that_is_not_over_leads_to_what_goes_on() -> None:
     past = walking().fold()
     task = last_task(past)
-    assert task is not None and (task.id, critical_path(past, Causes(past), task).is_open) == (1, True)
+    assert task is not None
+    assert (task.id, critical_path(past, Causes(past), task).is_open) == (1, True)
     assert path_of(past)[-2:] == [("move leg", "controller", 1.4, 3.4), ("move body", "controller", 3.4, 4.0)]
 
 
