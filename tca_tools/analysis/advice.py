@@ -12,7 +12,7 @@ from typing import NamedTuple
 from tca_tools.analysis.causes import Doing, Step
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
-from tca_tools.analysis.failures import Kind
+from tca_tools.analysis.failures import GOOD_FATES, Kind
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.waits import locked_during
@@ -100,9 +100,12 @@ def advice(
 
 
 def _on_failures(path: CriticalPath, kind: Kind) -> Advice:
-    """The failures of a kind whose handlers were on the path: what was lost, and until they were overcome."""
+    """The failures of a kind that were overcome, and whose handlers were on the path: what they took. A failure that
+    ended something made the run shorter.
+    """
     ends = {(step.message_id, step.end) for step in path.steps}
-    cases = [case for case in kind.cases if (case.message_id, case.time) in ends]
+    overcome = [case for case in kind.cases if case.fate in GOOD_FATES]
+    cases = [case for case in overcome if (case.message_id, case.time) in ends]
     spans = [(case.time - case.lost, case.time + case.recovery) for case in cases]
     cost = Cover(spans).within(path.start, path.end)
     longest = max(cases, key=lambda case: case.cost, default=kind.cases[0])

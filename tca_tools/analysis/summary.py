@@ -98,14 +98,14 @@ def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
     bad = [task for task in top if task.state in ENDED_BADLY]
     living = len(top) - len(bad) - counts[State.ACHIEVED]
     if not bad and not living:
-        which = f"{'The' if len(top) == 1 else f'All {len(top)}'} top-level task{'s' * (len(top) > 1)}"
+        which = f"{'The' if len(top) == 1 else f'All {len(top):,}'} top-level task{'s' * (len(top) > 1)}"
         after = f", after {failures:,} failure{'s' * (failures > 1)} on the way" if failures else ""
         return f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}."
     parts = []
     if bad:
-        parts.append(f"{_count(bad, top)} not achieved; the first, {bad[0]}, {_fate(bad[0])}")
+        parts.append(_worst(bad, top))
     if living:
-        subject = "The task" if len(top) == 1 else f"{living} of {len(top)} top-level tasks"
+        subject = "The task" if len(top) == 1 else f"{living:,} of {len(top):,} top-level tasks"
         parts.append(f"{subject} had not ended when the journal did")
     return "; ".join(parts) + "."
 
@@ -118,10 +118,11 @@ def _reasons(top: list[Task]) -> list[tuple[str, int, str]]:
     return sorted(((why, len(tasks), str(tasks[0])) for why, tasks in found.items()), key=lambda row: -row[1])
 
 
-def _count(bad: list[Task], top: list[Task]) -> str:
+def _worst(bad: list[Task], top: list[Task]) -> str:
     if len(top) == 1:
-        return "The top-level task was"
-    return f"{len(bad)} of {len(top)} top-level tasks {'was' if len(bad) == 1 else 'were'}"
+        return f"The top-level task was not achieved: {bad[0]} {_fate(bad[0])}"
+    which = f"{len(bad):,} of {len(top):,} top-level tasks {'was' if len(bad) == 1 else 'were'} not achieved"
+    return f"{which}; the first, {bad[0]}, {_fate(bad[0])}"
 
 
 def _fate(task: Task) -> str:

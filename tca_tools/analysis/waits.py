@@ -5,15 +5,15 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from math import nextafter
 from operator import attrgetter
 
 from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Queueing, State, Wait
+from tca_tools.records import Claim, Handling, Queueing, State, Task, Wait
 from tca_tools.story import awaited
 from tca_tools.then import Then
 from tca_tools.waiting import why_waiting
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import Role
 from tca_wire.wording import place
 
 _NO_TIME = 1e-6
@@ -117,18 +117,26 @@ def locked_during(past: Past, module: str, resource: str, start: float, end: flo
 
 
 def _told(past: Past, found: _Found) -> LongWait:
-    """A wait with its reason, as it was just before it was over."""
+    """A wait with its reason: of a task, as it was in the middle."""
     kind, message, start, end, record = found
     told = LongWait(kind, past.describe(message), start, past.time if end is None else end, end is None)
-    last = past.time if end is None else nextafter(end, 0.0)
     if isinstance(record, Queueing):
         told.what = _queue_reason(past, record)
     elif isinstance(record, Wait):
         told.who = f"the handler of {told.who}"
         told.what = awaited(past, record) + _where_handled(past, record)
     else:
-        told.what = " and ".join(why_waiting(Then(past, last), TaskId(message))) or "until it was killed or withdrawn"
+        told.what = _why_held(past, past.tasks[message], told)
     return told
+
+
+def _why_held(past: Past, task: Task, wait: LongWait) -> str:
+    """What held a task in the middle of its wait, or else at its end: a listener that had to be done before it."""
+    if reasons := why_waiting(Then(past, (wait.start + wait.end) / 2), TaskId(task.id)):
+        return " and ".join(reasons)
+    below = (past.tasks[child] for child in task.children)
+    listeners = [one for one in below if one.role is Role.LISTENER and wait.start < one.received <= wait.end]
+    return f"until the listener {listeners[-1]} is achieved" if listeners else "until it was killed or withdrawn"
 
 
 def _where_handled(past: Past, wait: Wait) -> str:

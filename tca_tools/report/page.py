@@ -101,4 +101,4 @@ def _environment() -> Environment:
 
 def _visible(value: Any) -> Any:
     """Foreign text without control characters, and without those that turn the direction of writing."""
-    return printable(str(value)) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return value if isinstance(value, Markup) else printable(str(value))

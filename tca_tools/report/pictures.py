@@ -1,5 +1,6 @@
 """The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy resources were."""
 
+import re
 from bisect import bisect_left
 from dataclasses import dataclass
 
@@ -25,6 +26,12 @@ class Gantt:
     is_whole: bool
     why: str
     """Why this part is shown, if it is one."""
+
+    @property
+    def width(self) -> int:
+        """How many pixels wide it is when its letters have their size."""
+        found = re.search(r'<svg [^>]*width="(\d+)', self.svg)
+        return int(found[1]) if found else 0
 
 
 @dataclass(frozen=True)
