@@ -6,7 +6,7 @@ Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts
 import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from math import inf, nextafter
+from math import inf, isfinite, nextafter
 from typing import Any
 
 from tca_tools.past import UNKNOWN, Past
@@ -176,6 +176,8 @@ class History(Past):
                 self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
+        if not (isfinite(fact.ended) and isfinite(fact.seconds)):
+            return  # a module said so
         start = max(0.0, fact.ended - fact.seconds)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
         handling.direct_from = fact.sender

@@ -3,17 +3,23 @@
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from tools.robots import recovering, stepping
 from tools.story import Story, stumbling, walking
+from tools.test_history import FACTS
 
 from tca_tools.errors import ToolError
 from tca_tools.history import History
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
+from tca_tools.report.page import page
+from tca_tools.report.pictures import gantt, strips
 from tca_tools.report.tree import tree
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
@@ -79,43 +85,43 @@ def tca_report(*arguments: object) -> Result:
 
 
 def test_the_page_of_a_good_run_says_so_and_what_would_help(reported: Reported) -> None:
-    page = reported(stepping())
-    assert "The top-level task was achieved." in page.text
-    assert "Nothing: no failure was raised, no task was killed." in page.text
-    assert "Plan the next while legs acts" in page.text
-    assert "'step' is not planned before it may be achieved" in page.text
-    assert "step {3} was held until step {2} is achieved" in page.text
-    assert ("class", "r-verdict good") in page.attributes
+    shown = reported(stepping())
+    assert "The top-level task was achieved." in shown.text
+    assert "Nothing: no failure was raised, no task was killed." in shown.text
+    assert "Plan the next while legs acts" in shown.text
+    assert "'step' is not planned before it may be achieved" in shown.text
+    assert "step {3} was held until step {2} is achieved" in shown.text
+    assert ("class", "r-verdict good") in shown.attributes
 
 
 def test_the_page_of_a_failed_run_says_why_first(reported: Reported) -> None:
-    page = reported(stumbling())
-    assert ("class", "r-verdict bad") in page.attributes
-    verdict = page.text.index("was killed: failure 'terrain collision' of move body {7} was not handled")
-    assert verdict < page.text.index("What went wrong") < page.text.index("terrain collision of move body")
-    assert "leg 4 met\\x1b[31m rock" in page.text
+    shown = reported(stumbling())
+    assert ("class", "r-verdict bad") in shown.attributes
+    verdict = shown.text.index("was killed: failure 'terrain collision' of move body {7} was not handled")
+    assert verdict < shown.text.index("What went wrong") < shown.text.index("terrain collision of move body")
+    assert "leg 4 met\\x1b[31m rock" in shown.text
 
 
 def test_failures_with_what_became_of_them_and_their_stories(reported: Reported) -> None:
-    page = reported(recovering())
+    shown = reported(recovering())
     for words in ("retried", "dealt with", "not handled", "recover {2} in expert", "its handler in legs: left foot"):
-        assert words in page.text
-    assert "The story of move {1}" in page.text
-    assert "exception handler recover {2} is called" in page.text
+        assert words in shown.text
+    assert "The story of move {1}" in shown.text
+    assert "exception handler recover {2} is called" in shown.text
 
 
 def test_a_run_that_is_not_over(reported: Reported) -> None:
-    page = reported(walking())
-    assert ("class", "r-verdict open") in page.attributes
-    assert "The task had not ended when the journal did." in page.text
+    shown = reported(walking())
+    assert ("class", "r-verdict open") in shown.attributes
+    assert "The task had not ended when the journal did." in shown.text
 
 
 def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Reported) -> None:
-    page = reported(stumbling())
-    assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(page.tags)
-    assert all(value and value.startswith("#") for name, value in page.attributes if name in ("href", "src"))
-    assert not [name for name, _ in page.attributes if name.startswith("on")]
-    policy = next(value for name, value in page.attributes if name == "content" and value and "default-src" in value)
+    shown = reported(stumbling())
+    assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(shown.tags)
+    assert all(value and value.startswith("#") for name, value in shown.attributes if name in ("href", "src"))
+    assert not [name for name, _ in shown.attributes if name.startswith("on")]
+    policy = next(value for name, value in shown.attributes if name == "content" and value and "default-src" in value)
     assert policy.startswith("default-src 'none'")
 
 
@@ -125,18 +131,18 @@ def test_hostile_names_and_texts_are_only_text(reported: Reported, tmp_path: Pat
     story.queued(move, "legs" + HOSTILE).at(2.0).delivered(move, "legs" + HOSTILE)
     story.at(3.0).say(facts.Failed(move, HOSTILE, HOSTILE + "\n" + HOSTILE * 20), facts.Killed(TaskId(move), HOSTILE))
     story.reached(move, *Moment)
-    page = reported(story)
+    shown = reported(story)
     raw = (tmp_path / "run.html").read_text()
     assert "<script" not in raw
     assert not re.search("[\x00\x1b\u202e]", raw)
-    assert "{{7*7}}" in page.text
-    assert "\\x1b[31m\\x00\\u202e" in page.text
+    assert "{{7*7}}" in shown.text
+    assert "\\x1b[31m\\x00\\u202e" in shown.text
 
 
 def test_a_run_of_nothing(reported: Reported) -> None:
-    page = reported(Story().at(5.0))
+    shown = reported(Story().at(5.0))
     for words in ("No task was sent.", "No handler ran.", "No failure was raised.", "Nobody waited."):
-        assert words in page.text
+        assert words in shown.text
 
 
 def test_the_tree_nests_as_the_tasks_do_and_opens_where_something_failed() -> None:
@@ -186,9 +192,9 @@ def test_a_deep_tree_nests_no_further_than_browsers_can(reported: Reported) -> N
     parent = 0
     for _ in range(2_000):
         parent = story.goal("dig", "x", parent)
-    page = reported(story)
-    assert page.deepest < 120
-    assert "[depth " in page.text
+    shown = reported(story)
+    assert shown.deepest < 120
+    assert "[depth " in shown.text
 
 
 def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
@@ -198,17 +204,17 @@ def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
         story.delivered(move, "legs")
         story.at(number + 0.5).returned(move).reached(move, Moment.END_ACHIEVING)
     assert tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html").exit_code == 0
-    page = Page((tmp_path / "run.html").read_text())
+    shown = Page((tmp_path / "run.html").read_text())
     assert len((tmp_path / "run.html").read_bytes()) < 1_000_000
-    assert "The run is too long for one chart." in page.text
-    assert "200 of 6,000 tasks" in page.text
+    assert "The run is too long for one chart." in shown.text
+    assert "200 of 6,000 tasks" in shown.text
 
 
 def test_numbers_of_the_page_are_those_of_the_analysis(reported: Reported) -> None:
-    found, page = contents(stepping().fold()), reported(stepping())
+    found, shown = contents(stepping().fold()), reported(stepping())
     assert found.path is not None
     for share in found.path.shares:
-        assert f"{share.seconds:.2f} s" in page.text
+        assert f"{share.seconds:.2f} s" in shown.text
 
 
 def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
@@ -220,9 +226,9 @@ def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     result = tca_report(tmp_path / "bad.tcaj", "-o", tmp_path / "bad.html")
     assert result.exit_code == 1
     assert "what comes before it is shown" in result.output
-    page = Page((tmp_path / "bad.html").read_text())
-    assert "The journal can't be read to its end" in page.text
-    assert "traverse arc {1}" in page.text
+    shown = Page((tmp_path / "bad.html").read_text())
+    assert "The journal can't be read to its end" in shown.text
+    assert "traverse arc {1}" in shown.text
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n" * 50, b"{}\n" * 100], ids=["empty", "picture", "text"])
@@ -252,3 +258,14 @@ def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyP
     result = tca_report(stepping().write(tmp_path / "run"), "-o", tmp_path / "run.html")
     assert result.exit_code == ToolError.exit_code
     assert "pip install 'tca[report]'" in result.output
+
+
+@given(st.lists(FACTS, max_size=80))
+@settings(max_examples=150, deadline=None)
+def test_any_facts_at_all_make_a_page(told: list[facts.Fact]) -> None:
+    history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))
+    found = contents(history)
+    Page(page("run", "", found, tree(history), gantt(history, found), strips(history, found)))
+    for shown in (found.path, found.longest):
+        for before, after in pairwise(shown.path.steps if shown else []):
+            assert before.end == after.start
