@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, State, Task
@@ -74,8 +75,8 @@ class Kind:
 
     @property
     def cost(self) -> float:
-        """What they cost in time."""
-        return sum(case.cost for case in self.cases)
+        """What they cost in time; what two of them cost at the same time counts once."""
+        return Cover((case.time - case.lost, case.time + case.recovery) for case in self.cases).total
 
     @property
     def fates(self) -> dict[Fate, int]:

@@ -24,6 +24,8 @@ from tca_tools.story import Sentence, story
 
 _WORTH_SAYING = 0.005
 """Advice must bear on this share of the run."""
+_WORTH_A_LINE = 0.001
+"""Of a path."""
 _STEPS = 60
 _STORIES, _STORIES_EACH = 16, 2
 _SENTENCES = 40
@@ -45,7 +47,7 @@ class ShownStep:
 
 @dataclass(frozen=True)
 class ShownPath:
-    """A critical path: all its shares, and its longest steps in their order."""
+    """A critical path: its shares but for the smallest, and its longest steps in their order."""
 
     path: CriticalPath
     shares: list[Share]
@@ -127,5 +129,6 @@ def _shown(past: Past, path: CriticalPath) -> ShownPath:
         )
         for step in kept
     ]
+    told = [share for share in shares(past, path) if share.share >= _WORTH_A_LINE]
     left_out = path.seconds - sum(step.seconds for step in kept)
-    return ShownPath(path, shares(past, path), steps, len(path.steps) - len(kept), max(left_out, 0.0))
+    return ShownPath(path, told, steps, len(path.steps) - len(kept), max(left_out, 0.0))

@@ -75,6 +75,17 @@ def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
     assert near(case.lost, case.recovery) == (1.0, 1.0)
 
 
+def test_failures_at_the_same_time_cost_that_time_once() -> None:
+    story = Story().module("legs", "move", resource="legs")
+    moves = [story.at(1.0).command("move", "user") for _ in range(2)]
+    for move in moves:
+        story.delivered(move, "legs")
+    for move in moves:
+        fail(story.at(3.0), move, "slip", "")
+    (kind,) = failures(story.fold())
+    assert near(kind.cost, len(kind.cases)) == (2.0, 2)
+
+
 def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
     story = Story().module("legs", "move").module("eye", "where")
     move = story.at(1.0).command("move", "user")
