@@ -4,9 +4,11 @@ A failure of a task is one *case*, from the moment it was raised until the task 
 killed, or the journal ended. Pure.
 """
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
+from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
@@ -33,6 +35,7 @@ GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED)
 """After these the robot went on."""
 
 
+_RECEIVED, _START = attrgetter("received"), attrgetter("start")
 _OF_CENTRAL = frozenset(("timeout", "deadlock", "module lost", "overload"))
 """Failures that central itself raises."""
 
@@ -122,23 +125,19 @@ def _tops(past: Past) -> dict[int, int]:
 def _cases(past: Past, message: Message) -> Iterator[Case]:
     """The failures of one message, in order."""
     had = values(message, "failure")
+    in_vain = {run.end: run for run in message.handlings if run.outcome is Outcome.FAILED}
+    called = [past.tasks[one] for one in message.caught_by if one in past.tasks] if isinstance(message, Task) else []
     for number, (time, text) in enumerate(had):
         if not text:
             continue
-        after = had[number + 1] if number + 1 < len(had) else None
         name, _, words = text.partition(": ")
-        failed = _failing_run(message, time)
+        failed = in_vain.get(time)
         by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
         case = Case(message.id, str(message), name, words, time, by, [], Fate.ANSWERED, "", 0.0, 0.0)
         case.lost = time - failed.start if failed else 0.0
         if isinstance(message, Task):
-            _follow(past, message, case, None if after is None else after[0])
+            _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
         yield case
-
-
-def _failing_run(message: Message, time: float) -> Handling | None:
-    """The run of its handler that ended with the failure; None if it was raised beside it."""
-    return next((run for run in message.handlings if run.end == time and run.outcome is Outcome.FAILED), None)
 
 
 def _raised_by(message: Message, failed: Handling | None) -> str:
@@ -150,19 +149,22 @@ def _raised_by(message: Message, failed: Handling | None) -> str:
     )
 
 
-def _follow(past: Past, task: Task, case: Case, until: float | None) -> None:
-    """What was done about a failure of a task, before the next time at which it has another or none."""
-    handlers = [past.tasks[number] for number in task.caught_by if number in past.tasks]
-    called = [one for one in handlers if one.received >= case.time and (until is None or one.received < until)]
-    case.chain = [_described(one) for one in called]
-    if until is not None:
+def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple[float, str] | None) -> None:
+    """What was done about a failure of a task: until *after*, when it had another failure, or ("") was retried."""
+    first = bisect_left(called, case.time, key=_RECEIVED)
+    mine = called[first : bisect_left(called, after[0], key=_RECEIVED) if after else None]
+    case.chain = [_described(one) for one in mine]
+    if after and not after[1]:
         case.fate = Fate.RETRIED
-        runs = (run.start for run in task.handlings if run.start > case.time)
-        case.recovery = next(runs, until) - case.time
+        again = bisect_right(task.handlings, case.time, key=_START)
+        case.recovery = (task.handlings[again].start if again < len(task.handlings) else after[0]) - case.time
         return
-    ends = [one.reached.get(Moment.END_ACHIEVING, past.time) for one in called]
+    ends = [one.reached.get(Moment.END_ACHIEVING, past.time) for one in mine]
     case.recovery = max(ends, default=case.time) - case.time
-    case.fate, case.why = _fate(task, bool(called)), task.killed or ""
+    if after:
+        case.fate = Fate.DEALT_WITH if mine else Fate.NOT_HANDLED
+    else:
+        case.fate, case.why = _fate(task, bool(mine)), task.killed or ""
 
 
 def _fate(task: Task, was_caught: bool) -> Fate:

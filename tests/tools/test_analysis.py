@@ -75,6 +75,20 @@ def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
     assert near(case.lost, case.recovery) == (1.0, 1.0)
 
 
+def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
+    story = Story().module("legs", "move").module("expert", "recover")
+    move = story.at(1.0).command("move", "user")
+    story.delivered(move, "legs").at(2.0).say(facts.Failed(move, "slow", "", is_beside=True))
+    helper = caught(story, move)
+    story.at(2.5).returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(move)))
+    fail(story.at(4.0), move, "slip", "")
+    story.say(facts.Unhandled(TaskId(move)), facts.Killed(TaskId(move), "slip")).reached(move, *Moment)
+    cases = {kind.failure: kind.cases[0] for kind in failures(story.fold())}
+    slow, slip = cases["slow"], cases["slip"]
+    assert near(slow.fate, slow.recovery, slow.chain) == (Fate.DEALT_WITH, 0.5, ["recover {2} in expert"])
+    assert near(slip.fate, slip.lost, slip.chain) == (Fate.NOT_HANDLED, 3.0, [])
+
+
 def test_failures_at_the_same_time_cost_that_time_once() -> None:
     story = Story().module("legs", "move", resource="legs")
     moves = [story.at(1.0).command("move", "user") for _ in range(2)]

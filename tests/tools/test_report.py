@@ -41,22 +41,22 @@ class Page(HTMLParser):
         self.feed(text)
         assert not self.stack, self.stack
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.attributes += attrs
         if tag not in VOID:
             self.stack.append(tag)
             self.deepest = max(self.deepest, len(self.stack))
 
-    def handle_startendtag(self, tag, attrs):
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.attributes += attrs
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag: str) -> None:
         if tag not in VOID:
             assert self.stack.pop() == tag
 
-    def handle_data(self, data):
+    def handle_data(self, data: str) -> None:
         self.texts.append(data)
 
     @property
@@ -180,6 +180,7 @@ def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
     states = [node.state for node in found.nodes if node.task]
     assert states.count("failed") == 1
     failed = next(node for node in found.nodes if node.state == "failed")
+    assert failed.task is not None
     above = next(node for node in found.nodes if node.task and node.task.id == failed.task.parent)
     assert above.is_open
     assert sum(node.is_open for node in found.nodes) == 2
