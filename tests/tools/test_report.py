@@ -110,6 +110,12 @@ def test_failures_with_what_became_of_them_and_their_stories(reported: Reported)
     assert "exception handler recover {2} is called" in shown.text
 
 
+def test_of_many_short_tasks_the_longest_is_looked_at_too(reported: Reported) -> None:
+    shown = reported(recovering())
+    assert "The task that took longest: move {1}" in shown.text
+    assert "Avoid 'slip' of 'move'" in shown.text
+
+
 def test_a_run_that_is_not_over(reported: Reported) -> None:
     shown = reported(walking())
     assert ("class", "r-verdict open") in shown.attributes
