@@ -3,12 +3,11 @@
 Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may begin in the middle.
 """
 
-import gc
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from math import inf, nextafter
+from collections.abc import Callable, Iterable
+from math import inf, isfinite, nextafter
 from typing import Any
 
+from tca_tools.garbage import no_garbage
 from tca_tools.past import UNKNOWN, Past
 from tca_tools.records import Claim, Handling, Hold, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
@@ -33,7 +32,7 @@ class History(Past):
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
         """What was known at *time* (None: at the end)."""
         history = cls()
-        with _no_garbage():
+        with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
                     history.time = time
@@ -95,7 +94,9 @@ class History(Past):
                 self._end(handling)
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
-        self._module(fact.module).resources[fact.resource] = fact.capacity
+        module = self._module(fact.module)
+        module.resources[fact.resource] = fact.capacity
+        module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
 
     def _format(self, fact: facts.FormatDefined) -> None:
         self.formats.setdefault(fact.message, fact)
@@ -164,6 +165,7 @@ class History(Past):
         self._unqueue(fact.id)
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
+        handling.delivery = fact.id
         self.handlings.append(handling)
         self.news.append(handling)
         self.runs.setdefault((fact.module, fact.resource), []).append(handling)
@@ -182,6 +184,8 @@ class History(Past):
                 self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
+        if not (isfinite(fact.ended) and isfinite(fact.seconds)):
+            return  # a module said so
         start = max(0.0, fact.ended - fact.seconds)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
         handling.direct_from = fact.sender
@@ -349,18 +353,6 @@ class History(Past):
 def _outlives(task: Task) -> bool:
     """Whether it is not suspended with what is above it: it leaves things safe."""
     return task.role in (Role.TERMINATION, Role.CANCEL)
-
-
-@contextmanager
-def _no_garbage() -> Iterator[None]:
-    """A fold only adds: Python would look through all of it for garbage, again and again, and take twice the time."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 # ruff: noqa: SLF001

@@ -63,6 +63,8 @@ class Handling:
     waits: list[Wait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
+    delivery: int = 0
+    """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
 
 
 @dataclass(slots=True)
@@ -198,6 +200,8 @@ class ModuleRecord:
     left: str = ""
     """Why it left the last time."""
     resources: dict[str, int] = field(default_factory=dict)
-    """Its resources with their capacities."""
+    """Its resources with their capacities (0: its module has left)."""
+    capacities: dict[str, int] = field(default_factory=dict)
+    """The largest capacity that each resource had."""
     waits: list[Wait] = field(default_factory=list)
     """What it waited for outside of any handler."""

@@ -13,7 +13,17 @@ MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
-    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz", "starlette", "uvicorn"},
+    "tca_tools": {
+        "tca_wire",
+        "msgspec",
+        "click",
+        "graphviz",
+        "pygraphviz",
+        "jinja2",
+        "markupsafe",
+        "starlette",
+        "uvicorn",
+    },
     "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }

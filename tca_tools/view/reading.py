@@ -96,7 +96,7 @@ class Reading:
         return found
 
     def _read(self) -> None:
-        gc.disable()  # see history.without_garbage; here until all has been read that there is
+        gc.disable()  # see garbage.py; here until all has been read that there is
         try:
             for entry, place in self.log.follow_places(self._pause):
                 self._pending.append((entry, place))
