@@ -86,12 +86,15 @@ def awaited(past: Past, wait: Wait) -> str:
     return f"for the {reply}{past.describe(wait.awaited)}"
 
 
-def _changes(message: Message) -> Iterator[Sentence]:
-    """What was written over: each entry holds the value before it, so the new one is in the next."""
-    for number, (time, name, _) in enumerate(message.changes):
-        new = next((old for _, other, old in message.changes[number + 1 :] if other == name), getattr(message, name))
+def _changes(message: Message) -> list[Sentence]:
+    """What was written over: each entry holds the value before it, so the new one is known from the one behind."""
+    told, newer = [], dict[str, Any]()
+    for time, name, old in reversed(message.changes):
+        new = newer.get(name, getattr(message, name))
+        newer[name] = old
         if say := _SAY.get(name) if new else None:
-            yield Sentence(time, say(new))
+            told.append(Sentence(time, say(new)))
+    return told[::-1]
 
 
 _SAY: dict[str, Any] = {
