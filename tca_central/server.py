@@ -311,6 +311,7 @@ _TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
         lambda fact: f"failure '{fact.failure}' of message {fact.id}: {fact.text.strip().rpartition(chr(10))[2]}",
     ),
     facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
+    facts.Ignored: (logging.WARNING, lambda fact: f"nothing done for module '{fact.sender}': {fact.text}"),
     facts.ModuleJoined: (logging.INFO, lambda fact: f"module '{fact.module}' joined ({fact.process})"),
     facts.ModuleLeft: (logging.INFO, lambda fact: f"module '{fact.module}' left: {fact.why}"),
 }

@@ -57,8 +57,8 @@ CENTRAL: dict[str, set[str]] = {
     "notices": {"making", "state"},
     "availability": {"errors", "notices", "registry", "state"},
     "direct": {"errors", "registry", "resources", "state"},
-    "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree"},
-    "watching": {"clock", "intervals", "making", "registry", "state", "task_tree"},
+    "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree", "watching"},
+    "watching": {"clock", "errors", "intervals", "making", "registry", "state", "task_tree"},
     "failures": {"claims", "errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
     "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},
@@ -84,6 +84,7 @@ CENTRAL: dict[str, set[str]] = {
         "taps",
         "task_tree",
         "waits",
+        "watching",
     },
     "waits": {"errors", "intervals", "registry", "state", "task_tree"},
     "needs": {"cycles", "intervals", "registry", "resources", "state", "task_tree", "waits"},
@@ -128,7 +129,7 @@ CENTRAL: dict[str, set[str]] = {
     "journal_writer": {"errors"},
     "server": {"core", "errors", "events", "journal_writer"},
     "__main__": {"core", "errors", "journal_writer", "server"},
-    "invariants": {"availability", "clock", "direct", "holds", "intervals", "registry", "state", "task_tree"},
+    "invariants": {"availability", "clock", "control", "direct", "holds", "intervals", "registry", "state", "task_tree", "watching"},
 }
 
 
