@@ -33,17 +33,21 @@ class Ending:
 
     def met(self, central: State, _: Task) -> None:
         """The point is reached."""
-        if self.delay:
-            self.task.more.pending[self] = central.clock.after(self.delay, Due.KILL, self)
-        else:
+        if not self.delay:
             self.now(central)
+        elif self._is_there(central):
+            self.task.more.pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def now(self, central: State) -> None:
         """It is time."""
         if self.task.rare is not None:
             self.task.rare.pending.pop(self, None)
-        if self.task.id == ROOT or self.task.id in central.tree.tasks:
+        if self._is_there(central):
             _kill_scope(central, self.task, self.scope, self.why)
+
+    def _is_there(self, central: State) -> bool:
+        """Whether the task has not ended, perhaps by what let the point be reached."""
+        return self.task.id == ROOT or self.task.id in central.tree.tasks
 
 
 def _kill_scope(central: State, task: Task, scope: Scope, why: str) -> None:

@@ -38,7 +38,7 @@ _COUNTER = (1 << _BITS) - 1
 _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
 
 VOID_ENTRIES = 32
-"""Entries of who waits for whom that may be kept, after they have lost their meaning, beyond as many as there are others."""
+"""Entries of who waits for whom that may be kept when they are void, beyond as many as there are others."""
 
 _NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
 

@@ -199,10 +199,10 @@ def _check_what_lies_ahead(central: State) -> None:
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
                 assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
     for timer in central.clock.pending():
-        task = getattr(timer.subject, "task", None)
-        if task is not None:
-            is_there = task is tree.root or tree.tasks.get(task.id) is task
-            assert is_there, f"{task}: has ended, and is due for '{timer.due}'"
+        due_for = getattr(timer.subject, "task", None)
+        if due_for is not None:
+            is_there = due_for is tree.root or tree.tasks.get(due_for.id) is due_for
+            assert is_there, f"{due_for}: has ended, and is due for '{timer.due}'"
 
 
 def _check_handled_wait(wait: HandledWait) -> None:

@@ -129,7 +129,18 @@ CENTRAL: dict[str, set[str]] = {
     "journal_writer": {"errors"},
     "server": {"core", "errors", "events", "journal_writer"},
     "__main__": {"core", "errors", "journal_writer", "server"},
-    "invariants": {"availability", "clock", "control", "direct", "holds", "intervals", "registry", "state", "task_tree", "watching"},
+    "invariants": {
+        "availability",
+        "clock",
+        "control",
+        "direct",
+        "holds",
+        "intervals",
+        "registry",
+        "state",
+        "task_tree",
+        "watching",
+    },
 }
 
 

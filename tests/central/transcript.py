@@ -112,11 +112,12 @@ class Transcript:
 
     def tap(self, name: str, condition: str, place: str, listener: str, options: str) -> list[Any]:
         where: dict[str, Any] = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
-        header = headers.Tap(self.player.number(name), Condition(condition), listener, **where, watch=read_watch(options))
-        return self.player.receive(name, header)
+        where["watch"] = read_watch(options)
+        return self.player.receive(name, headers.Tap(self.player.number(name), Condition(condition), listener, **where))
 
     def fire(self, name: str, task: str, action: str) -> list[Any]:
-        return self.player.receive(name, headers.Fire(self.player.number(name), TaskId(int(task)), action or ""), b"\x05")
+        header = headers.Fire(self.player.number(name), TaskId(int(task)), action or "")
+        return self.player.receive(name, header, b"\x05")
 
     def end_monitor(self, name: str, task: str) -> list[Any]:
         return self.player.receive(name, headers.EndMonitor(self.player.number(name), TaskId(int(task))))
@@ -314,9 +315,8 @@ def describe(fact: facts.Fact) -> str:
             held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
             role = f" ({fact.role})" if fact.role else ""
             told = f": {msgspec.msgpack.decode(fact.body)}" if fact.message in NOTICES else ""
-            return (
-                f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{role}{told}{held}"
-            )
+            what = f"{fact.message_class} {fact.message} as {fact.id}"
+            return f"received {what} from {fact.sender}{under}{role}{told}{held}"
         case facts.Constrained():
             return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
         case facts.Reached():

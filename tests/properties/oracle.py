@@ -292,31 +292,45 @@ class Oracle:
         oracle_taps.forget(world, header.id)
 
     def raise_(self, _: str, header: headers.Raise, _body: bytes) -> None:
-        oracle_failures.raise_beside(self.world, self.world.nodes[header.task], (header.failure, *header.kinds))
+        if (node := self._unkilled(header.task)) is not None:
+            oracle_failures.raise_beside(self.world, node, (header.failure, *header.kinds))
 
     def retry(self, _: str, header: headers.Retry, _body: bytes) -> None:
-        oracle_failures.retry_now(self.world, self.world.nodes[header.task])
+        if (node := self._unkilled(header.task)) is not None:
+            oracle_failures.retry_now(self.world, node)
+
+    def _unkilled(self, task: int) -> Node | None:
+        """A task for which it is not too late."""
+        node = self.world.nodes.get(task)
+        return node if node is not None and not node.killed else None
 
     def suspend(self, _: str, header: headers.Suspend, _body: bytes) -> None:
-        oracle_failures.suspend(self.world, self.world.nodes[header.task], resume=header.resume)
+        if (node := self.world.nodes.get(header.task)) is not None:
+            oracle_failures.suspend(self.world, node, resume=header.resume)
 
     def deadline(self, _: str, header: headers.Deadline, _body: bytes) -> None:
-        node, moment = self.world.nodes.get(header.point.task), Moment(header.point.moment)
+        node, moment = self._unkilled(header.point.task), Moment(header.point.moment)
         if node is not None and moment not in node.past:
             oracle_rules.set_alarm(self.world, header.seconds, node, moment=moment)
 
     def fire(self, _: str, header: headers.Fire, _body: bytes) -> None:
-        oracle_monitors.fire(self.world, self.world.nodes[header.monitor])
+        node = self.world.nodes.get(header.monitor)
+        if node is not None and node.watch.is_on:
+            oracle_monitors.fire(self.world, node)
 
     def end_monitor(self, _: str, header: headers.EndMonitor, _body: bytes) -> None:
-        oracle_monitors.end(self.world, self.world.nodes[header.monitor])
+        if (node := self.world.nodes.get(header.monitor)) is not None:
+            oracle_monitors.end(self.world, node)
 
     def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
         world = self.world
         taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
-        if all((one.condition, one.listener) != (header.condition, header.listener) for one in taps):
-            added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
-            taps.append(Tap(added.id, header.condition, header.listener))
+        for one in taps:
+            if (one.condition, one.listener) == (header.condition, header.listener):
+                one.watch = header.watch
+                return
+        added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
+        taps.append(Tap(added.id, header.condition, header.listener, header.watch))
 
 
 def _from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:

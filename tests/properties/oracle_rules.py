@@ -112,6 +112,7 @@ def make(world: World, message: str, role: Role, parent: Node, about: int) -> No
     task = world.seen.take_made(message, role, parent.id, about)
     node = Node(task, message, world.kinds[message], role=role, free=True)
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+    node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
     add(world, node, parent)
     return node
 

@@ -129,7 +129,17 @@ def copies(world: World, job: Job) -> list[Job]:
     for handler in world.handlers.get(job.message, []):
         resource = (handler.module, handler.resource)
         if resource in world.slots.values():
-            copy = Job(job.id, job.message, job.kind, job.sender, job.number, job.priority, job.role, resource)
+            copy = Job(
+                job.id,
+                job.message,
+                job.kind,
+                job.sender,
+                job.number,
+                job.priority,
+                job.role,
+                job.sent_for_listener,
+                resource,
+            )
             wait(world, copy)
             made.append(copy)
     return made

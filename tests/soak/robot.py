@@ -1,12 +1,11 @@
 """A robot that does everything there is, again and again, against the pure core: twenty seconds of its time a round."""
 
-import gc
 import sys
 from collections import deque
-from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 from central.player import ANY, Player, before, point
+from central.reachable import reachable
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Tick, Transmit
@@ -245,12 +244,8 @@ class Robot:
 
 def size_of(central: Central) -> tuple[int, int]:
     """How many objects central holds, everything that can be reached from it but code; and how many bytes they are."""
-    code = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType)
-    seen, frontier, size = {id(central)}, [central], 0
-    while frontier:
-        for one in gc.get_referents(frontier.pop()):
-            if not isinstance(one, code) and id(one) not in seen:
-                seen.add(id(one))
-                frontier.append(one)
-                size += sys.getsizeof(one)
-    return len(seen), size
+    count = size = 0
+    for one in reachable(central):
+        count += 1
+        size += sys.getsizeof(one)
+    return count, size
