@@ -193,10 +193,12 @@ class Seen:
     def is_accepted_as(self, number: int) -> bool:
         return any(isinstance(header, headers.Accepted) and header.id == number for _, header in self.told)
 
-    def take_made(self, message: str, role: Role, parent: int, about: int) -> int:
-        """The id of a message that central must have made."""
+    def take_made(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
+        """The id of a message that central must have made, for a wiretap."""
+        fired = [fact.listener for fact in self.facts if isinstance(fact, facts.TapFired) and fact.tap == tap]
         for birth in self.made:
-            if (birth.message, birth.role, birth.parent, birth.about) == (message, role, parent, about):
+            is_it = (birth.message, birth.role, birth.parent, birth.about) == (message, role, parent, about)
+            if is_it and (birth.id in fired or not tap):
                 self.made.remove(birth)
                 return birth.id
         raise Disagreement(f"central made no {role} '{message}' under {parent} about {about}: {self.made}")

@@ -107,9 +107,9 @@ def add(world: World, node: Node, parent: Node) -> None:
         oracle_failures.kill(world, node)
 
 
-def make(world: World, message: str, role: Role, parent: Node, about: int) -> Node:
+def make(world: World, message: str, role: Role, parent: Node, about: int, tap: int = 0) -> Node:
     """A task that central makes itself: it waits for nothing above it."""
-    task = world.seen.take_made(message, role, parent.id, about)
+    task = world.seen.take_made(message, role, parent.id, about, tap)
     node = Node(task, message, world.kinds[message], role=role, free=True)
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
     node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)

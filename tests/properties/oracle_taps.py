@@ -101,11 +101,11 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     if not world.handlers.get(tap.listener) and not kind.is_monitor:
         return None
     if not kind.is_task:
-        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about)
+        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about, tap.id)
         oracle_slots.send_statement(world, Job(made, tap.listener, kind, role=Role.LISTENER))
         return None
     parent = job if isinstance(job, Node) and tap.condition in CHILDREN else world.root
-    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, about)
+    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, about, tap.id)
     listener.tap = tap
     options = tap.watch or WatchOptions()
     if isinstance(job, Node) and tap.condition in WHILE:
@@ -113,7 +113,8 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
             if other.tap is tap and other.watch and other.id in world.nodes:
                 oracle_monitors.end(world, other)
         job.listeners.append(listener)
-        if not (options.maximum or options.duration or options.until or options.for_ever):
+        is_bounded = options.maximum or options.duration or options.until or kind is MessageClass.POINT_MONITOR
+        if not (is_bounded or options.for_ever):
             options = replace(options, until=Point(TaskId(job.id), WHILE[tap.condition]))
     if kind.is_monitor:
         oracle_monitors.born(listener, options)
