@@ -48,7 +48,7 @@ class MonitorHandle(TaskHandle, Generic[D]):
 
     def fire(self, action: Message[Any, Any], data: Any = None) -> None:
         """What a demon monitor watches for has happened: its *action* is sent, with these data."""
-        self._call(Fire(0, self.id), f"firing {self}", action.encode_data(data))
+        self._call(Fire(0, self.id, action.name), f"firing {self}", action.encode_data(data))
 
     def end(self) -> None:
         """Watch no longer; what the monitor has sent comes to its own end."""
