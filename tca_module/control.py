@@ -1,6 +1,6 @@
 """Watching over what others do: exception handlers, wiretaps and monitors, from any sender."""
 
-from typing import Any, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack, get_type_hints
 
 from tca_module.arguments import listed
 from tca_module.context import MonitorHandle
@@ -17,7 +17,7 @@ from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import Condition
 
 
-class MonitorOptions(TypedDict, total=False):
+class Watched(TypedDict, total=False):
     """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
 
     period: float
@@ -34,6 +34,11 @@ class MonitorOptions(TypedDict, total=False):
     """It ends when this point is reached."""
     for_ever: bool
     """It does not end with what it watches over: the other tasks under its parent."""
+
+
+class MonitorOptions(Watched, total=False):
+    """How a monitor watches, and when."""
+
     sequential: bool
     """Of a point monitor: it tests after the sibling before it has been achieved; True unless said otherwise."""
     constraints: list[Constraint]
@@ -77,18 +82,30 @@ class Control(Knowledge):
         return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"))
 
     def tap(
-        self, condition: Condition, tapped: Message[Any, Any] | TaskHandle, listener: Message[Any, Any]
+        self,
+        condition: Condition,
+        tapped: Message[Any, Any] | TaskHandle,
+        listener: Message[Any, Any],
+        **options: Unpack[Watched],
     ) -> Attached:
         """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
 
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
-        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference).
+        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
+        *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
+        something is done to a task ends by itself, when that is over.
         """
+        parts = [part for part in listener.parts if part is not None] if isinstance(listener, Monitor) else []
+        if options and not isinstance(listener, Monitor):
+            msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
+            raise MisuseError(msg)
         if isinstance(tapped, TaskHandle):
-            connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
+            connection, name, task_id, where = self._declare(*parts, listener), "", tapped.id, str(tapped)
         else:
-            connection, name, task_id, where = self._declare(listener, tapped), tapped.name, ROOT, f"'{tapped.name}'"
-        header = Tap(0, condition, listener.name, name, task_id)
+            connection = self._declare(*parts, listener, tapped)
+            name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
+        watch = _watch_options(options, Watched) if parts or options else None
+        header = Tap(0, condition, listener.name, name, task_id, watch)
         return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"))
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
@@ -98,19 +115,11 @@ class Control(Knowledge):
         if not isinstance(monitor, Monitor):
             msg = f"monitor() takes monitors, and {monitor!r} is none"
             raise MisuseError(msg)
-        unknown = sorted(options.keys() - MonitorOptions.__annotations__.keys())
-        if unknown:
-            msg = f"a monitor can't have {unknown[0]}=: the options are {', '.join(MonitorOptions.__annotations__)}"
-            raise MisuseError(msg)
+        watch = _watch_options(options, MonitorOptions)
         body = monitor.encode_data(data)
         connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
         flags, constraints = self._ordering.place(is_goal=False, sequential=sequential) if is_task else (Flags.NONE, [])
-        watch = WatchOptions(
-            options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
-            options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
-            options.get("for_ever", False),
-        )  # fmt: skip
         header = Send(
             0,
             monitor.name,
@@ -124,3 +133,17 @@ class Control(Knowledge):
         if is_task:
             self._ordering.add(task_id, sequential=sequential)
         return MonitorHandle(connection, monitor.name, task_id, self._origin)
+
+
+def _watch_options(options: Watched | MonitorOptions, allowed: type) -> WatchOptions:
+    """Raises MisuseError if one of them is not *allowed*."""
+    known = get_type_hints(allowed)
+    unknown = sorted(options.keys() - known.keys())
+    if unknown:
+        msg = f"a monitor can't have {unknown[0]}=: the options are {', '.join(known)}"
+        raise MisuseError(msg)
+    return WatchOptions(
+        options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
+        options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
+        options.get("for_ever", False),
+    )  # fmt: skip

@@ -334,9 +334,10 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
 ) -> None:
     address, journal = f"ipc://{tmp_path}/central.sock", tmp_path / "journal"
     with program(BROKEN.format(journal=str(journal)), address) as daemon:
-        with connect("user", address) as user, pytest.raises(CentralLost):
+        with connect("user", address) as user:
             user.goal(WALK, 1)
-            user.get_variable(Variable("mode", int))
+            with pytest.raises(CentralLost):
+                user.get_variable(Variable("mode", int))
         said = daemon.communicate(timeout=10)[1]
     assert daemon.returncode == 1
     assert "central ends: internal error: AssertionError in event" in caplog.text
