@@ -26,7 +26,7 @@ def run_drill(task: Task) -> None:
     print("told to stop, stopped")
 
 
-@drill.handles(RETRACT)
+@drill.handles(RETRACT)  # sent at once: it comes after the drilling because the drill handles one message at a time
 def retract(_: Task) -> None:
     print("retracted")
 

@@ -42,4 +42,8 @@ echo "setup: Python packages (a minute or so; the physics engine is 100 MB)"
 if ! command -v dot >/dev/null 2>&1 && ! .venv/bin/python -c 'import pygraphviz' 2>/dev/null; then
     apt_install graphviz || echo "setup: no graphviz here: task trees will be drawn as text"
 fi
+if ! command -v chromium >/dev/null 2>&1 && ! command -v chromium-browser >/dev/null 2>&1 \
+    && ! command -v google-chrome >/dev/null 2>&1; then
+    apt_install chromium || echo "setup: no Chromium here: the tests of the viewer's page will be skipped"
+fi
 echo "setup: done"

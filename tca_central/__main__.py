@@ -1,5 +1,6 @@
 """The command line of the daemon: arguments, journal, signals."""
 
+import contextlib
 import logging
 import os
 import signal
@@ -46,9 +47,24 @@ def _number(text: str) -> int:
     return int(text) if text.isascii() and text.isdigit() else 0
 
 
+def _remember(journal: Path) -> None:
+    """Let tools that are to show the newest run find this one, by a link beside the others; links to none go."""
+    link = _new_journal_folder()
+    with contextlib.suppress(OSError):
+        link.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        for other in link.parent.iterdir():
+            if other.is_symlink() and not other.exists():
+                other.unlink()
+        link.symlink_to(journal.resolve(), target_is_directory=True)
+
+
 @click.command()
 @click.option("--bind", metavar="ADDRESS", help=f"Where to listen [default: ${VARIABLE}, else a socket of your own].")
-@click.option("--journal", type=click.Path(path_type=Path), help="Folder for the journal [default: a new one per run].")
+@click.option(
+    "--journal",
+    type=click.Path(path_type=Path),
+    help="Folder for the journal [default: a new one per run]; tools find it, too.",
+)
 @click.option("--no-journal", is_flag=True, help="Keep no journal.")
 @click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
               help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
@@ -71,6 +87,8 @@ def central(
     try:
         if not no_journal:
             server.journal = JournalWriter(folder, epoch=epoch, version=version("tca"), sync=Sync(sync))
+            if journal is not None:
+                _remember(journal)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
         log = logging.getLogger("tca.central")

@@ -46,11 +46,19 @@ class Dispatcher:
         resources = targets or tuple(delivery.message.candidates())
         if self._take_free_slot(delivery, resources):
             return
-        if (slot := own_slot(delivery, resources)) is not None:
-            delivery.nested = True
-            self._attend(delivery, slot)
-            return
-        self._queue(delivery, resources)
+        slot = own_slot(delivery, resources)
+        if slot is not None and slot.resource is not None and slot.resource.is_locked:
+            slot.resource.called_back[delivery] = slot
+            slot = None
+        if slot is None:
+            self._queue(delivery, resources)
+        else:
+            self._call_back(delivery, slot)
+
+    def _call_back(self, delivery: Delivery, slot: Connection) -> None:
+        """Let a slot that waits for the answer handle the question itself."""
+        delivery.nested = True
+        self._attend(delivery, slot)
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         delivery.queues = resources
@@ -135,8 +143,18 @@ class Dispatcher:
         elif following is not None and resource.free:
             self._leave_queues(following)
             self._attend(following, resource.take_slot())
-            if resource.free:
+            if resource.free or resource.called_back:
                 self.freed.append((resource, None))
+        elif not resource.is_locked:
+            self._call_all_back(resource)
+
+    def _call_all_back(self, resource: Resource[Connection, Delivery]) -> None:
+        """A lock has ended: no slot waits for itself any longer."""
+        for delivery, sender in list(resource.called_back.items()):
+            if sender in resource.slots:
+                self._leave_queues(delivery)
+                self._call_back(delivery, sender)
+        resource.called_back.clear()
 
     def claim(self, claim: Claim[Connection]) -> None:
         """Let a claim wait for its turn."""
@@ -262,7 +280,7 @@ def _goes_on(resource: ModuleResource) -> bool:
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
     """The sender's own slot, if it blocks for this answer there: such a message ignores capacity and reservations, or
-    it would wait for itself (TCA 8.5: self-queries). A lock keeps out whoever has it, too.
+    it would wait for itself (TCA 8.5: self-queries). As long as a lock is held it waits: that keeps out its owner, too.
     """
     sender = delivery.sender
     if (
@@ -272,6 +290,4 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
         or sender not in sender.resource.slots
     ):
         return None
-    held_by = sender.resource.held_by
-    is_locked = held_by is not None and not held_by.admits_owner
-    return sender if sender.resource in resources and not is_locked else None
+    return sender if sender.resource in resources else None

@@ -171,6 +171,7 @@ def _check_resources(central: State) -> None:
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
     """While a resource is locked nobody is in it but who locked it; while it is reserved, only what its owner sent."""
+    assert resource.is_locked or not resource.called_back, f"{name}: is not locked, but slots of it wait for themselves"
     for claim in resource.claims:
         assert central.claims.get((claim.slot, claim.number)) is claim, f"{name}: claim {claim.id} is not known"
         assert claim.slot.outstanding.get(claim.number) is claim, f"{name}: claim {claim.id} waits for nobody"

@@ -125,6 +125,7 @@ class Resource(Generic[S, Q]):
         self.slots: dict[S, None] = {}
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
+        self.called_back: dict[Q, S] = {}  #: questions of its slots to itself that a lock keeps out; who asked
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S]] = Queue()
         self._sent_by: dict[object, Queue[Q]] | None = None  #: the same messages by sender, once it was reserved
@@ -153,28 +154,29 @@ class Resource(Generic[S, Q]):
         self.slots.pop(slot, None)
         self._free.pop(slot, None)
 
+    @property
+    def is_locked(self) -> bool:
+        """Whether nobody at all is let in."""
+        return self.held_by is not None and not self.held_by.admits_owner
+
     def is_free(self, slot: S) -> bool:
         """Whether a slot handles nothing."""
         return slot in self._free
 
     def slot_for(self, message: Q) -> S | None:
         """A free slot for a message that has just come, no longer free; None if it must wait."""
-        if not self._free:
+        if not self._free or not self.admits(message) or (self._queue.waiting and self._is_behind(message)):
             return None
-        if self.held_by is None and not self.claims:
-            return self.take_slot()
-        return self.take_slot() if self.admits(message) and not self._is_claimed_before(message) else None
+        return self.take_slot()
 
     def admits(self, message: Q) -> bool:
         """Whether neither a lock nor a reservation keeps a message out."""
         held_by = self.held_by
         return held_by is None or (held_by.admits_owner and message.sent_by is held_by.owner)
 
-    def _is_claimed_before(self, message: Q) -> bool:
-        """Whether a claim waits that goes first."""
-        if not self.claims or self.held_by is not None:
-            return False
-        first = self._queue.first()
+    def _is_behind(self, message: Q) -> bool:
+        """Whether something waits that goes first: a claim or, where a lock has just ended, a message."""
+        first = self._first_in_line()
         return first is not None and (-first.priority, first.arrival) < (-message.priority, message.arrival)
 
     def take_slot(self) -> S:
@@ -205,6 +207,7 @@ class Resource(Generic[S, Q]):
     def left_queue(self, one: Q) -> None:
         """A message waits no longer; its entries have become void."""
         self._queue.left()
+        self.called_back.pop(one, None)
         if self._sent_by is not None:
             of_sender = self._sent_by[one.sent_by]
             of_sender.left()
@@ -221,13 +224,17 @@ class Resource(Generic[S, Q]):
 
     def next_queued(self) -> Q | Claim[S] | None:
         """Who may have what is free, if anybody may: a message, or a claim that is to be granted now."""
-        if self.held_by is not None:
-            mine = (self._sent_by or {}).get(self.held_by.owner) if self.held_by.admits_owner else None
-            return mine.first() if mine is not None else None
-        first = self._queue.first()
+        first = self._first_in_line()
         if isinstance(first, Claim) and not self.is_idle_but_for(first.slot):
             return None
         return first
+
+    def _first_in_line(self) -> Q | Claim[S] | None:
+        """Whose turn is next of those that the lock or reservation in force, if any, does not keep out."""
+        if self.held_by is None:
+            return self._queue.first()
+        mine = (self._sent_by or {}).get(self.held_by.owner) if self.held_by.admits_owner else None
+        return mine.first() if mine is not None else None
 
     # --- claims ----------------------------------------------------------------------------------------------------
 

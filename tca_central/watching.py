@@ -15,7 +15,8 @@ from tca_wire.vocabulary import MessageClass, Refusal, Role
 SHORTEST_PERIOD = 0.001
 """Seconds between two tests of a condition."""
 
-_CANCEL = 2  # which part of a demon monitor
+_ACTION = 1  # which part of a monitor
+_CANCEL = 2  # of a demon monitor
 
 
 class Watch:
@@ -44,7 +45,8 @@ class Watch:
     @property
     def header(self) -> Watching:
         """What the handlers of its messages are told."""
-        return Watching(involved(self.task))
+        action = self.parts[_ACTION]
+        return Watching(involved(self.task), action.name if action is not None else "")
 
     def met(self, central: State, _: Task) -> None:
         """The point at which it ends is reached."""

@@ -1,11 +1,27 @@
 """What users give to calls, checked before anything leaves: each MisuseError says what, which and what fits."""
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from tca_module.errors import MisuseError
+from tca_module.signatures import arguments_taken, is_async
 from tca_wire.constraints import Constraint
-from tca_wire.declarations import Broadcast, Command, Goal, Inform, Message, MultiQuery, Query, Variable
+from tca_wire.controls import ExceptionHandler, Monitor, PollingMonitor
+from tca_wire.declarations import (
+    Broadcast,
+    Command,
+    Failure,
+    FailureRaised,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    Variable,
+)
+from tca_wire.points import Point
+from tca_wire.vocabulary import Scope
 
 BRIEF = 1.0
 """Seconds: a wait that is to be shorter ends soon by itself, and is no deadlock."""
@@ -55,7 +71,136 @@ def check_executable(message: Any) -> None:
         raise MisuseError(msg)
 
 
+# --- failures --------------------------------------------------------------------------------------------------------
+
+
+def check_handles(failure: Any, handler: Any) -> None:
+    """Raise MisuseError for what can't take care of a failure: it would be found out when the failure is there.
+
+    An exception handler gets the failure's data, or none. What it makes of those of any failure (None) is its own
+    affair.
+    """
+    if not isinstance(handler, ExceptionHandler):
+        msg = f"{handler!r:.60} is no ExceptionHandler: declare the message as one"
+        raise MisuseError(msg)
+    if failure is None:
+        return
+    if not isinstance(failure, Failure):
+        msg = f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision', Contact), or None"
+        raise MisuseError(msg)
+    if handler.data.kind is not type(None) and handler.data.schema != failure.data.schema:
+        msg = f"{name_of(handler)} wants data of type {handler.data}, and failure '{failure.name}' has {failure.data}: \
+declare both with the same type, or the exception handler without data"
+        raise MisuseError(msg)
+
+
+def checked_pairs(pairs: Any) -> Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]:
+    """The value of ``on_failure=``. Raises MisuseError if it is no list of pairs."""
+    if not isinstance(pairs, list | tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in pairs):
+        msg = f"on_failure={pairs!r:.80} is no list of pairs: write on_failure=[(COLLISION, RAISE_LEG)]"
+        raise MisuseError(msg)
+    for failure, handler in pairs:
+        check_handles(failure, handler)
+    return pairs
+
+
+def check_attachable(place: Any) -> None:
+    """Raise MisuseError for what exception handlers can't be attached to."""
+    if not isinstance(place, Message) or not place.message_class.is_task:
+        msg = f"of={place!r:.60} never fails: give a goal, a command or a task, or None for all tasks"
+        raise MisuseError(msg)
+
+
+def check_raised(failure: Any) -> None:
+    """Raise MisuseError for what can't be raised on a task."""
+    if not isinstance(failure, FailureRaised):
+        hint = f"call it, {failure.name!r} is only declared" if isinstance(failure, Failure) else "COLLISION(contact)"
+        msg = f"fail() takes a failure with its data, and {failure!r:.60} is none: {hint}"
+        raise MisuseError(msg)
+
+
 # --- options ---------------------------------------------------------------------------------------------------------
+
+
+def check_known(what: str, options: Mapping[str, object], known: Collection[str]) -> None:
+    """Raise MisuseError for an option that there is not."""
+    if unknown := sorted(options.keys() - set(known)):
+        msg = f"{what} can't have {unknown[0]}=: the options are {', '.join(known)}"
+        raise MisuseError(msg)
+
+
+def check_flags(what: str, **flags: Any) -> None:
+    """Raise MisuseError for what is neither True nor False."""
+    for name, flag in flags.items():
+        if not isinstance(flag, bool):
+            msg = f"{what}: {name}={flag!r:.40} is neither True nor False"
+            raise MisuseError(msg)
+
+
+def check_seconds(what: str, **times: Any) -> None:
+    """Raise MisuseError for what is no number of seconds."""
+    for name, seconds in times.items():
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0:
+            msg = f"{what}: {name}={seconds!r:.40} is no time: give seconds, 0 or more"
+            raise MisuseError(msg)
+
+
+def check_count(what: str, least: int = 0, **counts: Any) -> None:
+    """Raise MisuseError for what can't be counted up to."""
+    for name, count in counts.items():
+        if isinstance(count, bool) or not isinstance(count, int) or not least <= count < 2**63:
+            allowed = f"{least}, {least + 1}, ..." if least else "1, 2, ... or 0 for any number of times"
+            msg = f"{what}: {name}={count!r:.40} can't be: give {allowed}"
+            raise MisuseError(msg)
+
+
+def check_point(point: Any) -> None:
+    """Raise MisuseError for what is no point of a task."""
+    if not isinstance(point, Point):
+        msg = f"{point!r:.60} is no point of a task: task.achieving.end is one"
+        raise MisuseError(msg)
+
+
+def check_scope(scope: Any) -> None:
+    """Raise MisuseError for what says not what is to be killed."""
+    if scope not in tuple(Scope):
+        msg = f"scope={scope!r:.40} is none: {', '.join(f'Scope.{one.name}' for one in Scope)} are"
+        raise MisuseError(msg)
+
+
+def check_monitor_options(monitor: Monitor[Any], options: Mapping[str, Any]) -> None:
+    """Raise MisuseError for options that the monitor can't have."""
+    what = name_of(monitor)
+    if not isinstance(monitor, PollingMonitor):
+        for name in ("period", "initial_wait"):
+            if name in options:
+                msg = f"{what} can't have {name}=: only polling monitors test again and again"
+                raise MisuseError(msg)
+    elif "period" not in options:
+        msg = f"{what} needs period=: the seconds from one test of its condition to the next"
+        raise MisuseError(msg)
+    given = {name: options[name] for name in ("period", "duration") if name in options}
+    check_seconds(what, **given)
+    check_count(what, maximum=options.get("maximum", 0))
+    check_count(what, 1, fire_every=options.get("fire_every", 1))
+    check_flags(what, **{name: options[name] for name in ("initial_wait", "for_ever", "sequential") if name in options})
+    if options.get("until") is not None:
+        check_point(options["until"])
+
+
+def check_function(what: str, function: Any, wanted: str) -> None:
+    """Raise MisuseError for what can't be called with arguments such as "(sender, reply)", or must be awaited."""
+    number = wanted.count(",") + 1
+    if not callable(function):
+        msg = f"{what}: {function!r:.60} is no function: give one that takes {wanted}"
+        raise MisuseError(msg)
+    name = getattr(function, "__qualname__", repr(function))
+    if is_async(function):
+        msg = f"{what}: {name} is 'async def', and nobody awaits it: make it a plain function"
+        raise MisuseError(msg)
+    if arguments_taken(function, (number,)) is None:
+        msg = f"{what}: {name} is declared with {inspect.signature(function)}: declare it with {wanted}"
+        raise MisuseError(msg)
 
 
 def check_priority(message: Message[Any, Any], priority: Any) -> None:

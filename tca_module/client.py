@@ -12,7 +12,7 @@ import msgspec
 
 from tca_module.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
 from tca_module.direct import Direct, Door
-from tca_module.errors import MisuseError, Timeout
+from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
 from tca_module.sender import Sender
 from tca_module.session import Session
 from tca_module.transport import DealerTransport, Transport
@@ -141,5 +141,13 @@ class Client(Sender):
 
 
 def connect(name: str = "script", central: CentralAddress = None, patience: float = PATIENCE / 2) -> Client:
-    """Connect to central from a program that is no module. Raises CentralLost if none answers in *patience* seconds."""
-    return Client(open_connection(central, hello(checked_module_name(name), new_incarnation()), patience))
+    """Connect to central from a program that is no module.
+
+    Raises CentralLost if none answers in *patience* seconds: in a script that nobody catches it ends the program with
+    one line and exit code 1.
+    """
+    greeting = hello(checked_module_name(name), new_incarnation())
+    try:
+        return Client(open_connection(central, greeting, patience))
+    except CentralLost as error:
+        raise NoCentral(str(error)) from None

@@ -39,8 +39,6 @@ def talking(command: str, central: str | None) -> Iterator[Client]:
     try:
         with connect(f"tca {command}", central, patience=_PATIENCE) as client:
             yield client
-    except UnicodeEncodeError as error:
-        raise click.UsageError(f"{error.object!r:.60} is no text that can be sent") from None
     except (MisuseError, BadData, BadFormat) as error:
         raise click.UsageError(_in_one_line(error)) from None
     except TcaError as error:

@@ -9,7 +9,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
 from tca_module.arguments import check_message, check_timeout
@@ -17,12 +17,12 @@ from tca_module.direct import Direct
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
 from tca_module.session import Request, Session, refers_to_tasks
 from tca_module.transport import Transport
-from tca_wire.codec import pack_item, unpack_to_module
+from tca_wire.codec import packets, unpack_to_module
 from tca_wire.declarations import Message
 from tca_wire.errors import ProtocolError
 from tca_wire.headers import Bye, Deliver, GiveUp, Register, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
-from tca_wire.vocabulary import Limit, Refusal
+from tca_wire.vocabulary import Refusal
 
 PATIENCE = 10.0
 """Seconds without a word from central after which a wait ends with CentralLost."""
@@ -152,16 +152,22 @@ is alive: it is overloaded; whether it took the request is not known"
     ) -> bool:
         """Wait until a request is over, or *is_over* says that enough has come of it; whether it is.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long.
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long, and Stopped,
+        once for each handler, if the module ends.
         """
         self._check_thread()
+        session, is_done = self.session, is_over or (lambda: request.is_over)
         with self._lock:
             try:
                 check_timeout(timeout)
-                came = self._wait(is_over or (lambda: request.is_over), timeout)
+                came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
             except BaseException:
-                self.session.abandon(request)
+                session.abandon(request)
                 raise
+            if came and not is_done():
+                session.tell(getattr(request.header, "origin", 0))
+                session.abandon(request)
+                raise Stopped(f"module '{session.module}' ends: {what} is not waited for any more")
             _check(request, what)
             return came
 
@@ -210,11 +216,13 @@ is alive: it is overloaded; whether it took the request is not known"
                 self._flush()
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether the task of a delivery that is being handled has been killed."""
+        """Whether a delivery's handler is to clean up and return; it knows then."""
         self._check_thread()
         with self._lock:
             self._catch_up()
-            return self.session.is_cancelled(delivery)
+            if is_cancelled := self.session.is_cancelled(delivery):
+                self.session.tell(delivery)
+            return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled is suspended."""
@@ -351,7 +359,7 @@ it listens"
         """Send what the session has to say."""
         if self.session.outgoing:
             outgoing, self.session.outgoing = self.session.outgoing, []
-            if not all(self.transport.send(packet, wait_seconds) for packet in _packets(outgoing)):
+            if not all(self.transport.send(packet, wait_seconds) for packet in packets(outgoing)):
                 self.direct.unsent(outgoing)
                 self.session.outgoing = outgoing
                 self.session.break_off()
@@ -372,20 +380,6 @@ def _check(request: Request, what: str) -> None:
     if request.lost:
         msg = f"{what} is lost: {request.lost}; ask again"
         raise CentralLost(msg)
-
-
-def _packets(items: list[tuple[ToCentral, bytes]]) -> Iterator[bytes]:
-    """The items in as few packets as their size allows."""
-    packed: list[bytes] = []
-    size = 0
-    for header, body in items:
-        item = pack_item(header, body)
-        if packed and size + len(item) > Limit.BODY:
-            yield b"".join(packed)
-            packed, size = [], 0
-        packed.append(item)
-        size += len(item)
-    yield b"".join(packed)
 
 
 def _names(messages: Iterable[Message[Any, Any]]) -> str:

@@ -1,14 +1,19 @@
 """What a handler is told beyond its data, where central sent the message itself."""
 
-from typing import Any, Generic
+from typing import Any, Generic, TypeVar
 
+from tca_module.arguments import name_of
 from tca_module.connection import Connection
+from tca_module.errors import MisuseError
 from tca_module.failing import Reissued
 from tca_module.task_handle import TaskHandle
 from tca_wire import parts
-from tca_wire.declarations import D, Message
+from tca_wire.declarations import NOTHING, D, Message
 from tca_wire.headers import Deliver, EndMonitor, Fire
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition
+
+A = TypeVar("A")
 
 
 class Trouble:
@@ -44,15 +49,43 @@ class Heard:
 
 
 class MonitorHandle(TaskHandle, Generic[D]):
-    """A monitor."""
+    """A monitor; *action* is the name of what it sends, "" if it sends nothing."""
 
-    def fire(self, action: Message[Any, Any], data: Any = None) -> None:
-        """What a demon monitor watches for has happened: its *action* is sent, with these data."""
-        self._call(Fire(0, self.id, action.name), f"firing {self}", action.encode_data(data))
+    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str) -> None:
+        super().__init__(connection, message, task_id, origin)
+        self.action = action
+
+    def fire(self, action: Message[A, Any] | None = None, data: A = NOTHING) -> bool:
+        """What a demon monitor watches for has happened: its *action* is sent, with these data. One that is declared
+        without an action is fired without.
+
+        Whether it counted: a monitor that has ended, or does not watch yet, is not fired (TCM: a warning, no effect);
+        who fires need not know. Raises MisuseError for another message than the monitor's action.
+        """
+        self._check_action(action)
+        body = b""
+        if action is not None:
+            body = action.encode_data(data)
+            self._connection.declare(action)
+        name = action.name if action is not None else ""
+        return bool(self._call(Fire(0, self.id, name), f"firing {self}", body))
 
     def end(self) -> None:
-        """Watch no longer; what the monitor has sent comes to its own end."""
+        """Watch no longer, or not at all if it has not begun; what the monitor has sent comes to its own end. One that
+        has ended already stays so.
+        """
         self._call(EndMonitor(0, self.id), f"ending {self}")
+
+    def _check_action(self, action: Any) -> None:
+        if action is None and not self.action:
+            return
+        if not isinstance(action, Message) or action.name != self.action:
+            wanted = (
+                f"its action is '{self.action}'" if self.action else "it has no action, fire() it without a message"
+            )
+            given = name_of(action) if isinstance(action, Message) else repr(action)
+            msg = f"{self} can't be fired with {given:.60}: {wanted}"
+            raise MisuseError(msg)
 
 
 def context_of(connection: Connection, delivery: Deliver) -> "Trouble | Heard | MonitorHandle[Any] | None":
@@ -72,5 +105,6 @@ def context_of(connection: Connection, delivery: Deliver) -> "Trouble | Heard | 
     if isinstance(context, parts.Tapped):
         return Heard(context.condition, context.tapped.message, handle(context.tapped))
     if isinstance(context, parts.Watching):
-        return MonitorHandle(connection, context.monitor.message, context.monitor.task, delivery.delivery)
+        monitor = context.monitor
+        return MonitorHandle(connection, monitor.message, monitor.task, delivery.delivery, context.action)
     return None

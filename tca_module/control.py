@@ -1,8 +1,15 @@
 """Watching over what others do: exception handlers, wiretaps and monitors, from any sender."""
 
-from typing import Any, TypedDict, Unpack, get_type_hints
+from typing import Any, TypedDict, Unpack
 
-from tca_module.arguments import listed
+from tca_module.arguments import (
+    check_attachable,
+    check_class,
+    check_known,
+    check_monitor_options,
+    listed,
+    name_of,
+)
 from tca_module.context import MonitorHandle
 from tca_module.errors import MisuseError
 from tca_module.knowledge import Knowledge
@@ -70,12 +77,17 @@ class Control(Knowledge):
         """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
         it, or (of=None) of all tasks.
 
-        It is called at most *maximum* times (0: any number) for each task that it is attached to; of several the newest
-        is called first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage).
+        It is called at most *maximum* times (0: any number) for each task that it is attached to. The search goes from
+        the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
+        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
+        or none if it is declared without. Raises MisuseError if their types differ; where *failure* is None that shows
+        only when it is called.
         """
         if isinstance(of, TaskHandle):
             return of.on_failure(failure, handler, maximum=maximum)
         wanted = attachment(failure, handler, maximum)
+        if of is not None:
+            check_attachable(of)
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, wanted, ROOT, of.name if of is not None else "")
@@ -93,10 +105,17 @@ class Control(Knowledge):
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
         *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
         *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
-        something is done to a task ends by itself, when that is over.
+        something is done to a task ends by itself, when that is over. A
+        listener that nobody handles at that moment is passed over, and holds nothing.
         """
-        parts = [part for part in listener.parts if part is not None] if isinstance(listener, Monitor) else []
-        if options and not isinstance(listener, Monitor):
+        parts: list[Message[Any, Any]] = []
+        watch = None
+        if isinstance(listener, Monitor):
+            check_known(name_of(listener), options, Watched.__annotations__)
+            check_monitor_options(listener, options)
+            parts = [part for part in listener.parts if part is not None]
+            watch = _watch_options(options)
+        elif options:
             msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
             raise MisuseError(msg)
         if isinstance(tapped, TaskHandle):
@@ -104,7 +123,6 @@ class Control(Knowledge):
         else:
             connection = self._declare(*parts, listener, tapped)
             name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
-        watch = _watch_options(options, Watched) if parts or options else None
         header = Tap(0, condition, listener.name, name, task_id, watch)
         return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"))
 
@@ -112,11 +130,10 @@ class Control(Knowledge):
         """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
         ends when all else under its parent has ended.
         """
-        if not isinstance(monitor, Monitor):
-            msg = f"monitor() takes monitors, and {monitor!r} is none"
-            raise MisuseError(msg)
-        watch = _watch_options(options, MonitorOptions)
-        body = monitor.encode_data(data)
+        check_class(monitor, Monitor, call="monitor()")
+        check_known(name_of(monitor), options, MonitorOptions.__annotations__)
+        check_monitor_options(monitor, options)
+        watch, body = _watch_options(options), monitor.encode_data(data)
         connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
         flags, constraints = self._ordering.place(is_goal=False, sequential=sequential) if is_task else (Flags.NONE, [])
@@ -132,16 +149,11 @@ class Control(Knowledge):
         task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
         if is_task:
             self._ordering.add(task_id, sequential=sequential)
-        return MonitorHandle(connection, monitor.name, task_id, self._origin)
+        action = monitor.parts[1]
+        return MonitorHandle(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
 
 
-def _watch_options(options: Watched | MonitorOptions, allowed: type) -> WatchOptions:
-    """Raises MisuseError if one of them is not *allowed*."""
-    known = get_type_hints(allowed)
-    unknown = sorted(options.keys() - known.keys())
-    if unknown:
-        msg = f"a monitor can't have {unknown[0]}=: the options are {', '.join(known)}"
-        raise MisuseError(msg)
+def _watch_options(options: Watched | MonitorOptions) -> WatchOptions:
     return WatchOptions(
         options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
         options.get("initial_wait", False), options.get("duration", 0), options.get("until"),

@@ -6,7 +6,7 @@ TcaError             do not raise this one; it groups the others
 │   ├── FormatRefused    others use a message of that name with another format or class
 │   └── Deadlock         whoever asked would wait for ever: what he waits for waits for him
 ├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
-├── Stopped          the module was told to end while it waited for central
+├── Stopped          the module ends: what was waited for is not waited for any more
 ├── NotDeclared      nobody has declared a message of that name (also a LookupError)
 ├── VariableNotSet   a variable has no value yet (also a LookupError)
 ├── Timeout          the answer did not come in time (also a TimeoutError)
@@ -56,8 +56,8 @@ class CentralLost(TcaError):
 
 
 class NoCentral(CentralLost, SystemExit):
-    """Central can't be reached: what ``run`` raises. Caught by nobody, it ends the program with one line, not a
-    traceback: whoever starts a robot wants to read what to do.
+    """Central can't be reached: what ``run``, ``running`` and ``connect`` raise. Caught by nobody, it ends the program
+    with one line, not a traceback: whoever starts a robot wants to read what to do.
     """
 
     def __init__(self, text: str) -> None:
@@ -66,7 +66,9 @@ class NoCentral(CentralLost, SystemExit):
 
 
 class Stopped(TcaError):
-    """The module was told to end before central had welcomed it."""
+    """The module was told to end: before central had welcomed it, or while a handler waited for others. Such a handler
+    may clean up, and wait for that. If it lets this pass, it is the failure "module lost" of its task.
+    """
 
 
 class NotDeclared(TcaError, LookupError):

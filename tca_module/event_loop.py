@@ -105,7 +105,9 @@ class EventLoop:
             self._listen()
         session = self._connection.session
         for delivery in filter(session.is_cancelled, list(self._handled)):
-            self._handled.pop(delivery).cancel("its task has been killed")
+            session.tell(delivery)
+            why = "its task has been killed" if session.is_killed(delivery) else "its module ends"
+            self._handled.pop(delivery).cancel(why)
 
     def _end_wait(self) -> None:
         if self._idle is not None and not self._idle.done():

@@ -4,7 +4,9 @@ import asyncio
 import traceback
 from types import TracebackType
 
-from tca_module.errors import Deadlock, QueryFailed, TaskFailed, Timeout
+import msgspec
+
+from tca_module.errors import Deadlock, QueryFailed, Stopped, TaskFailed, Timeout
 from tca_wire.declarations import FailureRaised
 from tca_wire.headers import Fail
 
@@ -25,7 +27,13 @@ class Reissued(Exception):
     """An exception handler cannot deal with its failure."""
 
 
-_NAMED = ((Misfit, BAD_DATA), (Deadlock, DEADLOCK), (Timeout, TIMEOUT), (asyncio.CancelledError, CANCELLED))
+_NAMED = (
+    (Misfit, BAD_DATA),
+    (Deadlock, DEADLOCK),
+    (Timeout, TIMEOUT),
+    (Stopped, MODULE_LOST),
+    (asyncio.CancelledError, CANCELLED),
+)
 """Errors and the failures that they are."""
 
 
@@ -33,7 +41,12 @@ def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """What central is told of an error that ended a handler. What failed elsewhere keeps its name, and is a kind of
     "handler error" besides: the handler could have caught it.
     """
-    error = _sole(error)
+    header, body = _failed(delivery, _sole(error))
+    text = header.text.encode(errors="backslashreplace").decode()  # texts of Python may be none: names of files, mostly
+    return msgspec.structs.replace(header, text=text), body
+
+
+def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     if isinstance(error, FailureRaised):
         return Fail(delivery, error.name, error.text, error.kinds), error.body
     if isinstance(error, Reissued):

@@ -5,6 +5,7 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
+from tca_module.arguments import check_flags, name_of
 from tca_module.errors import NIL, MisuseError
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
@@ -95,7 +96,8 @@ class Handler:
         return pending or 0
 
     def _checked_direct(self, *, direct: bool) -> bool:
-        what = f"{self.message.message_class} '{self.message.name}' can't be handled with direct=True"
+        check_flags(name_of(self.message), direct=direct)
+        what = f"{name_of(self.message)} can't be handled with direct=True"
         if direct and not isinstance(self.message, Inform | Query):
             why = "tasks belong into the task tree, and what goes to many, or is kept for all, to central"
             msg = f"{what}: only informs and queries can; {why}"
@@ -103,7 +105,7 @@ class Handler:
         if direct and self.pending:
             msg = f"{what} and pending={self.pending}: what comes directly waits with its senders, not in central"
             raise MisuseError(msg)
-        return bool(direct)
+        return direct
 
     def _checked_arguments(self) -> int:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""

@@ -176,7 +176,11 @@ class Module(Sender):
     # --- running ---------------------------------------------------------------------------------------------------
 
     def run(self, *, patience: float = PATIENCE, reconnect: bool = True) -> None:
-        """Handle messages until Ctrl-C or SIGTERM; running handlers are finished then, a second Ctrl-C leaves at once.
+        """Handle messages until Ctrl-C or SIGTERM; a second one leaves at once.
+
+        Handlers that run then are told and waited for: ``task.cancelled`` becomes true, a wait for others raises
+        Stopped, a coroutine gets CancelledError where it awaits. What they were told about has failed, with "module
+        lost"; who asks and waits for nothing just finishes.
 
         Raises CentralLost if no central answers within *patience* seconds: in a script that nobody catches it ends the
         program with one line and exit code 1. If central goes away later, waits for it to come back; with
@@ -189,17 +193,22 @@ class Module(Sender):
                 self._stop.wait()
                 self._end()
         except CentralLost as error:
-            raise NoCentral(f"module '{self.name}': {error}") from None
+            raise self._no_central(error) from None
 
     @contextmanager
     def running(self, *, patience: float = PATIENCE, reconnect: bool = True) -> Iterator["Module"]:
-        """Handle messages in the background for as long as the block lasts. Raises what ``run`` does."""
+        """Handle messages in the background for as long as the block lasts. Handlers that run at its end, or when an
+        error leaves it, are told as those of ``run``. Raises what ``run`` does.
+        """
         self._prepare()
-        self._begin(patience, reconnect=reconnect)
+        try:
+            self._begin(patience, reconnect=reconnect)
+        except CentralLost as error:
+            raise self._no_central(error) from None
         try:
             yield self
-        except BaseException:
-            self._leave()
+        except BaseException as error:
+            self._leave(error)
             raise
         self._end()
 
@@ -211,6 +220,9 @@ class Module(Sender):
     def stopping(self) -> bool:
         """Whether the module is about to end; long handlers may look at it from time to time."""
         return self._stop.is_set()
+
+    def _no_central(self, error: CentralLost) -> NoCentral:
+        return NoCentral(f"module '{self.name}': {error}")
 
     def _prepare(self) -> None:
         if self._link is not None:
@@ -285,14 +297,14 @@ class Module(Sender):
         for error in self._leave():
             raise error
 
-    def _leave(self) -> list[BaseException]:
+    def _leave(self, why: BaseException | None = None) -> list[BaseException]:
         """Take nothing new, finish what runs, say goodbye; what ended the module before its time."""
         self._stop.set()
         if self._keeper is not None:
             self._keeper.join()
         assert self._link is not None
         self._link.leave()
-        errors = self._slots.close()
+        errors = self._slots.close(why)
         self._link.close()
         if self._error is not None:
             errors.insert(0, self._error)

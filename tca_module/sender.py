@@ -4,10 +4,23 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, TypedDict, Unpack, overload
 
-from tca_module.arguments import blocks, check_class, check_executable, check_priority, check_timeout, listed, name_of
+from tca_module.arguments import (
+    blocks,
+    check_class,
+    check_count,
+    check_executable,
+    check_flags,
+    check_function,
+    check_known,
+    check_priority,
+    check_seconds,
+    check_timeout,
+    checked_pairs,
+    listed,
+    name_of,
+)
 from tca_module.connection import Connection
 from tca_module.control import Control
-from tca_module.errors import MisuseError
 from tca_module.ordering import Ordering
 from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.session import Request
@@ -95,8 +108,8 @@ class Sender(Control):
         """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
         _check_options(message, options)
         body = message.encode_data(data)
-        handlers = [attachment(failure, handler, 0) for failure, handler in options.get("on_failure", ())]
-        connection = self._declare(message, *(handler for _, handler in options.get("on_failure", ())))
+        pairs = checked_pairs(options.get("on_failure", ()))
+        connection = self._declare(message, *(handler for _, handler in pairs))
         self._forget_if_central_did(connection.session.epoch)
         sequential = options.get("sequential", True)
         is_goal = message.message_class is MessageClass.GOAL
@@ -107,8 +120,8 @@ class Sender(Control):
             constraints.append(not_before(THIS, delay))
         header = Send(
             0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
-            attachments=handlers, deadline=options.get("deadline", 0), if_handled=handled,
-            keep=options.get("keep", False),
+            attachments=[attachment(*pair, 0) for pair in pairs], deadline=options.get("deadline", 0),
+            if_handled=handled, keep=options.get("keep", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
         if not task_id:
@@ -174,6 +187,9 @@ class Sender(Control):
         called in this thread, one after the other, while it waits for central (for a reply, a result, a goal to be
         taken) or for its next message. Errors in them are logged, and so are failures without *on_failure*.
         """
+        check_function("query_notify()", callback, "(sender, reply)")
+        if on_failure is not None:
+            check_function("query_notify()", on_failure, "(sender, error)")
         pending = self._ask(message, data, priority, blocking=False)
         return Notification(pending, callback, on_failure)
 
@@ -225,9 +241,7 @@ class Sender(Control):
         """
         check_class(message, MultiQuery)
         check_timeout(timeout)
-        if not isinstance(maximum, int) or maximum < 0:
-            msg = f"{name_of(message)} can't end with {maximum!r:.40} replies: 1, 2, ... or 0 (all) can be"
-            raise MisuseError(msg)
+        check_count(name_of(message), maximum=maximum)
         connection, request = self._question(message, data, blocking=True, maximum=maximum)
         return PendingReplies(connection, request, message, timeout)
 
@@ -260,6 +274,8 @@ class Sender(Control):
     def execute(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R]: ...
     @overload
     def execute(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> None: ...
+    @overload
+    def execute(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
     def execute(self, message: Any, data: Any = NOTHING) -> Any:
         """Send a message as its class demands, with the usual options: what ``goal``, ``command``, ``query``,
         ``multi_query``, ``inform`` or ``broadcast`` returns.
@@ -285,6 +301,8 @@ class Sender(Control):
     def execute_if_handled(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R] | None: ...
     @overload
     def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> bool: ...
+    @overload
+    def execute_if_handled(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
     def execute_if_handled(self, message: Any, data: Any = NOTHING) -> Any:
         """Send a message only if somebody handles it now; central decides that and sends it in one step.
 
@@ -314,12 +332,15 @@ class Sender(Control):
 
 
 def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
-    unknown = sorted(options.keys() - TaskOptions.__annotations__.keys())
-    if unknown:
-        known = ", ".join(TaskOptions.__annotations__)
-        msg = f"{name_of(message)} can't be sent with {unknown[0]}=: the options are {known}"
-        raise MisuseError(msg)
+    what = name_of(message)
+    check_known(what, options, TaskOptions.__annotations__)
     check_priority(message, options.get("priority", 0))
+    given: dict[str, Any] = {**options}
+    check_flags(what, **{name: given[name] for name in _FLAGS if name in given})
+    check_seconds(what, **{name: given[name] for name in ("deadline", "delay") if name in given})
+
+
+_FLAGS = ("sequential", "sequential_planning", "plan_first", "delay_planning", "keep")
 
 
 def _flags(options: TaskOptions) -> Flags:

@@ -41,6 +41,9 @@ _REPLIES_KEPT = 8
 _ASKED_AGAIN = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 """What may be asked twice without harm."""
 
+_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
+"""What central answers when others have done something."""
+
 _WITHOUT_TASKS = (
     Register
     | headers.Unregister
@@ -93,6 +96,8 @@ class Session:
         self._handlers: dict[str, HandlerFormat] = {}
         self._attended: dict[int, bool] = {}  #: deliveries being handled -> whether their task was killed
         self._suspended: set[int] = set()  #: those of them whose task is suspended
+        self._told: set[int] = set()  #: those of them whose handler knows that the module ends
+        self.is_ending: Callable[[], bool] = lambda: False  #: whether it does, and handlers are to be told
         self._replies: list[Item] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
         self.heard = float("-inf")  #: when central last said anything
@@ -146,6 +151,7 @@ class Session:
     def reply(self, header: Reply | Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
         self._suspended.discard(header.delivery)
+        self._told.discard(header.delivery)
         if self._attended.pop(header.delivery, None) is None:
             return
         self._replies.append((header, body))
@@ -174,9 +180,29 @@ class Session:
         """Whether a delivery of central's is handled, or about to be."""
         return bool(self._attended)
 
-    def is_cancelled(self, delivery: int) -> bool:
+    def is_killed(self, delivery: int) -> bool:
         """Whether the task of a delivery was killed while it was handled, or forgotten; of direct ones (< 0) never."""
         return self._attended.get(delivery, delivery > 0)
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether a delivery's handler is to clean up and return: its task was killed, or the module ends."""
+        return self.is_killed(delivery) or self.is_ending()
+
+    def tell(self, delivery: int) -> None:
+        """A delivery's handler knows what it is to know by now."""
+        if delivery and self.is_ending() and not self.is_killed(delivery):
+            self._told.add(delivery)
+
+    def was_told_to_end(self, delivery: int) -> bool:
+        """Whether a delivery's handler was told to return because the module ends, and so may have done half of it."""
+        return delivery in self._told
+
+    def is_interrupted(self, request: Request) -> bool:
+        """Whether what waits for others is to be told that the module ends: of a handler (not of callbacks) once."""
+        if not request.wants_answer or not isinstance(request.header, _WAITS_FOR_OTHERS) or not self.is_ending():
+            return False
+        origin = getattr(request.header, "origin", 0)
+        return not origin or not (origin in self._told or self.is_killed(origin))
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is handled is suspended; one that was killed is to end, not to hold."""
@@ -352,6 +378,11 @@ def refers_to_tasks(header: Any) -> bool:
 
 def _check_fields(header: ToCentral) -> None:
     """A wrong type in an option is found here: central could not even say whom it answers."""
-    if wrong := misfit(header):
+    try:
+        wrong = misfit(header)
+    except UnicodeEncodeError as error:
+        msg = f"{error.object!r:.60} is no text that can be sent"
+        raise MisuseError(msg) from None
+    if wrong:
         msg = f"{type(header).__name__} can't be sent: {wrong}"
         raise MisuseError(msg)

@@ -11,23 +11,26 @@ from tca_module.client import CentralAddress, open_connection
 from tca_module.connection import Connection
 from tca_module.errors import Stopped
 from tca_module.event_loop import EventLoop
-from tca_module.failing import HANDLER_ERROR
+from tca_module.failing import HANDLER_ERROR, MODULE_LOST
 from tca_module.handlers import Answer, Handler
 from tca_module.later import Later
 from tca_module.sender import Sender
 from tca_module.task import Task
 from tca_module.transport import wait
-from tca_wire.headers import Deliver, Fail, Hello
+from tca_wire.headers import Deliver, Fail, Hello, Reply
 
 
 class Slot:
-    """Handles one message at a time, from its start until *stop* is set. Handlers that run then are finished."""
+    """Handles one message at a time, from its start until *stop* is set. Handlers that run then are told, and finished:
+    they see ``task.cancelled``, a wait for others ends with Stopped, a coroutine gets CancelledError; each once.
+    """
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
         callbacks: Callbacks, stop: threading.Event,
     ) -> None:  # fmt: skip
         self.error: BaseException | None = None  #: what ended the thread before its time
+        self.handling = ""  #: the message whose handler runs
         self._central = central
         self._hello = hello
         self._patience = patience
@@ -48,11 +51,14 @@ class Slot:
         if self.error is not None:
             raise self.error
 
-    def join(self) -> None:
-        """Wait until the running handler, if any, has returned and the connection is closed; *stop* is set."""
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait until the running handler, if any, has returned and the connection is closed; whether that is so after
+        *timeout* seconds. *stop* is set.
+        """
         if self._connection is not None:
             self._connection.transport.wake()
-        self._thread.join()
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         handlers = [one for one in self._handlers.values() if one.resource == self._hello.resource]
@@ -69,6 +75,7 @@ class Slot:
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
         connection.attend = self._attend
+        connection.session.is_ending = self._stop.is_set
         connection.outside = Outside(connection)
         self._callbacks.begin(connection)
         self._opened.set()
@@ -117,7 +124,7 @@ class Slot:
         if handler is None:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
             return
-        task = Task(connection, delivery, handler.message)
+        task, self.handling = Task(connection, delivery, handler.message), delivery.message
         if not handler.is_async:
             self._end(handler, task, handler.handle(task, body))
         elif self._loop is not None and self._loop.is_running:
@@ -157,6 +164,8 @@ class Slot:
             answer.returned()
             return
         header, body = answer
+        if isinstance(header, Reply) and self._connection.session.was_told_to_end(task.delivery):
+            header, body = Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"), b""
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)
         self._connection.reply(header, body)

@@ -1,11 +1,16 @@
 """The threads of a module: as many for each resource as its capacity, one of which calls the resource's callbacks."""
 
+import logging
 import threading
+import time
 from collections.abc import Callable, Sequence
 
 from tca_module.callbacks import Callbacks
 from tca_module.errors import MisuseError
 from tca_module.slot import Slot
+
+_PATIENCE = 1.0
+"""Seconds that handlers have for their end before it is said that they are waited for."""
 
 CALLBACKS = "callbacks"
 """The resource whose thread calls the callbacks for which no other is named."""
@@ -19,6 +24,7 @@ class Slots:
 
     def __init__(self, module: str) -> None:
         self._module = module
+        self._log = logging.getLogger(f"tca.{module}")
         self._callbacks: dict[str, Callbacks] = {}  #: by resource
         self._lock = threading.Lock()
         self._slots: list[Slot] = []
@@ -35,12 +41,20 @@ class Slots:
         for slot in opened:
             slot.wait_until_open()
 
-    def close(self) -> list[BaseException]:
-        """Wait until all have ended, which have been told to; what ended some before their time."""
+    def close(self, why: BaseException | None) -> list[BaseException]:
+        """Wait until all have ended, which have been told to; what ended some before their time. When that takes long
+        it is said, with *why* the module ends, which nobody would see until then.
+        """
         with self._lock:
             self._open_slot = None
+        patience = time.monotonic() + _PATIENCE
         for slot in self._slots:
-            slot.join()
+            if not slot.join(max(0.0, patience - time.monotonic())):
+                self._log.warning(
+                    "module '%s' ends%s, and waits for its handler of '%s' to return, which may look at task.cancelled",
+                    self._module, f" ({type(why).__name__}: {why})" if why is not None else "", slot.handling,
+                )  # fmt: skip
+                slot.join()
         errors = [slot.error for slot in self._slots if slot.error is not None]
         self._slots.clear()
         self._threads.clear()

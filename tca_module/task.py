@@ -53,7 +53,10 @@ class Task(Sender, Intervals):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed: its handler should clean up and return. Never waits."""
+        """Whether the task has been killed, or the module ends: its handler should clean up and return. Never waits.
+
+        A handler that was told that its module ends has failed, with "module lost", whatever it returns.
+        """
         try:
             return self._connection().is_cancelled(self.delivery)
         except CentralLost:

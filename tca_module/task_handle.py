@@ -5,16 +5,27 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from tca_module.arguments import check_class
+from tca_module.arguments import (
+    blocks,
+    check_class,
+    check_count,
+    check_handles,
+    check_point,
+    check_raised,
+    check_scope,
+    check_seconds,
+    name_of,
+)
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
+from tca_module.session import Request
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
-from tca_wire.headers import Attach, Deadline, Inspect, Keep, Kill, Raise, Remove, Retry, Send, Suspend
+from tca_wire.headers import Answer, Attach, Deadline, Inspect, Keep, Kill, Raise, Remove, Retry, Send, Suspend, WaitFor
 from tca_wire.parts import Attachment
 from tca_wire.points import Point, TaskId
-from tca_wire.vocabulary import Scope
+from tca_wire.vocabulary import Outcome, Scope
 
 
 class TaskInfo(NamedTuple):
@@ -59,15 +70,14 @@ class Attached:
 
 
 def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int) -> Attachment:
-    """That *handler* takes care of *failure* (None: of any)."""
-    if not isinstance(handler, ExceptionHandler):
-        msg = f"{handler!r} is no ExceptionHandler: declare the message as one"
-        raise MisuseError(msg)
+    """That *handler* takes care of *failure* (None: of any). Raises MisuseError if it can't."""
+    check_handles(failure, handler)
+    check_count(name_of(handler), maximum=maximum)
     return Attachment(failure.name if failure is not None else "", handler.name, maximum)
 
 
 class TaskHandle(Intervals):
-    """A task of the tree: kill, suspend or retry it, raise a failure on it, look at its relatives."""
+    """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives."""
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
         super().__init__(task_id)
@@ -75,6 +85,7 @@ class TaskHandle(Intervals):
         self._name = message
         self._origin = origin
         self._epoch = connection.session.epoch
+        self._end: tuple[Answer, bytes] | None = None  # how it ended, once that has been waited for
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message}'"
@@ -91,16 +102,54 @@ class TaskHandle(Intervals):
 
     # --- its end ---------------------------------------------------------------------------------------------------
 
+    def wait(self, timeout: float | None = None) -> Outcome:
+        """Wait until the task has been achieved, failed or been killed, and say which. Raises Timeout."""
+        return self._ended(timeout)[0].outcome
+
+    def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
+        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``.
+
+        Returns how the point's task stands then: a task that is killed reaches all its points at once. Raises Timeout.
+        """
+        return self._reached(point, timeout)[0].outcome
+
+    def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
+        if self._end is None:
+            self._end = self._reached(self.achieving.end, timeout)
+        return self._end
+
+    def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
+        what, request = self._ask(point, blocking=blocks(timeout))
+        if not self._connection.wait(request, timeout, f"the wait for {what}"):
+            self._connection.abandon(request)
+            msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
+            raise Timeout(msg)
+        return request.answers[-1]
+
+    def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
+        """Ask to be told when a point is reached; its name for people, and the request."""
+        self._check_epoch()
+        check_point(point)
+        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
+        return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
+
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> None:
         """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
         and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
         """
-        self._call(Kill(0, self.id, why, scope, after, delay), f"killing {self}")
+        what = f"killing {self}"
+        check_seconds(what, delay=delay)
+        check_scope(scope)
+        if after is not None:
+            check_point(after)
+        self._call(Kill(0, self.id, why, scope, after, delay), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
         """Send *message* when the task is killed after it was started: to leave things safe (TDL: ON TERMINATE).
 
-        What comes after the task waits until that has been done.
+        It is sent at once and waits for a free slot only: handlers of the task that still run, and have been told, may
+        run beside it. So it fits a "stop". What must come after a handler of the task belongs into that handler's
+        resource, of capacity 1. What comes after the task waits until that has been done.
         """
         check_class(message, Goal, Command, call="on_termination()")
         body = message.encode_data(data)
@@ -109,13 +158,20 @@ class TaskHandle(Intervals):
 
     def deadline(self, seconds: float, point: Point | None = None) -> None:
         """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now."""
-        self._call(Deadline(0, point or self.achieving.end, seconds), f"a deadline of {self}")
+        what = f"a deadline of {self}"
+        check_seconds(what, seconds=seconds)
+        if point is not None:
+            check_point(point)
+        self._call(Deadline(0, point or self.achieving.end, seconds), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
     def on_failure(self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int = 0) -> Attached:
         """Let *handler* take care of *failure* (None: of any) where it is raised on the task or below, *maximum* times
-        at most (0: any number). The newest of several is called first.
+        at most (0: any number).
+
+        Of several on one task the newest is called first; then those of its message, then those of the task above. It
+        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
@@ -125,6 +181,7 @@ class TaskHandle(Intervals):
 
     def fail(self, failure: FailureRaised) -> None:
         """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on."""
+        check_raised(failure)
         header = Raise(0, self.id, failure.name, failure.text, failure.kinds)
         self._call(header, f"raising '{failure.name}' on {self}", failure.body)
 

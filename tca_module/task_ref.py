@@ -3,14 +3,12 @@
 from collections.abc import Generator
 from typing import Any, Generic
 
-from tca_module.arguments import blocks
 from tca_module.connection import Connection
-from tca_module.errors import NIL, BadData, MisuseError, TaskFailed, TaskKilled, Timeout
-from tca_module.session import Request
+from tca_module.errors import NIL, BadData, TaskFailed, TaskKilled
 from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message, R
-from tca_wire.headers import Answer, WaitFor
-from tca_wire.points import Point, TaskId
+from tca_wire.headers import Answer
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 
 
@@ -23,7 +21,6 @@ class TaskRef(TaskHandle, Generic[R]):
     def __init__(self, connection: Connection, message: Message[Any, R], task_id: TaskId, origin: int) -> None:
         super().__init__(connection, message.name, task_id, origin)
         self._message = message
-        self._end: tuple[Answer, bytes] | None = None
 
     def result(self, timeout: float | None = None) -> R:
         """What the task's handler returned; waits until the task has been achieved, at most *timeout* seconds.
@@ -54,41 +51,3 @@ class TaskRef(TaskHandle, Generic[R]):
                 raise
             msg = f"the result of {self} is no longer kept: call result() sooner after its end ({error})"
             raise BadData(msg) from None
-
-    def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait until the task has been achieved, failed or been killed, and say which. Raises Timeout."""
-        return self._ended(timeout)[0].outcome
-
-    def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
-        """Wait until a point, of this task or another, is reached: ``leg.wait_for(leg.handling.end)``.
-
-        Returns how the point's task stands then: a task that is killed reaches all its points at once. Raises Timeout.
-        """
-        return self._reached(point, timeout)[0].outcome
-
-    def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
-        if self._end is None:
-            self._end = self._reached(self.achieving.end, timeout)
-        return self._end
-
-    def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point, blocking=blocks(timeout))
-        if not self._connection.wait(request, timeout, f"the wait for {what}"):
-            self._connection.abandon(request)
-            msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
-            raise Timeout(msg)
-        return request.answers[-1]
-
-    def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
-        """Ask to be told when a point is reached; its name for people, and the request."""
-        self._check_epoch()
-        point = _checked(point)
-        what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
-
-
-def _checked(point: Any) -> Point:
-    if not isinstance(point, Point):
-        msg = f"{point!r} is no point of a task: task.achieving.end is one"
-        raise MisuseError(msg)
-    return point

@@ -3,12 +3,11 @@
 Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may begin in the middle.
 """
 
-import gc
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from math import inf, nextafter
+from collections.abc import Callable, Iterable
+from math import inf, isfinite, nextafter
 from typing import Any
 
+from tca_tools.garbage import no_garbage
 from tca_tools.past import UNKNOWN, Past
 from tca_tools.records import Claim, Handling, Hold, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
@@ -33,7 +32,7 @@ class History(Past):
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
         """What was known at *time* (None: at the end)."""
         history = cls()
-        with _no_garbage():
+        with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
                     history.time = time
@@ -43,6 +42,7 @@ class History(Past):
 
     def apply(self, entry: facts.Entry) -> None:
         """Take in the facts that one event caused."""
+        self.news.clear()
         self._tick(entry)
         for fact in entry.facts:
             if take := _TAKE.get(type(fact)):
@@ -51,6 +51,7 @@ class History(Past):
             state = task.state
             if not task.states or task.states[-1][1] is not state:
                 task.states.append((self.time, state))
+                self.news.append(task)
         self._touched.clear()
 
     def _tick(self, entry: facts.Entry) -> None:
@@ -77,6 +78,7 @@ class History(Past):
         module = self._module(fact.module)
         if not module.joined or module.joined[-1][1] is not None:
             module.joined.append((self.time, None))
+            self.news.append(module)
 
     def _left(self, fact: facts.ModuleLeft) -> None:
         self._leave(fact.module, fact.why)
@@ -85,13 +87,16 @@ class History(Past):
         module = self._module(name)
         if module.joined and module.joined[-1][1] is None:
             module.joined[-1] = (module.joined[-1][0], self.time)
+            self.news.append(module)
             module.left = why
         for resource in ("", *module.resources):
             for handling in self._running.pop((name, resource), {}).values():
                 self._end(handling)
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
-        self._module(fact.module).resources[fact.resource] = fact.capacity
+        module = self._module(fact.module)
+        module.resources[fact.resource] = fact.capacity
+        module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
 
     def _format(self, fact: facts.FormatDefined) -> None:
         self.formats.setdefault(fact.message, fact)
@@ -129,7 +134,9 @@ class History(Past):
     def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
         for constraint in fact.constraints:
             if constraint.after.task in self.tasks:
-                self.tasks[constraint.after.task].holds.append(Hold(constraint, self.time))
+                task = self.tasks[constraint.after.task]
+                task.holds.append(Hold(constraint, self.time))
+                self.news.append(task)
 
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
@@ -137,6 +144,7 @@ class History(Past):
         queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
+        self.news.append(queueing)
         if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
             message.queueings.append(queueing)
             self._touch(message.id)
@@ -148,6 +156,7 @@ class History(Past):
     def _unqueue(self, delivery: int) -> Queueing | None:
         if queueing := self._queued.pop(delivery, None):
             queueing.end = self.time
+            self.news.append(queueing)
             self._touch(queueing.message_id)
         return queueing
 
@@ -156,7 +165,9 @@ class History(Past):
         self._unqueue(fact.id)
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
+        handling.delivery = fact.id
         self.handlings.append(handling)
+        self.news.append(handling)
         self.runs.setdefault((fact.module, fact.resource), []).append(handling)
         self._deliveries[fact.id] = handling
         self._running.setdefault((fact.module, fact.resource), {})[fact.id] = handling
@@ -173,10 +184,13 @@ class History(Past):
                 self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
+        if not (isfinite(fact.ended) and isfinite(fact.seconds)):
+            return  # a module said so
         start = max(0.0, fact.ended - fact.seconds)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
         handling.direct_from = fact.sender
         self.handlings.append(handling)
+        self.news.append(handling)
         self._module(fact.module).resources.setdefault(fact.resource, 1)
 
     def _direct_lost(self, fact: facts.LostDirectly) -> None:
@@ -192,9 +206,10 @@ class History(Past):
     def _end(self, handling: Handling) -> None:
         if handling.end is None:
             handling.end = self.time
+            self.news.append(handling)
             self._touch(handling.message_id)
         for wait in handling.waits[-1:]:
-            wait.end = self.time if wait.end is None else wait.end
+            self._stop_waiting(wait)
 
     def _reach(self, fact: facts.Reached) -> None:
         if fact.task <= 0:
@@ -278,32 +293,36 @@ class History(Past):
             self._task_waits[key] = waits
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        claim = Claim(
-            fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time
-        )  # fmt: skip
+        claim = Claim(fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
         self.claims[fact.id] = claim
+        self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
     def _granted(self, fact: facts.Granted) -> None:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
         if (claim := self.claims.get(fact.id)) is not None:
             claim.granted = self.time
+            self.news.append(claim)
             self.grants.setdefault((claim.module, claim.resource), []).append(claim)
 
     def _claim_ended(self, fact: facts.ClaimEnded) -> None:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
         if (claim := self.claims.get(fact.id)) is not None:
             claim.end, claim.ended = self.time, fact.why
+            self.news.append(claim)
 
     def _wait(self, wait: Wait, module: str, origin: int) -> Wait:
         """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
         handling = self._deliveries.get(origin)
         (handling.waits if handling else self._module(module).waits).append(wait)
+        wait.by = handling or module
+        self.news.append(wait)
         return wait
 
     def _stop_waiting(self, wait: Wait | None) -> None:
         if wait and wait.end is None:
             wait.end = self.time
+            self.news.append(wait)
 
     # --- records made when they are first needed --------------------------------------------------------------------
 
@@ -334,18 +353,6 @@ class History(Past):
 def _outlives(task: Task) -> bool:
     """Whether it is not suspended with what is above it: it leaves things safe."""
     return task.role in (Role.TERMINATION, Role.CANCEL)
-
-
-@contextmanager
-def _no_garbage() -> Iterator[None]:
-    """A fold only adds: Python would look through all of it for garbage, again and again, and take twice the time."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 # ruff: noqa: SLF001

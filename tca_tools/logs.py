@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_wire.endpoint import default_journals
@@ -33,6 +34,13 @@ def open_log(path: Path | None) -> "Log":
         raise UnusableLog(f"{path}: can't be read: {error.strerror}") from None
 
 
+class Place(NamedTuple):
+    """Where an entry stands: a segment, and a byte of it."""
+
+    segment: Path
+    offset: int
+
+
 class Log:
     """One journal: a directory of segments, or one segment.
 
@@ -47,7 +55,8 @@ class Log:
     @property
     def name(self) -> str:
         """What a title calls this journal."""
-        return self.path.resolve().name
+        path = self.path.resolve()
+        return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
 
     def segments(self) -> list[Path]:
         """The segments there are now, oldest first."""
@@ -65,6 +74,12 @@ class Log:
 
     def follow(self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)) -> Iterator[Entry]:
         """The entries there are and those that come, calling *wait* before looking again; ends only at damage."""
+        return (entry for entry, _ in self.follow_places(wait))
+
+    def follow_places(
+        self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
+    ) -> Iterator[tuple[Entry, Place]]:
+        """The same, with where each entry stands."""
         followed = 0
         while not self._damage:
             segments = self.segments()
@@ -74,17 +89,24 @@ class Log:
             else:
                 wait()
 
+    def check_beginning(self) -> None:
+        """Raise UnusableLog if this is no journal; one that is empty may become one."""
+        for segment in self.segments()[:1]:
+            with self._excused(), segment.open("rb") as stream:
+                next(iter(JournalReader(stream, str(segment))), None)
+
     def check(self) -> None:
         """Raise DamagedLog if reading stopped early, with the one line that says where and why."""
         if self._damage:
             raise DamagedLog(f"{self._damage}; what comes before it is shown")
 
-    def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[Entry]:
+    def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, Place]]:
         with self._excused(), segment.open("rb") as stream:
             reader = JournalReader(stream, str(segment))
             while True:
                 is_last = self.segments()[-1] == segment  # asked first: after that nothing is added to it
-                yield from self._counted(reader)
+                for entry in self._counted(reader):
+                    yield entry, Place(segment, reader.offset)
                 if not is_last:
                     return
                 wait()

@@ -3,7 +3,7 @@
 from array import array
 from bisect import bisect_right
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -37,6 +37,8 @@ class Past:
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.modules: dict[str, ModuleRecord] = {}
+        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
+        """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}

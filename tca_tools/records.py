@@ -34,6 +34,8 @@ class Wait:
     start: float
     moment: Moment | None = None
     end: float | None = None
+    by: "Handling | str" = field(default="", repr=False, compare=False)
+    """The run of a handler that waits, or the module where it does outside of any."""
 
 
 @dataclass(slots=True)
@@ -61,6 +63,8 @@ class Handling:
     waits: list[Wait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
+    delivery: int = 0
+    """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
 
 
 @dataclass(slots=True)
@@ -196,6 +200,8 @@ class ModuleRecord:
     left: str = ""
     """Why it left the last time."""
     resources: dict[str, int] = field(default_factory=dict)
-    """Its resources with their capacities."""
+    """Its resources with their capacities (0: its module has left)."""
+    capacities: dict[str, int] = field(default_factory=dict)
+    """The largest capacity that each resource had."""
     waits: list[Wait] = field(default_factory=list)
     """What it waited for outside of any handler."""

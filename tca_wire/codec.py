@@ -33,6 +33,20 @@ def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
     return b"".join(pack_item(header, body) for header, body in items)
 
 
+def packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[bytes]:
+    """Items in as few packets as their size allows."""
+    packed: list[bytes] = []
+    size = 0
+    for header, body in items:
+        item = pack_item(header, body)
+        if packed and size + len(item) > Limit.BODY:
+            yield b"".join(packed)
+            packed, size = [], 0
+        packed.append(item)
+        size += len(item)
+    yield b"".join(packed)
+
+
 def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:
     if not packet or len(packet) > Limit.PACKET:
         msg = f"a packet of {len(packet)} bytes; 8 to {Limit.PACKET:d} are allowed"
@@ -85,5 +99,6 @@ def misfit(header: Any) -> str:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__
         field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
-        return f"{field}: {error}" if field else str(error)
+        what = str(error).partition(" - at ")[0]
+        return f"{field}: {what}" if field else what
     return ""

@@ -199,7 +199,8 @@ class Variable(Message[D, None]):
 class Failure(Generic[D]):
     """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``.
 
-    Of a failure that is a *kind_of* another the exception handlers of that other one take care, too.
+    Of a failure that is a *kind_of* another the exception handlers of that other one take care, too. They get its data:
+    so these must be of the same type as the other one's, unless that has none. Raises BadFormat if not.
     """
 
     @overload
@@ -211,10 +212,27 @@ class Failure(Generic[D]):
     def __init__(self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None) -> None:
         self.name = _checked_name(name)
         self.data: Format[D] = _format(data)
+        self._check_kind(kind_of)
         self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
 
+    def __repr__(self) -> str:
+        return f"Failure({self.name!r}, {self.data})"
+
+    def _check_kind(self, kind_of: Any) -> None:
+        if kind_of is not None and not isinstance(kind_of, Failure):
+            msg = f"failure '{self.name}' can't be a kind of {kind_of!r:.60}: give the declaration of a Failure"
+            raise BadFormat(msg)
+        if kind_of is None or kind_of.data.kind is type(None) or kind_of.data.schema == self.data.schema:
+            return
+        msg = f"failure '{self.name}' has data of type {self.data}, and '{kind_of.name}', of which it is a kind, \
+{kind_of.data}, which its exception handlers want: declare both with the same type, or '{kind_of.name}' without data"
+        raise BadFormat(msg)
+
     def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":
-        """The Python exception to raise. Raises BadData if *data* does not fit."""
+        """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is none."""
+        if not isinstance(text, str):
+            msg = f"failure '{self.name}' wants a text beside its data, and {text!r:.60} is none"
+            raise BadData(msg)
         try:
             return FailureRaised(self.name, text, self.data.encode(data), self.kinds)
         except BadData as error:

@@ -41,14 +41,15 @@ def record(entry: Entry) -> bytes:
 class JournalReader:
     """Reads the entries of one segment; at the end of what is there it stops, and goes on when iterated again.
 
-    ``offset`` is the byte behind the last good record, ``torn`` the number of bytes behind it that are no whole record.
+    It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record,
+    ``torn`` the number of bytes behind it that are no whole record.
     """
 
-    def __init__(self, stream: BinaryIO, name: str = "journal") -> None:
+    def __init__(self, stream: BinaryIO, name: str = "journal", offset: int = 0) -> None:
         self._stream = stream
         self._name = name
-        self._opened = False
-        self.offset = 0
+        self._opened = offset > 0
+        self.offset = offset
         self.torn = 0
 
     def __iter__(self) -> Iterator[Entry]:

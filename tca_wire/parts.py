@@ -93,3 +93,5 @@ class Watching(_Part, frozen=True, tag="watching"):
     """The monitor that sent its set-up, condition, action or cancel message."""
 
     monitor: Involved
+    action: str = ""
+    """The message that it sends when it fires; "" if it sends none."""

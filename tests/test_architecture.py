@@ -13,7 +13,17 @@ MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
-    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz"},
+    "tca_tools": {
+        "tca_wire",
+        "msgspec",
+        "click",
+        "graphviz",
+        "pygraphviz",
+        "jinja2",
+        "markupsafe",
+        "starlette",
+        "uvicorn",
+    },
     "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
@@ -22,6 +32,8 @@ MAY_IMPORT = {
 ONLY_IN = {
     "zmq": {"tca_central/server.py", "tca_module/transport.py", "tca_module/direct_sockets.py"},
     "pybullet": {"robots/ambler_sim/physics.py"},
+    "starlette": {"tca_tools/view/app.py"},
+    "uvicorn": {"tca_tools/view/__main__.py"},
 }
 EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
 

@@ -245,7 +245,8 @@ def main() -> int:
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
     tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
-    console.print(f"Look at any moment again: [bold]{tca} tree {walk.folder}/journal --at 5[/bold]", soft_wrap=True)
+    look = f"{tca} view {walk.folder}/journal"
+    console.print(f"Look at any moment again, in the browser: [bold]{look}[/bold]", soft_wrap=True)
     return code
 
 

@@ -50,7 +50,7 @@ def arrows(then: Then, shown: set[int]) -> Arrows:
         incoming: dict[int, list[str]] = {}
         for constraint in task.constraints:
             if constraint.before.task == task_id or constraint.before.task in shown:
-                _add(incoming.setdefault(constraint.before.task, []), _kind(constraint))
+                _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
         if DELAYED in own and (sequence := _sequence(incoming)):
             own.remove(DELAYED)  # "after it, and not even planned before": one arrow, as the literature draws it
@@ -75,7 +75,8 @@ def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
             del between[before, after]
 
 
-def _kind(constraint: Constraint) -> str:
+def kind_of_arrow(constraint: Constraint) -> str:
+    """What an arrow for this constraint says."""
     before, after = constraint.before, constraint.after
     names = _OWN_KINDS if before.task == after.task else KINDS
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))

@@ -1,6 +1,7 @@
 """The daemon as a process, as its users and its enemies meet it."""
 
 import os
+import shutil
 import signal
 import socket as sockets
 from contextlib import ExitStack
@@ -27,7 +28,7 @@ from tca_module import (
     connect,
 )
 from tca_tools.history import History
-from tca_tools.logs import open_log
+from tca_tools.logs import newest_journal, open_log
 from tca_wire import codec, facts, headers
 
 pytestmark = pytest.mark.slow
@@ -280,6 +281,17 @@ def test_the_journal_of_a_killed_central_can_be_read(tmp_path: Path) -> None:
         daemon.process.wait()
     history = History.until(open_log(daemon.journal))
     assert sum(task.state == "achieved" for task in history.tasks.values()) == 20
+
+
+def test_tools_find_the_newest_run_wherever_its_journal_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with central(tmp_path / "old") as old:
+        pass
+    assert newest_journal().resolve() == old.journal.resolve()
+    shutil.rmtree(old.journal)
+    with central(tmp_path / "new") as new:
+        assert newest_journal().resolve() == new.journal.resolve()
+    assert len(list((tmp_path / "state/tca/journals").iterdir())) == 1  # of what is gone no link stays
 
 
 def test_handlers_may_be_threads_of_this_process_too(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ WALK, MOVE, LATER = Goal("walk", int), Command("move", Move, result=Pose), Comma
 SAY, TICK = Inform("say", str), Broadcast("tick")
 WHERE, HEALTH, SILENT = Query("where", Pose, reply=Pose), MultiQuery("health", reply=float), Query("silent", reply=int)
 MODE, POSE = Variable("mode", str), Variable("pose", Pose)
-FIX, LOOK = ExceptionHandler("fix", float), PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER)
+FIX, LOOK = ExceptionHandler("fix", int), PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER)
 FELL = Failure("fell", int)
 
 

@@ -11,6 +11,7 @@ from tca_module import (
     Goal,
     MisuseError,
     Module,
+    Query,
     Refused,
     ResourceInfo,
     Task,
@@ -20,6 +21,8 @@ from tca_module import (
 from tca_module.testing import LocalCentral
 
 MOVE = Command("move", int)
+WHERE = Query("where", reply=int)
+ASK = Query("ask", reply=int)
 REST = Goal("rest")
 TIDY = Goal("tidy", int)
 
@@ -55,6 +58,21 @@ def test_a_reservation_lets_in_what_its_module_sends(central: LocalCentral, legs
         claim.release()
         late.result(timeout=5)
         assert moved == [1, 2]
+
+
+def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
+    central: LocalCentral, legs: Module, user: Client
+) -> None:
+    legs.handles(WHERE)(lambda *_: 7)
+
+    @legs.handles(ASK)
+    def ask(task: Task, _: None) -> int:
+        with task.lock("legs", timeout=5):
+            where = task.query_send(WHERE)
+        return where.receive(timeout=5)
+
+    with legs.running():
+        assert user.query(ASK, timeout=10) == 7
 
 
 def test_a_handler_keeps_what_it_locked_until_its_task_has_ended(central: LocalCentral, user: Client) -> None:

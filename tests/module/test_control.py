@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
 
@@ -24,6 +23,7 @@ from tca_module import (
     Refused,
     Task,
     TaskFailed,
+    Timeout,
     connect,
     this,
 )
@@ -212,23 +212,6 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
-def test_who_fires_a_monitor_gives_the_data_of_its_action_and_may_come_too_late(robot: tuple[Robot, Client]) -> None:
-    them, user = robot
-    monitor = user.monitor(DemonMonitor("cups", action=MOVE), maximum=1)
-    silent = user.monitor(DemonMonitor("silent"))
-    with pytest.raises(Refused, match="its action is 'move'"):
-        monitor.fire(REST)
-    with pytest.raises(Refused, match="it has no action"):
-        silent.fire(REST)
-    monitor.fire(MOVE, 0.5)
-    monitor.fire(MOVE, 0.6)
-    for _ in range(2):
-        monitor.end()
-        silent.end()
-    user.command(MOVE, 0.7).result(timeout=5)
-    assert them.said == ["move 0.5", "move 0.7"]
-
-
 def test_what_comes_too_late_for_a_task_is_no_error(robot: tuple[Robot, Client]) -> None:
     _, user = robot
     ref = user.command(MOVE, 0.5)
@@ -302,7 +285,11 @@ def test_relatives_of_a_task(robot: tuple[Robot, Client]) -> None:
         assert (parent.id, parent.message) == (walk.id, "walk")
         assert [one.id for one in waiting.ancestors()] == [walk.id]
         assert walk.parent() is None
+        with pytest.raises(Timeout, match=r"end achieving task \d+ \('move'\) was not reached within 0 s"):
+            waiting.wait(0)
+        assert waiting.wait_for(walk.handling.end, timeout=5) is Outcome.DONE
         walk.kill()
+        assert waiting.wait(timeout=5) is Outcome.KILLED
         assert waiting.info() is None
 
 
@@ -335,27 +322,3 @@ def test_point_monitors_stand_in_blocks_like_tasks(robot: tuple[Robot, Client]) 
         go_on.set()
         walking.result(5)
     assert them.said == ["rested", "move 0.5"]
-
-
-def test_options_of_a_wrong_type_are_found_at_once(robot: tuple[Robot, Client]) -> None:
-    _, user = robot
-    task = user.command(REST)
-    wrong: Any = "soon"
-    for call, field in (
-        (lambda: task.kill(delay=wrong), "Kill can't be sent: delay: "),
-        (lambda: task.kill(7), "Kill can't be sent: why: "),  # type: ignore[arg-type]
-        (lambda: user.command(REST, deadline=wrong), "Send can't be sent: deadline: "),
-        (lambda: user.command(REST, priority=2**70), "priority"),
-        (lambda: task.deadline(wrong), "Deadline can't be sent: seconds: "),
-        (lambda: user.lock(wrong, 5), "Lock can't be sent: module: "),  # type: ignore[arg-type]
-        (lambda: task.on_termination(5), r"on_termination\(\) takes messages of class Goal or Command, and 5 is none"),  # type: ignore[arg-type]
-        (lambda: user.tap(Condition.WHEN_SENT, "rest", REST), "'rest' is no message"),  # type: ignore[arg-type]
-        (lambda: user.command(REST, constraints=wrong), "constraints='soon' is no list of constraints"),
-        (
-            lambda: user.command(REST, constraints=task.achieving.end <= this.achieving.start),  # type: ignore[arg-type]
-            "constraints=.* is no list of constraints: write constraints=",
-        ),
-        (lambda: user.unlock(5), "Unlock can't be sent: resource: "),  # type: ignore[arg-type]
-    ):
-        with pytest.raises(MisuseError, match=field):
-            call()

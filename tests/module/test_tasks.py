@@ -245,7 +245,7 @@ def test_only_tasks_have_points(robot: Robot, user: Client) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"planfirst": True}, "can't be sent with planfirst=: the options are sequential, "),
+        ({"planfirst": True}, "can't have planfirst=: the options are sequential, "),
         ({"priority": float("nan")}, "can't have priority nan"),
         ({"priority": 2**70}, "can't have priority"),
     ],

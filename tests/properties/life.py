@@ -34,7 +34,7 @@ small = st.integers(0, 1000)
 OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
     "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
     "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
-    "keep", "keep", "release", "lock", "lock", "unclaim", "unlock",
+    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock",
 ]  # fmt: skip
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
@@ -277,14 +277,17 @@ class Life:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
 
     def lock_(self, a: int, b: int, c: int, d: int) -> None:
-        senders, modules = self.connections(), list(self.central.registry.modules.values())
+        modules, attended = self.central.registry.modules.values(), list(self.central.dispatcher.attended.values())
         resources = [resource for module in modules for resource in module.resources.values()]
         if not resources:
             return
-        name, resource = senders[a % len(senders)], resources[b % len(resources)]
-        handled = self.player.delivered(name)
-        origin = handled[-1] if handled and c % 4 else 0
-        timeout = d % 5 if c % 3 == 0 else -1
+        senders, resource, origin = self.connections(), resources[b % len(resources)], 0
+        name = senders[a % len(senders)]
+        if attended and c % 4:  # a handler asks
+            handled = attended[a % len(attended)]
+            assert handled.slot
+            name, origin = handled.slot.id.decode(), handled.given_as
+        timeout = self.seconds(d % 5) if c % 3 == 0 else -1
         number = self.player.number(name)
         wanted = headers.Lock(number, resource.name, resource.module, c % 2 == 0, origin, timeout, d % 3, bool(origin))
         self.player.receive(name, wanted)

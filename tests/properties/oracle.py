@@ -8,24 +8,23 @@ each resource. Central must have done the same: reached the same points of the s
 given, in the order of priority and arrival, told those who waited for a point, and sent nothing else.
 
 What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of those that came to wait
-at the same time is first; which slot of several. Left out are pending limits and variables (what gives way
-is a rule of queues, which test_central_properties.py holds), and which of two timers is first that are due at the very same
-time: lives for the oracle have none. What central refuses is not judged, and changes nothing.
+at the same time is first; which slot of several. So is what central calls a deadlock (test_deadlocks.py judges that). Left
+out are pending limits and variables (what gives way is a rule of queues, which test_central_properties.py holds), and
+which of two timers is first that are due at the very same time: lives for the oracle have none. What central refuses is
+not judged, and changes nothing.
 
     oracle.py           what each message does          oracle_rules.py     points, constraints, birth and end of tasks
     oracle_records.py   the records                     oracle_failures.py  failures, retries, kills, suspension
-    oracle_slots.py     resources and their order       oracle_taps.py, oracle_monitors.py
+    oracle_slots.py     resources and their order       oracle_locks.py     locks and reservations
+    oracle_taps.py, oracle_monitors.py
 """
 
 from collections.abc import Callable
 from typing import Any
 
-from properties import oracle_failures, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
+from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
 from properties.oracle_records import (
     EA,
-    EP,
-    SA,
-    SP,
     Attachment,
     Collector,
     Disagreement,
@@ -40,7 +39,6 @@ from properties.oracle_records import (
 
 from tca_central.events import ConnectionLost, Effect, Event, Received
 from tca_wire import facts, headers
-from tca_wire.constraints import Flags
 from tca_wire.points import THIS, Moment
 from tca_wire.vocabulary import Condition, MessageClass
 
@@ -53,6 +51,7 @@ class Oracle:
     def __init__(self) -> None:
         self.world = World()
         self.reached: dict[int, int] = {}  # by task, as central says
+        self.claimed: dict[int, bool] = {}  # who wants (False) or has a resource, as central says
         self.queued: dict[int, int] = {}  # by delivery, the messages that wait, as central says
 
     def judge(self, event: Event, effects: list[Effect]) -> None:
@@ -70,8 +69,9 @@ class Oracle:
 
     def _settle(self) -> None:
         oracle_rules.settle(self.world)
-        while oracle_monitors.start_all(self.world) or oracle_slots.give(self.world):
-            oracle_rules.settle(self.world)
+        world = self.world
+        while oracle_monitors.start_all(world) or oracle_slots.give(world) or oracle_locks.end_deadlocks(world):
+            oracle_rules.settle(world)
 
     def _compare(self, seen: Seen) -> None:
         """Whether central did just what it had to."""
@@ -88,10 +88,11 @@ class Oracle:
         for task in touched - world.nodes.keys():
             if self.reached[task] != 63:
                 raise Disagreement(f"task {task} has ended; central says {_words(self.reached[task])}")
-        if world.seen.made or world.seen.delivered:
-            raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.delivered}")
+        if world.seen.made or world.seen.given:
+            raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.given}")
         self._compare_queues(seen)
         self._compare_waits(seen)
+        self._compare_claims(seen)
 
     def _compare_queues(self, seen: Seen) -> None:
         """Whether those tasks wait for a slot that may start."""
@@ -113,6 +114,22 @@ class Oracle:
                 raise Disagreement(f"{key} waits for {moment} of {node.id}: {key in answered} that it is answered")
             if moment in node.past:
                 del world.waits[key]
+
+    def _compare_claims(self, seen: Seen) -> None:
+        """Whether just those have, and want, a resource that do, and who has got one is told."""
+        for fact in seen.facts:
+            if isinstance(fact, facts.Claimed | facts.Granted):
+                self.claimed[fact.id] = isinstance(fact, facts.Granted)
+            elif isinstance(fact, facts.ClaimEnded):
+                del self.claimed[fact.id]
+        mine = {claim.id: claim.granted for claim in self.world.claims}
+        if mine != self.claimed:
+            raise Disagreement(f"who wants (False) or has a resource: {mine}; central says {self.claimed}")
+        answered = {(name, header.number) for name, header in seen.told if isinstance(header, headers.Answer)}
+        granted = {fact.id for fact in seen.facts if isinstance(fact, facts.Granted)}
+        for claim in self.world.claims:
+            if (claim.id in granted) != ((claim.sender, claim.number) in answered):
+                raise Disagreement(f"{claim.id in granted} that {claim} is granted, but not that its sender is told")
 
     # --- modules -----------------------------------------------------------------------------------------------
 
@@ -171,7 +188,8 @@ class Oracle:
         if kind.is_task:
             self._new_task(connection, header, birth.id)
             return
-        job = Job(birth.id, header.message, kind, connection, header.number, header.priority)
+        module = world.modules[connection]
+        job = Job(birth.id, header.message, kind, connection, module, header.number, header.priority)
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
@@ -197,7 +215,7 @@ class Oracle:
             oracle_monitors.born(node, header.watch)
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
-        for one, other in _from_flags(header.flags, node, last):
+        for one, other in oracle_rules.from_flags(header.flags, node, last):
             if other[1] not in node.past:
                 oracle_rules.constrain(world, one, other, 0)
         for wanted in header.constraints:
@@ -229,6 +247,8 @@ class Oracle:
     def reply(self, _: str, header: headers.Reply, body: bytes) -> None:
         job = self._returned(header.delivery)
         oracle_taps.happened(self.world, job, oracle_taps.after_handler(job.kind, failed=False))
+        if job.killed if isinstance(job, Node) else True:
+            oracle_locks.end_for(self.world, job)
         if not isinstance(job, Node):
             oracle_slots.answered(self.world, job, done=True)
             oracle_monitors.answered(self.world, job, body)
@@ -241,6 +261,7 @@ class Oracle:
         job = self._returned(header.delivery)
         what = oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue)
         oracle_taps.happened(self.world, job, what)
+        oracle_locks.end_for(self.world, job)
         if not isinstance(job, Node):
             oracle_slots.answered(self.world, job, done=False)
             oracle_monitors.answered(self.world, job, None, (header.failure, *header.kinds))
@@ -322,6 +343,12 @@ class Oracle:
         if (node := self.world.nodes.get(header.monitor)) is not None:
             oracle_monitors.end(self.world, node)
 
+    def lock(self, connection: str, header: headers.Lock, _: bytes) -> None:
+        oracle_locks.lock(self.world, connection, header)
+
+    def unlock(self, _: str, header: headers.Unlock, _body: bytes) -> None:
+        oracle_locks.unlock(self.world, header)
+
     def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
         world = self.world
         taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
@@ -331,20 +358,6 @@ class Oracle:
                 return
         added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
         taps.append(Tap(added.id, header.condition, header.listener, header.watch))
-
-
-def _from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:
-    """The pairs that flags stand for."""
-    pairs = []
-    if last is not None and flags & Flags.SEQ_ACH:
-        pairs.append(((last, EA), (node, SA)))
-    if last is not None and flags & Flags.SEQ_PLANNING:
-        pairs.append(((last, EP), (node, SP)))
-    if flags & Flags.DELAY_PLANNING:
-        pairs.append(((node, SA), (node, SP)))
-    if flags & Flags.PLAN_FIRST:
-        pairs.append(((node, EP), (node, SA)))
-    return pairs
 
 
 def _words(moments: int) -> str:
@@ -368,6 +381,8 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Retry: Oracle.retry,
     headers.Suspend: Oracle.suspend,
     headers.Deadline: Oracle.deadline,
+    headers.Lock: Oracle.lock,
+    headers.Unlock: Oracle.unlock,
     headers.Tap: Oracle.tap,
     headers.Fire: Oracle.fire,
     headers.EndMonitor: Oracle.end_monitor,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from properties import oracle_monitors, oracle_rules, oracle_taps
+from properties import oracle_locks, oracle_monitors, oracle_rules, oracle_taps
 from properties.oracle_records import SH, Attachment, Ending, Node, Trouble, World
 
 from tca_wire.vocabulary import Condition, Role, Scope
@@ -23,6 +23,7 @@ def kill(world: World, node: Node) -> None:
             one.returned, one.wanted, one.waiting = True, False, False
     for one in killed:
         oracle_taps.happened(world, one, {Condition.WHEN_KILLED})
+        oracle_locks.killed(world, one)
         if one.suspended:
             one.suspended = False
             for child in world.children(one):

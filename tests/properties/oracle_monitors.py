@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from properties import oracle_failures, oracle_rules, oracle_slots, oracle_taps
-from properties.oracle_records import Alarm, Job, Node, World
+from properties.oracle_records import SH, Alarm, Job, Node, World
 
+from tca_wire import facts
 from tca_wire.parts import WatchOptions
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
@@ -36,9 +37,10 @@ def born(node: Node, options: WatchOptions | None) -> None:
 
 
 def start_all(world: World) -> bool:
-    """The turn of monitors has come: no handler gets them. Whether there was any."""
+    """The turn of monitors has come: no handler gets them. Whether there was any. Which of several is first is open."""
     monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]
-    for node in monitors:
+    first: list[int] = [fact.task for fact in world.seen.facts if isinstance(fact, facts.Reached) and fact.moments & SH]
+    for node in sorted(monitors, key=lambda one: first.index(one.id) if one.id in first else 0):
         node.waiting = node.wanted = False
         _start(world, node)
         oracle_slots.give_messages(world)
@@ -91,6 +93,8 @@ def _test_later(world: World, node: Node) -> None:
     """At the next multiple of the period."""
     period = node.watch.options.period
     wait = period - (world.time - node.watch.began) % period
+    if wait < period / 1000:  # floats are rounded: this is such a multiple
+        wait += period
     oracle_rules.set_alarm(world, wait, node, watch=node.watch, is_test=True)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from tca_central.events import Effect, Record, Transmit
 from tca_wire import facts, headers
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Condition, MessageClass, Role
+from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
 SH, EH, SP, EP, SA, EA = tuple(Moment)
 STARTS = {SH, SP, SA}
@@ -24,6 +24,7 @@ class Job:
     message: str
     kind: MessageClass
     sender: str = ""  # the connection that sent it
+    module: str = ""  # of that
     number: int = 0  # of the sender's request, if an answer is due
     priority: int = 0
     role: Role = Role.NONE
@@ -44,7 +45,6 @@ class Node(Job):
 
     parent: "Node | None" = None
     past: set[Moment] = field(default_factory=set)
-    module: str = ""  # that sent it
     free: bool = False  # need not wait until its parent starts
     survives: bool = False
     delayed: bool = False
@@ -87,6 +87,24 @@ class Node(Job):
             found.append(node)
             node = node.parent
         return found
+
+
+@dataclass(eq=False)
+class Claim:
+    """That a connection has a resource for itself (*granted*), or waits for it."""
+
+    id: int
+    resource: tuple[str, str]
+    sender: str
+    number: int  # of its request
+    module: str
+    reserves: bool
+    holder: Job | None = None  # for what it was made
+    priority: float = 0
+    since: tuple[int, int] = (0, 0)
+    arrival: tuple[int, int] = (0, 0)
+    due: float = float("inf")  # when it has waited long enough
+    granted: bool = False
 
 
 @dataclass(eq=False)
@@ -184,11 +202,14 @@ class Seen:
         self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
         slots = [connection for connection, header in self.told if isinstance(header, headers.Deliver)]
         delivered = [fact for fact in self.facts if isinstance(fact, facts.Delivered)]
-        self.delivered = list(zip(delivered, slots, strict=True))
+        slot_of: dict[object, str] = dict(zip(delivered, slots, strict=True))
+        self.given = [(fact, slot_of.get(fact, "")) for fact in self.facts if is_turn(fact)]
+        refused = [(name, header) for name, header in self.told if isinstance(header, headers.Refused)]
+        self.deadlocked = [(name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK]
 
     @property
     def is_refused(self) -> bool:
-        return any(isinstance(header, headers.Refused) for _, header in self.told)
+        return any(isinstance(fact, facts.RequestRefused) and not is_deadlock(fact) for fact in self.facts)
 
     def is_accepted_as(self, number: int) -> bool:
         return any(isinstance(header, headers.Accepted) and header.id == number for _, header in self.told)
@@ -202,6 +223,18 @@ class Seen:
                 self.made.remove(birth)
                 return birth.id
         raise Disagreement(f"central made no {role} '{message}' under {parent} about {about}: {self.made}")
+
+
+def is_deadlock(fact: object) -> bool:
+    """Whether central ends a wait here, or raises a failure, because of a deadlock."""
+    if isinstance(fact, facts.Failed):
+        return fact.failure == Refusal.DEADLOCK and fact.is_beside
+    return isinstance(fact, facts.RequestRefused) and fact.refusal is Refusal.DEADLOCK
+
+
+def is_turn(fact: object) -> bool:
+    """Whether somebody's turn has come, or has to come no more."""
+    return isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact)
 
 
 class World:
@@ -227,6 +260,7 @@ class World:
         self.taps: dict[str, list[Tap]] = {}  # by message
         self.waits: dict[tuple[str, int], tuple[Node, Moment]] = {}
         self.collectors: list[Collector] = []
+        self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
         self.news = False  # a wiretap has sent something
         self.seen = Seen([])

@@ -8,9 +8,10 @@ past; what is killed waits for nothing but its running handlers.
 from collections.abc import Callable
 from typing import Any
 
-from properties import oracle_failures, oracle_monitors, oracle_taps
+from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Node, Pair, World
 
+from tca_wire.constraints import Flags
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
 
@@ -57,6 +58,20 @@ def constrain(world: World, one: tuple[Node, Moment] | None, other: tuple[Node, 
     world.pairs.append(Pair(one, other, delay))
     if one[0].killed:
         _inherit(world, one, other)
+
+
+def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:
+    """The pairs that flags stand for."""
+    pairs = []
+    if last is not None and flags & Flags.SEQ_ACH:
+        pairs.append(((last, EA), (node, SA)))
+    if last is not None and flags & Flags.SEQ_PLANNING:
+        pairs.append(((last, EP), (node, SP)))
+    if flags & Flags.DELAY_PLANNING:
+        pairs.append(((node, SA), (node, SP)))
+    if flags & Flags.PLAN_FIRST:
+        pairs.append(((node, EP), (node, SA)))
+    return pairs
 
 
 def bequeath(world: World, killed: Node) -> None:
@@ -126,6 +141,7 @@ def family(node: Node) -> tuple[int, str]:
 def _end(world: World, node: Node) -> None:
     del world.nodes[node.id]
     world.ended.add(node.id)
+    oracle_locks.end_for(world, node)
     key = family(node)
     if world.last.get(key) is node:
         del world.last[key]
@@ -153,6 +169,7 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
                 oracle_monitors.rings(world, alarm)
             elif alarm.moment is not None and not alarm.node.killed and alarm.moment not in alarm.node.past:
                 oracle_failures.raise_beside(world, alarm.node, ("timeout",))
+        oracle_locks.time_out(world)
         settle()
         world.step += 1
     world.due_by = world.time
@@ -160,7 +177,8 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
 
 def _next_due(world: World) -> float:
     pairs = [pair.due for pair in world.pairs if pair.due is not None and pair.due > world.due_by]
-    return min([alarm.due for alarm in world.alarms] + pairs, default=float("inf"))
+    waits = [claim.due for claim in world.claims if not claim.granted]
+    return min([alarm.due for alarm in world.alarms] + pairs + waits, default=float("inf"))
 
 
 # --- the fixpoint ----------------------------------------------------------------------------------------------------
@@ -227,6 +245,7 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
     node.waiting = True
     if node.again:
         node.again, node.recovering = False, None
+        oracle_locks.end_for(world, node)
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since
     return True

@@ -1,13 +1,16 @@
 """The rules of resources: a slot handles one message at a time; of those that wait, the one of highest priority is
-next, then the one that has waited longest.
+next, then the one that has waited longest. Those who want to lock or reserve a resource wait in the same line.
 """
 
-from properties import oracle_rules, oracle_taps
-from properties.oracle_records import Collector, Disagreement, Job, Node, World
+from properties import oracle_locks, oracle_rules, oracle_taps
+from properties.oracle_records import Claim, Collector, Disagreement, Job, Node, World
 
+from tca_wire import facts
 from tca_wire.vocabulary import Condition, MessageClass
 
 Resource = tuple[str, str]
+Choices = dict[Job | Claim, dict[str, bool]]
+"""Who is next: the slots that he may be given to, and whether that is beyond their capacity. A claim is given to none."""
 
 
 def targets(world: World, job: Job) -> list[Resource]:
@@ -39,9 +42,9 @@ def give(world: World) -> bool:
     if not choices:
         return False
     if not _give_next(world, choices):
-        said = ", ".join(f"{job.id} '{job.message}' to {sorted(slots)}" for job, slots in choices.items())
-        what = world.seen.delivered[0] if world.seen.delivered else "nothing"
-        raise Disagreement(f"central delivers {what} where these are next: {said}")
+        said = ", ".join(f"{one.id} to {sorted(slots)}" for one, slots in choices.items())
+        what = world.seen.given[0] if world.seen.given else "nothing"
+        raise Disagreement(f"central gives {what} where these are next: {said}")
     while _give_next(world, _choices(world)):
         pass
     return True
@@ -49,57 +52,78 @@ def give(world: World) -> bool:
 
 def give_messages(world: World) -> None:
     """Messages that are no tasks may be given away as they are sent, before anything else follows."""
-    while _give_next(world, {job: slots for job, slots in _choices(world).items() if not isinstance(job, Node)}):
+    while _give_next(world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}):
         pass
 
 
-def _give_next(world: World, choices: dict[Job, set[str]]) -> bool:
-    """Deliver what central delivered next, if that is right."""
-    for job, slots in choices.items():
-        if world.seen.delivered and job.id == world.seen.delivered[0][0].message_id:
-            fact, slot = world.seen.delivered[0]
-            if slot in slots:
-                job.given_as = fact.id
-                _deliver(world, job, slot)
-                del world.seen.delivered[0]
+def _give_next(world: World, choices: Choices) -> bool:
+    """Deliver or grant what central did next, if that is right."""
+    fact, slot = world.seen.given[0] if world.seen.given else (None, "")
+    for one, slots in choices.items():
+        if isinstance(one, Claim):
+            if isinstance(fact, facts.Granted) and one.id == fact.id:
+                one.granted = True
+                del world.seen.given[0]
                 return True
+        elif isinstance(fact, facts.Delivered) and one.id == fact.message_id and slot in slots:
+            one.given_as = fact.id
+            _deliver(world, one, slot, nested=slots[slot])
+            del world.seen.given[0]
+            return True
     return False
 
 
-def _choices(world: World) -> dict[Job, set[str]]:
-    """Who may be delivered next, and to which slots. Who waits for the answer in a slot itself is called back there."""
+def _choices(world: World) -> Choices:
+    """Who may be delivered next, and to which slots, and who may have a resource for himself."""
     waiting = [(job, targets(world, job)) for job in world.everything() if job.waiting and not job.kind.is_monitor]
     free = free_slots(world)
-    choices: dict[Job, set[str]] = {}
-    for resource, slots in free.items():
-        rivals = [job for job, mine in waiting if resource in mine]
-        for job in rivals:
-            if not any(_is_before(other, job) for other in rivals):
-                choices.setdefault(job, set()).update(slots)
-    for job, mine in waiting:
-        is_self_query = job.kind.has_reply and world.slots.get(job.sender) in mine
-        if is_self_query and not any(resource in free for resource in mine):
-            choices[job] = {job.sender}
-    return choices
+    choices: Choices = {}
+    for resource in dict.fromkeys([*free, *(claim.resource for claim in world.claims)]):
+        claims = oracle_locks.in_line(world, resource)
+        rivals: list[Job | Claim] = [*claims]
+        rivals += [job for job, mine in waiting if resource in mine and oracle_locks.lets_in(world, job, resource)]
+        for one in rivals:
+            if any(_is_before(other, one) for other in rivals):
+                continue
+            if isinstance(one, Claim) and oracle_locks.may_have_it(world, one):
+                choices[one] = {}
+            elif not isinstance(one, Claim) and resource in free:
+                choices.setdefault(one, {}).update(dict.fromkeys(free[resource], False))
+    return choices | _called_back(world, choices, waiting)
 
 
-def _is_before(one: Job, other: Job) -> bool:
-    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait in the course of one
-    event may come in any order, but for tasks that could start at once.
+def _called_back(world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]) -> Choices:
+    """Who waits for the answer in a slot itself is called back there, where no other slot is free for the question and
+    its resource is not locked. (If slots become free when that lock ends, it may be either.)
     """
+    asked = [job for job, mine in waiting if job.kind.has_reply and world.slots.get(job.sender) in mine]
+    return {
+        job: {job.sender: True} | choices.get(job, {})
+        for job in asked
+        if (job not in choices or job.since[0] < world.step)
+        and not oracle_locks.is_locked(world, world.slots[job.sender])
+    }
+
+
+def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
+    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait in the course of one
+    event may come in any order, but for tasks that could start at once, and claims.
+    """
+    assert one.arrival is not None
+    assert other.arrival is not None
+    if isinstance(one, Claim) or isinstance(other, Claim):
+        return (-one.priority, one.arrival) < (-other.priority, other.arrival)
     is_same_event = one.since[0] == other.since[0]
     is_same_moment = one.since == other.since and isinstance(one, Node) and isinstance(other, Node)
     if is_same_event and not is_same_moment:
         return False
-    assert one.arrival is not None
-    assert other.arrival is not None
     if one.priority != other.priority:
         return one.priority > other.priority
     return one.arrival[0] < other.arrival[0]
 
 
-def _deliver(world: World, job: Job, slot: str) -> None:
-    job.nested = not any(slot in slots for slots in free_slots(world).values())
+def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
+    job.nested = nested
     job.slot, job.wanted, job.waiting = slot, False, False
     oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
     if isinstance(job, Node):
@@ -134,6 +158,7 @@ def copies(world: World, job: Job) -> list[Job]:
                 job.message,
                 job.kind,
                 job.sender,
+                job.module,
                 job.number,
                 job.priority,
                 job.role,
@@ -166,6 +191,7 @@ def _complete(world: World, collector: Collector) -> None:
 def give_up(world: World, sender: str, number: int) -> None:
     """The sender waits no longer: what nobody handles yet is dropped."""
     world.waits.pop((sender, number), None)
+    oracle_locks.give_up(world, sender, number)
     for collector in [one for one in world.collectors if (one.sender, one.number) == (sender, number)]:
         world.collectors.remove(collector)
         world.jobs = [job for job in world.jobs if job not in collector.pending or job.slot]
@@ -193,12 +219,14 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
         del world.waits[key]
     for job in [job for job in world.jobs if job.sender == connection and job.kind.has_reply]:
         give_up(world, connection, job.number)
+    oracle_locks.left(world, connection)
     is_last = module not in world.modules.values()
     if connection not in world.slots or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
     world.slots.pop(connection, None)
     if is_last:
+        oracle_locks.module_left(world, module)
         world.last.pop((0, module), None)
     orphans = [job for job in world.everything() if job.slot == connection]
     for job in orphans:

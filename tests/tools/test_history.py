@@ -344,3 +344,9 @@ def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -
     assert [bar.has_failed for bar in row.handled] == [False, True]
     title = "height, directly from walker, handled by map from 1.250 s to 1.500 s, 0.250 s"
     assert row.handled[0].title == title
+
+
+def test_a_note_of_a_time_that_cant_be_is_no_handling() -> None:
+    for ended, seconds in ((float("inf"), 1.0), (5.0, float("nan"))):
+        note = facts.HandledDirectly("pose", "map", "map", "legs", 0, 10, ended, seconds, Outcome.DONE, "")
+        assert Story().at(6.0).say(note).fold().handlings == []

@@ -1,0 +1,111 @@
+"""What it costs to open a journal: seconds and megabytes for each million facts, at rising sizes.
+
+    python -m benchmarks.journals [--sizes 100000,300000,1000000]
+
+Goals are sent, handled and achieved on the pure core, ten a step; their journal is then read, folded, and laid out for
+the viewer's page, each in a process of its own. If cost is linear, the columns do not rise with the size.
+"""
+
+import argparse
+import gc
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from benchmarks.core_events import BODY, SLOT, USER, Bench
+from tca_central.events import ConnectionId, Received, Record
+from tca_tools.history import History
+from tca_tools.logs import open_log
+from tca_tools.view.feed import Feed
+from tca_wire import headers
+from tca_wire.facts import JOURNAL_VERSION, Entry, Opened
+from tca_wire.journal import record
+
+
+class Writer(Bench):
+    """The bench, with a journal."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self.stream = stream
+        self.facts = 1
+        stream.write(record(Entry(0, 0.0, [Opened(JOURNAL_VERSION, "bench", 1, 1_700_000_000.0, "0")])))
+        super().__init__()
+
+    def event(self, connection: ConnectionId, header: Any) -> None:
+        self.clock += 1e-3
+        for effect in self.central.handle(Received(self.clock, connection, header, BODY)):
+            if isinstance(effect, Record):
+                self.stream.write(record(effect.entry))
+                self.facts += len(effect.entry.facts)
+
+    def step(self) -> None:
+        """A goal with nine under it."""
+        self.event(USER, headers.Send(self.next(), "walk"))
+        step = self.central.tree.newest
+        for _ in range(9):
+            self.goal(step)
+        while self.central.dispatcher.attended:
+            self.event(SLOT, headers.Reply(self.attended()))
+
+
+def read(path: Path) -> None:
+    for _ in open_log(path):
+        pass
+
+
+def fold(path: Path) -> None:
+    History.until(open_log(path))
+
+
+def lay_out(path: Path) -> None:
+    gc.disable()  # as the viewer does while it reads
+    feed = Feed()
+    for entry in open_log(path):
+        feed.apply(entry)
+    feed.columns.frame({}, {})
+
+
+WAYS: dict[str, Callable[[Path], None]] = {"read": read, "fold": fold, "view": lay_out}
+
+
+def measure(way: str, path: Path) -> tuple[float, float]:
+    """Seconds, and megabytes beyond those of a program that does nothing."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begin = time.perf_counter()
+    WAYS[way](path)
+    took = time.perf_counter() - begin
+    return took, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sizes", default="100000,300000,1000000")
+    parser.add_argument("--measure", nargs=2, metavar=("WAY", "LOG"), help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.measure:
+        print(*measure(arguments.measure[0], Path(arguments.measure[1])))
+        return
+    print(f"{'facts':>10} {'MB on disk':>11} " + " ".join(f"{f'{way} s/M':>9} {'MB/M':>6}" for way in WAYS))
+    with tempfile.TemporaryDirectory() as folder:
+        for size in map(int, arguments.sizes.split(",")):
+            path = Path(folder) / f"{size}.tcaj"
+            with path.open("wb") as stream:
+                writer = Writer(stream)
+                while writer.facts < size:
+                    writer.step()
+            print(f"{writer.facts:>10,} {path.stat().st_size / 1e6:>11.1f} ", end="")
+            for way in WAYS:
+                command = [sys.executable, "-m", "benchmarks.journals", "--measure", way, str(path)]
+                told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+                seconds, megabytes = (float(number) / writer.facts * 1e6 for number in told)
+                print(f"{seconds:>9.2f} {megabytes:>6.0f} ", end="", flush=True)
+            print()
+
+
+if __name__ == "__main__":
+    main()

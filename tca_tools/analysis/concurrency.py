@@ -1,0 +1,276 @@
+"""Which overlap would help: pairs of *act, then plan the next* that could be *act while planning the next*. Pure.
+
+Method. Between two commands of one resource lies a gap in which it acts nothing. The gap's causes are walked backwards,
+from the second command to the first one's end. If something that plans was ready before that end and only an order held
+it back (a constraint, the parent's turn, a handler or script that waited), then all that was planned since could have
+been planned beside the acting. What that saves is bounded by three numbers, and the least counts: what the gap holds of
+planning, how long the acting before it took, and how long the planners were free meanwhile. Acting that is looked at is
+never looked at for a second gap: this is one step of lookahead, as the Ambler has it.
+
+A bound and no promise: whether the plan needs what the acting brings to light, the journal can't tell.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import nextafter
+
+from tca_tools.analysis.causes import Causes, Doing, Step
+from tca_tools.analysis.resources import Key, capacity_of
+from tca_tools.analysis.spans import Cover
+from tca_tools.past import Past
+from tca_tools.records import Handling, Message, Task, Wait
+from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Role
+
+_PLANNING = (Moment.START_HANDLING, Moment.START_PLANNING)
+_REACTIONS = (Role.LISTENER, Role.EXCEPTION, Role.TERMINATION)
+"""What is made of something that has just happened can't be done before it."""
+
+
+@dataclass(slots=True)
+class Chance:
+    """One gap in which planning could have been done before."""
+
+    acting: Key
+    first: int
+    """The command whose end let the planning begin."""
+    second: int
+    """The command that waited for the plan."""
+    held: Step
+    """What an order held back: the step that began, or went on, only in the gap."""
+    start: float
+    """When the acting resource had nothing to act any more."""
+    end: float
+    """When the resource acted again."""
+    steps: list[Step]
+    """The planning."""
+    reason: str
+    """What held it back, in words."""
+    remedy: str
+    """What would have to change."""
+    saving: float
+    """At most so many seconds."""
+
+
+@dataclass(slots=True)
+class Overlap:
+    """The chances of one kind: the same order holds back the same planning."""
+
+    chances: list[Chance] = field(default_factory=list)
+
+    @property
+    def saving(self) -> float:
+        """At most so many seconds of the resource's idle time, all together."""
+        return sum(chance.saving for chance in self.chances)
+
+    @property
+    def idle(self) -> float:
+        """How long the resource stood idle in these gaps."""
+        return sum(chance.end - chance.start for chance in self.chances)
+
+    @property
+    def planning(self) -> float:
+        """How long was planned in these gaps."""
+        return sum(step.seconds for chance in self.chances for step in chance.steps)
+
+    @property
+    def example(self) -> Chance:
+        """The first chance that saves most."""
+        return max(self.chances, key=lambda chance: round(chance.saving, 6))
+
+
+def overlaps(past: Past, causes: Causes) -> list[Overlap]:
+    """All planning that could have been done while something was acted, that which saves most first."""
+    found: dict[tuple[object, ...], Overlap] = {}
+    free = _Free(past)
+    seen: set[tuple[int, float]] = set()
+    for acting, runs in _acting(past).items():
+        for chance in _chances(past, causes, free, acting, runs):
+            place_in_time = (id(chance.steps[0].handling), chance.steps[0].start)
+            if place_in_time not in seen:  # two resources may wait for the same plan
+                seen.add(place_in_time)
+                found.setdefault(_kind(past, chance), Overlap()).chances.append(chance)
+    return sorted(found.values(), key=lambda overlap: -overlap.saving)
+
+
+def _kind(past: Past, chance: Chance) -> tuple[object, ...]:
+    return chance.acting, past.name(chance.held.message_id), chance.remedy
+
+
+def _acting(past: Past) -> dict[Key, list[Handling]]:
+    """The resources that act, and their runs of commands as they began."""
+    found: dict[Key, list[Handling]] = {}
+    for key, runs in past.runs.items():
+        if commands := [run for run in runs if _is_command(past, run.message_id)]:
+            found[key] = commands
+    return found
+
+
+def _is_command(past: Past, message_id: int) -> bool:
+    message = past.messages.get(message_id)
+    return message is not None and message.message_class is MessageClass.COMMAND and message.role not in _REACTIONS
+
+
+def _chances(past: Past, causes: Causes, free: "_Free", acting: Key, runs: list[Handling]) -> Iterator[Chance]:
+    """The gaps of one resource in which something was planned that could have been before."""
+    end, acts_since, last = runs[0].start, runs[0].start, runs[0]
+    for run in runs:
+        if run.start > end:
+            chance = _chance(past, causes, acting, (last, run), end)
+            if chance is not None:
+                _bound(past, free, chance, acts_since)
+                if chance.saving > 0:
+                    yield chance
+                acts_since = run.start
+        if run.end is None or run.end > end:
+            end, last = past.time if run.end is None else run.end, run
+
+
+def _chance(past: Past, causes: Causes, acting: Key, pair: tuple[Handling, Handling], gap: float) -> Chance | None:
+    """What a gap between two commands holds, if an order held planning back until its start or later."""
+    first, second = pair
+    steps: list[Step] = []
+    for step in causes.back_from(second.start, second.message_id):
+        if step.end <= gap:
+            break
+        steps.append(step)
+    else:
+        return None  # somebody acted of his own will
+    if not steps or steps[-1].start < gap:
+        return None  # the planning went on already: its speed is what counts
+    steps.reverse()
+    number = next((n for n, step in enumerate(steps) if _was_held(past, step, gap)), None)
+    if number is None:
+        return None
+    held = steps[number]
+    planning = [step for step in steps[number:] if _plans(past, step, acting)]
+    if not planning:
+        return None
+    reason, remedy = _why(past, held)
+    return Chance(acting, first.message_id, second.message_id, held, gap, second.start, planning, reason, remedy, 0.0)
+
+
+def _was_held(past: Past, step: Step, gap: float) -> bool:
+    """Whether a step could have begun before the gap, had an order not held it back."""
+    if step.resumed:
+        return step.resumed.start < gap
+    message = past.messages.get(step.message_id)
+    if message is None or step.doing is not Doing.WORK or not isinstance(message, Task):
+        return False
+    is_first = message.handlings[0].start == step.start
+    was_queued = any(one.end == step.start and one.start < gap for one in message.queueings)
+    return message.received < gap and is_first and message.message_class.is_goal and not was_queued
+
+
+def _plans(past: Past, step: Step, acting: Key) -> bool:
+    """Whether a step is planning: work, of something else than commands, elsewhere than where is acted."""
+    message = past.messages.get(step.message_id)
+    if step.doing is not Doing.WORK or message is None or (step.module, step.resource) == acting:
+        return False
+    return message.message_class is not MessageClass.COMMAND and message.role not in _REACTIONS
+
+
+# --- what held it back ---------------------------------------------------------------------------------------------
+
+
+def _why(past: Past, held: Step) -> tuple[str, str]:
+    """What held the planning back, in words, and what would have to change: the same of all chances of a kind."""
+    if held.resumed:
+        who = f"the handler of {past.describe(held.message_id)}"
+        kind = f"the handler of '{past.name(held.message_id)}'"
+        if held.doing is Doing.OUTSIDE:
+            who = kind = held.module
+        if asked := _queued_question(past, held.resumed):
+            return f"{who} waited for the reply to {asked}", (
+                f"'{asked.name}' queues behind commands: let a resource of its own handle it"
+            )
+        what, name = past.describe(held.resumed.awaited), past.name(held.resumed.awaited)
+        remedy = (
+            f"{kind} waits for '{name}' and only then goes on: let it send what follows at once, in a "
+            "sequence with plan_ahead=1"
+        )
+        return f"{who} waited for {what}", remedy
+    task = past.tasks[held.message_id]
+    reasons = why_waiting(Then(past, nextafter(held.start, 0.0)), TaskId(task.id))
+    return f"{task} was held {' and '.join(reasons)}", _remedy(past, task, held.start)
+
+
+def _queued_question(past: Past, wait: Wait) -> Message | None:
+    """The query that was waited for, if it stood in a queue."""
+    asked = None if wait.moment else past.messages.get(wait.awaited)
+    return asked if asked and asked.queueings and asked.message_class.has_reply else None
+
+
+def _remedy(past: Past, task: Task, released: float) -> str:
+    """What holds tasks of this kind back: a constraint, or the parent's turn."""
+    for hold in task.holds:
+        before, after = hold.constraint.before, hold.constraint.after
+        if after.moment not in _PLANNING or before.task == ROOT or _reached(past, before) < released:
+            continue
+        if before.task == task.id and before.moment is Moment.START_ACHIEVING:
+            return f"'{task.name}' is not planned before it may be achieved: plan_ahead=1 instead of delay_planning"
+        other = past.name(before.task)
+        if before.moment is Moment.START_ACHIEVING:
+            return f"'{task.name}' is not planned before '{other}' is being achieved: plan further ahead (plan_ahead)"
+        return f"a constraint lets '{task.name}' be planned only after '{other}': let it hold back the achieving alone"
+    parent = past.name(task.parent)
+    return f"'{task.name}' is planned only when its parent '{parent}' is: take away what delays the planning of that"
+
+
+def _reached(past: Past, point: Point) -> float:
+    task = past.tasks.get(point.task)
+    return task.reached.get(point.moment, 0.0) if task else 0.0
+
+
+# --- how much it would save ----------------------------------------------------------------------------------------
+
+
+class _Free:
+    """How long a resource had a free slot."""
+
+    def __init__(self, past: Past) -> None:
+        self._past = past
+        self._covers: dict[Key, Cover] = {}
+
+    def within(self, key: Key, start: float, end: float) -> float:
+        """Seconds of a window in which it had one."""
+        if key not in self._covers:
+            runs = self._past.runs.get(key, [])
+            spans = ((run.start, self._past.time if run.end is None else run.end) for run in runs)
+            self._covers[key] = Cover(spans, capacity_of(self._past, key))
+        return max(end - start, 0.0) - self._covers[key].within(start, end)
+
+
+def _bound(past: Past, free: _Free, chance: Chance, acts_since: float) -> None:
+    """The least of: the planning, place by place no more than its resource was free; and the acting before it."""
+    since = max(acts_since, _might_begin(past, chance))
+    window = max(chance.held.start - since, 0.0)
+    work: dict[Key, float] = {}
+    for step in chance.steps:
+        key = (step.module, step.resource)
+        work[key] = work.get(key, 0.0) + step.seconds
+    waited = chance.held.handling if chance.held.resumed else None
+    possible = 0.0
+    for key, seconds in work.items():
+        is_own = waited is not None and key == (waited.module, waited.resource)
+        possible += min(seconds, window if is_own else free.within(key, since, chance.held.start))
+    chance.saving = min(possible, window)
+
+
+def _might_begin(past: Past, chance: Chance) -> float:
+    """When the planning might have begun at the earliest, were it not for what held it back last."""
+    if chance.held.resumed:
+        return chance.held.resumed.start
+    task = past.tasks.get(chance.held.message_id)
+    if task is None:
+        return chance.held.start
+    times = [task.received]
+    for hold in task.holds:
+        before = hold.constraint.before
+        if hold.constraint.after.moment in _PLANNING and before.task != task.id:
+            times.append(_reached(past, before))
+    if (parent := past.tasks.get(task.parent)) is not None:
+        times.append(parent.reached.get(Moment.START_PLANNING, 0.0))
+    return max((time for time in times if time < chance.held.start), default=task.received)

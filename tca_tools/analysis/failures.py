@@ -1,0 +1,183 @@
+"""The failures of a run: who raised them, which exception handlers were called, what became of them, what they cost.
+
+A failure of a task is one *case*, from the moment it was raised until the task was handled again, was dealt with, was
+killed, or the journal ended. Pure.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from operator import attrgetter
+
+from tca_tools.analysis.spans import Cover
+from tca_tools.analysis.summary import values
+from tca_tools.past import Past
+from tca_tools.records import Handling, Message, State, Task
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
+from tca_wire.wording import place
+
+
+class Fate(StrEnum):
+    """What became of a failure."""
+
+    RETRIED = "retried"
+    DEALT_WITH = "dealt with"
+    REPLACED = "replaced"  # the task was killed, and in the end the top-level task was achieved without it
+    KILLED = "killed"  # an exception handler was called, and the task was killed
+    NOT_HANDLED = "not handled"  # no exception handler was found
+    ANSWERED = "answered"  # of a query or the like: its sender was told
+    OPEN = "open"  # not decided when the journal ended
+
+
+GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED)
+"""After these the robot went on."""
+
+
+_RECEIVED, _START = attrgetter("received"), attrgetter("start")
+_OF_CENTRAL = frozenset(("timeout", "deadlock", "module lost", "overload"))
+"""Failures that central itself raises."""
+
+
+@dataclass(slots=True)
+class Case:
+    """One failure."""
+
+    message_id: int
+    of: str
+    """The message, with its id."""
+    failure: str
+    """Its name."""
+    text: str
+    time: float
+    raised_by: str
+    chain: list[str]
+    """The exception handlers that were called, in order, each with where it ran."""
+    fate: Fate
+    why: str
+    """Of a task that was killed: why."""
+    lost: float
+    """Seconds of work that came to nothing: how long the handler that failed had run."""
+    recovery: float
+    """Seconds from the failure until its fate was decided or the task was handled again."""
+
+    @property
+    def cost(self) -> float:
+        """What it cost in time."""
+        return self.lost + self.recovery
+
+
+@dataclass(slots=True)
+class Kind:
+    """All failures of one name raised on one message."""
+
+    failure: str
+    message: str
+    cases: list[Case] = field(default_factory=list)
+
+    @property
+    def cost(self) -> float:
+        """What they cost in time; what two of them cost at the same time counts once."""
+        return Cover((case.time - case.lost, case.time + case.recovery) for case in self.cases).total
+
+    @property
+    def fates(self) -> dict[Fate, int]:
+        """How many met which fate."""
+        fates = [case.fate for case in self.cases]
+        return {fate: fates.count(fate) for fate in Fate if fate in fates}
+
+    @property
+    def is_good(self) -> bool:
+        """Whether all of them were overcome."""
+        return not self.bad
+
+    @property
+    def bad(self) -> int:
+        """How many were not overcome."""
+        return sum(case.fate not in GOOD_FATES for case in self.cases)
+
+
+def failures(past: Past) -> list[Kind]:
+    """The failures by name and message: first those of which most were not overcome, then by what they cost."""
+    kinds: dict[tuple[str, str], Kind] = {}
+    tops = _tops(past)
+    for message in past.messages.values():
+        if not message.failure and not message.changes:
+            continue
+        for case in _cases(past, message):
+            top = past.tasks.get(tops.get(message.id, 0))
+            if case.fate is Fate.KILLED and top and top.state is State.ACHIEVED:
+                case.fate = Fate.REPLACED
+            key = (case.failure, message.name)
+            kinds.setdefault(key, Kind(*key)).cases.append(case)
+    return sorted(kinds.values(), key=lambda kind: (-kind.bad, -kind.cost))
+
+
+def _tops(past: Past) -> dict[int, int]:
+    """For each task the top-level task above it."""
+    tops: dict[int, int] = {}
+    for task in past.tasks.values():  # parents come before their children
+        tops[task.id] = tops.get(task.parent, task.id)
+    return tops
+
+
+def _cases(past: Past, message: Message) -> Iterator[Case]:
+    """The failures of one message, in order."""
+    had = values(message, "failure")
+    in_vain = {run.end: run for run in message.handlings if run.outcome is Outcome.FAILED}
+    called = [past.tasks[one] for one in message.caught_by if one in past.tasks] if isinstance(message, Task) else []
+    for number, (time, text) in enumerate(had):
+        if not text:
+            continue
+        name, _, words = text.partition(": ")
+        failed = in_vain.get(time)
+        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
+        case = Case(message.id, str(message), name, words, time, by, [], Fate.ANSWERED, "", 0.0, 0.0)
+        case.lost = time - failed.start if failed else 0.0
+        if isinstance(message, Task):
+            _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
+        yield case
+
+
+def _raised_by(message: Message, failed: Handling | None) -> str:
+    if failed:
+        return f"its handler in {place(failed.module, failed.resource)}"
+    where = message.handlings[-1] if message.handlings else None
+    return "another module or central" + (
+        f", beside its handler in {place(where.module, where.resource)}" if where else ""
+    )
+
+
+def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple[float, str] | None) -> None:
+    """What was done about a failure of a task: until *after*, when it had another failure, or ("") was retried."""
+    first = bisect_left(called, case.time, key=_RECEIVED)
+    mine = called[first : bisect_left(called, after[0], key=_RECEIVED) if after else None]
+    case.chain = [_described(one) for one in mine]
+    if after and not after[1]:
+        case.fate = Fate.RETRIED
+        again = bisect_right(task.handlings, case.time, key=_START)
+        case.recovery = (task.handlings[again].start if again < len(task.handlings) else after[0]) - case.time
+        return
+    ends = [one.reached.get(Moment.END_ACHIEVING, past.time) for one in mine]
+    case.recovery = max(ends, default=case.time) - case.time
+    if after:
+        case.fate = Fate.DEALT_WITH if mine else Fate.NOT_HANDLED
+    else:
+        case.fate, case.why = _fate(task, bool(mine)), task.killed or ""
+
+
+def _fate(task: Task, was_caught: bool) -> Fate:
+    if task.is_recovering and task.killed is None:
+        return Fate.OPEN
+    if task.is_dealt_with and task.killed is None:
+        return Fate.DEALT_WITH
+    return Fate.KILLED if was_caught else Fate.NOT_HANDLED
+
+
+def _described(handler: Task) -> str:
+    run = handler.handlings[-1] if handler.handlings else None
+    words = str(handler) + (f" in {place(run.module, run.resource)}" if run else ", which nobody handled")
+    if handler.failure:
+        words += f", which failed itself ({handler.failure.partition(':')[0]})"
+    return words

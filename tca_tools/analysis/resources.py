@@ -1,0 +1,91 @@
+"""How busy each resource was, and how long its queue. Pure."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from tca_tools.analysis.spans import Cover, Span, levels
+from tca_tools.past import Past
+from tca_tools.records import Handling, Queueing
+from tca_wire.wording import place
+
+Key = tuple[str, str]
+"""A module and one of its resources."""
+
+
+@dataclass(slots=True)
+class Use:
+    """What a resource did between two times; all lengths in seconds."""
+
+    key: Key
+    name: str
+    capacity: int
+    handled: int
+    """How many messages it was given."""
+    busy: float
+    """How long its slots had messages, all slots together."""
+    waiting: float
+    """How much of that the handlers waited for replies, tasks or locks."""
+    share: float
+    """*busy* as a share of what its slots had to give (0 to 1)."""
+    full: float
+    """How long all its slots had messages."""
+    queued: int
+    """How many messages stood in its queue at some time."""
+    queue_seconds: float
+    """How long they stood there, all together."""
+    longest_queue: int
+    longest_wait: float
+    locked: float
+    """How long it was locked or reserved."""
+
+
+def uses(past: Past, start: float, end: float) -> list[Use]:
+    """Each resource that handled or queued something between *start* and *end*, the busiest first."""
+    handled: dict[Key, list[Handling]] = {}
+    for handling in past.handlings:
+        handled.setdefault((handling.module, handling.resource), []).append(handling)
+    queued: dict[Key, list[Queueing]] = {}
+    for queueing in past.queueings:
+        if queueing.module:
+            queued.setdefault((queueing.module, queueing.resource), []).append(queueing)
+    found = [_use(past, key, handled.get(key, []), queued.get(key, []), start, end) for key in handled | queued]
+    return sorted(found, key=lambda use: (-use.share, -use.queue_seconds, use.key))
+
+
+def capacity_of(past: Past, key: Key) -> int:
+    """The largest capacity that a resource had; 1 if the journal does not say."""
+    module = past.modules.get(key[0])
+    return max(module.capacities.get(key[1], 1), 1) if module else 1
+
+
+def _use(past: Past, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
+    runs = [clipped(handling.start, handling.end, start, end) for handling in handled]
+    lines = [clipped(queueing.start, queueing.end, start, end) for queueing in queued]
+    waits = [clipped(wait.start, wait.end, start, end) for handling in handled for wait in handling.waits]
+    locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in past.grants.get(key, [])]
+    capacity, busy = capacity_of(past, key), lengths(runs)
+    return Use(
+        key,
+        place(*key),
+        capacity,
+        len(handled),
+        busy,
+        lengths(waits),
+        min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0,
+        Cover(runs, capacity).total,
+        len(queued),
+        lengths(lines),
+        max((count for _, count in levels(lines)), default=0),
+        max((until - since for since, until in lines), default=0.0),
+        Cover(locks).total,
+    )
+
+
+def clipped(since: float, until: float | None, start: float, end: float) -> Span:
+    """The part of a span that lies between *start* and *end*; a span that goes on (None) is taken until *end*."""
+    return min(max(since, start), end), end if until is None else max(min(until, end), start)
+
+
+def lengths(spans: Iterable[Span]) -> float:
+    """How long they are together, in seconds."""
+    return sum(max(until - since, 0.0) for since, until in spans)

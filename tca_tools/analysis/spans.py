@@ -1,0 +1,50 @@
+"""Spans of time: how many go on at once, and how much of a window they cover. Pure."""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from itertools import accumulate, groupby
+from operator import itemgetter
+
+Span = tuple[float, float]
+
+
+class Cover:
+    """Times at which at least *at_least* of some spans go on; of any window it tells, in O(log n), how much that is."""
+
+    def __init__(self, spans: Iterable[Span], at_least: int = 1) -> None:
+        self._starts: list[float] = []
+        self._ends: list[float] = []
+        since, last = 0.0, 0
+        for time, count in levels(spans):
+            if last < at_least <= count:
+                since = time
+            elif count < at_least <= last and time > since:
+                self._starts.append(since)
+                self._ends.append(time)
+            last = count
+        lengths = (end - start for start, end in zip(self._starts, self._ends, strict=True))
+        self._before = [0.0, *accumulate(lengths)]
+
+    @property
+    def total(self) -> float:
+        """All of it, in seconds."""
+        return self._before[-1]
+
+    def within(self, start: float, end: float) -> float:
+        """How many seconds of a window."""
+        return self._until(end) - self._until(start) if end > start else 0.0
+
+    def _until(self, time: float) -> float:
+        place = bisect_right(self._starts, time)
+        if not place:
+            return 0.0
+        return self._before[place] - max(self._ends[place - 1] - time, 0.0)
+
+
+def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
+    """How many of the spans go on, from each time on at which that changes."""
+    changes = sorted(change for start, end in spans if end > start for change in ((start, 1), (end, -1)))
+    count = 0
+    for time, group in groupby(changes, key=itemgetter(0)):
+        count += sum(change for _, change in group)
+        yield time, count

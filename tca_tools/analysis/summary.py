@@ -1,0 +1,133 @@
+"""How a run went, in one sentence and a few numbers."""
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+from tca_tools.past import Past
+from tca_tools.records import Message, State, Task
+
+ENDED_BADLY = (State.FAILED, State.KILLED)
+"""States of a task that has ended and is not achieved."""
+_ENDED = (*ENDED_BADLY, State.ACHIEVED)
+_LONGEST_REASON = 200
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A run at a glance."""
+
+    began: float | None
+    """Wall-clock time (seconds since 1970) of the entries' 0."""
+    start: float
+    """When the first task (or else message) was sent, in seconds since the run began."""
+    end: float
+    """When the last task ended, or else the journal; the time between is what the shares in a report are of."""
+    journal_end: float
+    modules: int
+    messages: int
+    tasks: dict[State, int]
+    """How many tasks are in which state at the end, those that occur."""
+    top: dict[State, int]
+    """The same of top-level tasks."""
+    failures: int
+    """How many failures were raised on tasks and other messages."""
+    reasons: list[tuple[str, int, str]]
+    """Why top-level tasks were not achieved: in words without numbers, how many, and the first of them."""
+    is_good: bool
+    """Whether every top-level task was achieved."""
+    outcome: str
+
+    @property
+    def seconds(self) -> float:
+        """How long the tasks took."""
+        return max(self.end - self.start, 0.0)
+
+
+def summary(past: Past) -> Summary:
+    """What there is to say of the whole run."""
+    counts = Counter(task.state for task in past.tasks.values())
+    top = [past.tasks[task] for task in past.top]
+    top_counts = Counter(task.state for task in top)
+    failed = [message for message in past.messages.values() if message.failure or message.changes]
+    failures = sum(bool(text) for message in failed for _, text in values(message, "failure"))
+    start, end = span_of(past)
+    return Summary(
+        past.began,
+        start,
+        end,
+        past.time,
+        len(past.modules),
+        len(past.messages),
+        {state: counts[state] for state in State if counts[state]},
+        {state: top_counts[state] for state in State if top_counts[state]},
+        failures,
+        _reasons(top),
+        bool(top) and all(task.state is State.ACHIEVED for task in top),
+        _outcome(top, top_counts, failures),
+    )
+
+
+def span_of(past: Past) -> tuple[float, float]:
+    """From the first task sent until the last one ended; if one goes on, until the journal's end."""
+    if not past.tasks:
+        first = next(iter(past.messages.values()), None)
+        return (first.received if first else past.time), past.time
+    ends = [past.tasks[task].states[-1][0] if is_over(past.tasks[task]) else past.time for task in past.top]
+    return past.births[0], max(ends, default=past.time)
+
+
+def is_over(task: Task) -> bool:
+    """Whether a task has ended."""
+    return task.state in _ENDED
+
+
+def values(message: Message, name: str) -> list[tuple[float, Any]]:
+    """The values that a field had, each with the time from which on it had it (the first: since it was sent)."""
+    changes = [(time, old) for time, field, old in message.changes if field == name]
+    since = [message.received, *(time for time, _ in changes)]
+    return list(zip(since, [*(old for _, old in changes), getattr(message, name)], strict=True))
+
+
+def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
+    """One sentence: good, bad or not over, and the first reason."""
+    if not top:
+        return "No task was sent."
+    bad = [task for task in top if task.state in ENDED_BADLY]
+    living = len(top) - len(bad) - counts[State.ACHIEVED]
+    if not bad and not living:
+        which = f"{'The' if len(top) == 1 else f'All {len(top):,}'} top-level task{'s' * (len(top) > 1)}"
+        after = f", after {failures:,} failure{'s' * (failures > 1)} on the way" if failures else ""
+        return f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}."
+    parts = []
+    if bad:
+        parts.append(_worst(bad, top))
+    if living:
+        subject = "The task" if len(top) == 1 else f"{living:,} of {len(top):,} top-level tasks"
+        parts.append(f"{subject} had not ended when the journal did")
+    return "; ".join(parts) + "."
+
+
+def _reasons(top: list[Task]) -> list[tuple[str, int, str]]:
+    found: dict[str, list[Task]] = {}
+    for task in top:
+        if task.state in ENDED_BADLY:
+            found.setdefault(f"{task.name} {_NUMBER.sub('…', _fate(task))}", []).append(task)
+    return sorted(((why, len(tasks), str(tasks[0])) for why, tasks in found.items()), key=lambda row: -row[1])
+
+
+def _worst(bad: list[Task], top: list[Task]) -> str:
+    if len(top) == 1:
+        return f"The top-level task was not achieved: {bad[0]} {_fate(bad[0])}"
+    which = f"{len(bad):,} of {len(top):,} top-level tasks {'was' if len(bad) == 1 else 'were'} not achieved"
+    return f"{which}; the first, {bad[0]}, {_fate(bad[0])}"
+
+
+def _fate(task: Task) -> str:
+    if task.state is State.FAILED:
+        text = f"failed: {task.failure}"
+    else:
+        text = f"was killed: {task.killed or 'nobody said why'}"
+    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"

@@ -1,0 +1,56 @@
+"""``tca report``: a run as one HTML file to mail to a colleague."""
+
+from pathlib import Path
+
+import click
+
+from tca_tools.errors import DamagedLog, ToolError
+from tca_tools.history import History
+from tca_tools.logs import Log, open_log
+from tca_tools.output import write_output
+
+
+@click.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file, .html.")
+def report(log_path: Path | None, output: Path) -> None:
+    """Write a run down as one HTML file: outcome, failures, where time went, what would help, chart and tree.
+
+    LOG is a journal directory or one of its segments; without it, the newest run is reported.
+    """
+    if output.suffix not in (".html", ".htm"):
+        raise click.BadParameter(f"{output}: its name must end in .html", param_hint="'-o'")
+    try:
+        import jinja2  # noqa: F401, PLC0415 - an extra
+    except ImportError:
+        raise ToolError("reports need Jinja2: pip install 'tca[report]'") from None
+    journal = open_log(log_path)
+    text = _page(journal)
+    write_output(output, text)
+    click.echo(f"{output}: {len(text.encode()) / 1e6:.1f} MB")
+    journal.check()
+
+
+def _page(journal: Log) -> str:
+    from tca_tools.report.contents import contents  # noqa: PLC0415 - these import the extra
+    from tca_tools.report.page import page  # noqa: PLC0415
+    from tca_tools.report.pictures import gantt, strips  # noqa: PLC0415
+    from tca_tools.report.tree import tree  # noqa: PLC0415
+
+    history = History.until(journal)
+    try:
+        journal.check()
+        damage = ""
+    except DamagedLog as error:
+        damage = error.message
+    found = contents(history)
+    return page(_name(journal), damage, found, tree(history), gantt(history, found), strips(history, found))
+
+
+def _name(journal: Log) -> str:
+    """What the report is called: a journal that is called so is known by the directory that it is in."""
+    return f"{journal.path.resolve().parent.name}/{journal.name}" if journal.name == "journal" else journal.name
+
+
+if __name__ == "__main__":
+    report(prog_name="python -m tca_tools.report")

@@ -1,0 +1,134 @@
+"""What a report says: all questions of the package ``analysis`` asked of a run, with bounds on what is shown. Pure."""
+
+from dataclasses import dataclass
+
+from tca_tools.analysis.advice import Advice, advice
+from tca_tools.analysis.causes import Causes, Doing
+from tca_tools.analysis.concurrency import overlaps
+from tca_tools.analysis.critical_path import (
+    CriticalPath,
+    Share,
+    critical_path,
+    last_task,
+    longest_task,
+    shares,
+    where_of,
+    why_then,
+)
+from tca_tools.analysis.failures import Kind, failures
+from tca_tools.analysis.resources import Use, uses
+from tca_tools.analysis.summary import Summary, summary
+from tca_tools.analysis.waits import Waits, waits
+from tca_tools.past import Past
+from tca_tools.story import Sentence, story
+
+_WORTH_SAYING = 0.005
+"""Advice must bear on this share of the run."""
+_WORTH_A_LINE = 0.001
+"""Of a path."""
+_STEPS = 60
+_STORIES, _STORIES_EACH = 16, 2
+_SENTENCES = 40
+_KINDS, _CASES = 20, 8
+_WAITS = 8
+
+
+@dataclass(frozen=True)
+class ShownStep:
+    """One step of a critical path, in words."""
+
+    start: float
+    seconds: float
+    doing: Doing
+    what: str
+    where: str
+    why: str
+
+
+@dataclass(frozen=True)
+class ShownPath:
+    """A critical path: its shares but for the smallest, and its longest steps in their order."""
+
+    path: CriticalPath
+    shares: list[Share]
+    steps: list[ShownStep]
+    left_out: int
+    left_out_seconds: float
+
+
+@dataclass(frozen=True)
+class Contents:
+    """All that a report says, but for the pictures."""
+
+    summary: Summary
+    kinds: list[Kind]
+    stories: dict[int, list[Sentence]]
+    """Of some failing messages: their whole stories, cut."""
+    waits: list[Waits]
+    uses: list[Use]
+    path: ShownPath | None
+    longest: ShownPath | None
+    """The critical path of the task that took longest, where that of the last one tells little of the run."""
+    advice: list[Advice]
+
+    @property
+    def cases_shown(self) -> int:
+        """How many failures of each kind are shown."""
+        return _CASES
+
+    @property
+    def kinds_shown(self) -> int:
+        """How many kinds of failures are shown."""
+        return _KINDS
+
+
+def contents(past: Past) -> Contents:
+    """Ask everything."""
+    run = summary(past)
+    kinds, use = failures(past), uses(past, run.start, run.end)
+    causes = Causes(past)
+    last, longest = last_task(past), longest_task(past)
+    path = critical_path(past, causes, last) if last else None
+    other = None
+    if path and longest and longest is not last and path.seconds < run.seconds / 2:
+        other = critical_path(past, causes, longest)
+    told = advice(past, other or path, overlaps(past, causes), use, kinds, run.seconds * _WORTH_SAYING)
+    return Contents(
+        run,
+        kinds,
+        _stories(past, kinds),
+        waits(past, _WAITS),
+        use,
+        _shown(past, path) if path else None,
+        _shown(past, other) if other else None,
+        told,
+    )
+
+
+def _stories(past: Past, kinds: list[Kind]) -> dict[int, list[Sentence]]:
+    """The stories of the first failing message of each kind, then of others."""
+    firsts = [kind.cases[0].message_id for kind in kinds]
+    others = [case.message_id for kind in kinds[:_KINDS] for case in kind.cases[1:_STORIES_EACH]]
+    chosen = list(dict.fromkeys([*firsts, *others]))[:_STORIES]
+    return {message: story(past, message)[:_SENTENCES] for message in chosen}
+
+
+def _shown(past: Past, path: CriticalPath) -> ShownPath:
+    longest = sorted(path.steps, key=lambda step: step.seconds, reverse=True)[:_STEPS]
+    kept = sorted(longest, key=lambda step: step.start)
+    steps = [
+        ShownStep(
+            step.start,
+            step.seconds,
+            step.doing,
+            f"before {past.describe(step.message_id)}"
+            if step.doing is Doing.OUTSIDE
+            else past.describe(step.message_id),
+            where_of(step),
+            why_then(past, step),
+        )
+        for step in kept
+    ]
+    told = [share for share in shares(past, path) if share.share >= _WORTH_A_LINE]
+    left_out = path.seconds - sum(step.seconds for step in kept)
+    return ShownPath(path, told, steps, len(path.steps) - len(kept), max(left_out, 0.0))

@@ -1,0 +1,104 @@
+"""The page of a report: its contents as one HTML file that fetches nothing and runs no script."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from tca_tools.analysis import words
+from tca_tools.analysis.causes import Doing
+from tca_tools.analysis.failures import GOOD_FATES, Kind
+from tca_tools.report.contents import Contents
+from tca_tools.report.pictures import Gantt, Strip
+from tca_tools.report.tree import Tree
+from tca_tools.terminal import cut, printable
+
+_HERE = Path(__file__).parent
+_LONGEST_TEXT = 300
+
+
+def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt, strips: list[Strip]) -> str:
+    """The report of journal *name*, which can't be read to its end if *damage* says so, as HTML."""
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            name=name,
+            damage=damage,
+            found=found,
+            run=found.summary,
+            tree=tree,
+            gantt=gantt,
+            gantt_svg=Markup(gantt.svg),  # noqa: S704 - made by svg_text, which escapes
+            strips=strips,
+            style=Markup((_HERE / "page.css").read_text()),  # noqa: S704 - a file of ours
+            verdict=_verdict(found),
+            began=_clock(found.summary.began, found.summary.start),
+            is_good_fate=lambda fate: fate in GOOD_FATES,
+            doing=_DOING,
+            shown_stories=lambda kind: _stories_of(kind, found),
+        )
+    )
+
+
+def _stories_of(kind: Kind, found: Contents) -> list[int]:
+    """The failing messages of a kind whose stories are told."""
+    return [number for number in dict.fromkeys(case.message_id for case in kind.cases) if number in found.stories]
+
+
+_DOING = {
+    Doing.WORK: "work",
+    Doing.OUTSIDE: "a program outside of any handler",
+    Doing.DELAY: "a delay that was asked for",
+    Doing.NO_HANDLER: "nobody handled it",
+    Doing.QUEUED: "in a queue",
+    Doing.LOCKED: "a lock",
+    Doing.SUSPENDED: "suspended",
+    Doing.KILLED: "until it was killed or its time was over",
+    Doing.WATCHING: "a monitor watched",
+    Doing.UNKNOWN: "the journal does not tell",
+}
+
+
+def _verdict(found: Contents) -> str:
+    """``good``, ``bad`` or ``open``: the colour of the first line."""
+    if found.summary.is_good:
+        return "good"
+    return "bad" if found.summary.reasons else "open"
+
+
+def _clock(began: float | None, start: float) -> str:
+    """When the run began on the wall clock, in UTC: a colleague may be anywhere."""
+    if began is None:
+        return "at a time that the journal does not tell"
+    try:
+        return f"{datetime.fromtimestamp(began + start, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):
+        return "at a time that makes no sense"
+
+
+def _environment() -> Environment:
+    """Everything that is put into the page is escaped, and has no characters that can't be seen."""
+    made = Environment(
+        loader=FileSystemLoader(_HERE),
+        autoescape=True,
+        finalize=_visible,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {
+        "seconds": words.seconds,
+        "moment": words.moment,
+        "percent": words.percent,
+        "counted": words.counted,
+        "short": lambda text, width=_LONGEST_TEXT: cut(str(text), width),
+    }
+    return made
+
+
+def _visible(value: Any) -> Any:
+    """Foreign text without control characters, and without those that turn the direction of writing."""
+    return value if isinstance(value, Markup) else printable(str(value))

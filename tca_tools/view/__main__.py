@@ -1,0 +1,74 @@
+"""``tca view``: a run in the browser, live or afterwards."""
+
+import contextlib
+import socket
+import webbrowser
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from tca_tools.errors import ToolError
+from tca_tools.logs import open_log
+
+_LOCAL = "127.0.0.1"
+
+
+@click.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="Where to serve the page (0: where there is room)."
+)
+@click.option("--host", default=_LOCAL, show_default=True, help="Who may look: by default only this machine.")
+@click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
+def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
+    """Show a run in the browser: its task tree and Gantt chart at any moment.
+
+    LOG is a journal directory or one of its segments; without it, the newest run is shown. A run that goes on is
+    followed. The page is served until interrupted.
+    """
+    try:
+        import uvicorn  # noqa: PLC0415 - the viewer is an extra
+
+        from tca_tools.view.app import application  # noqa: PLC0415
+        from tca_tools.view.reading import Reading  # noqa: PLC0415
+    except ImportError as error:
+        raise ToolError(f"the package '{error.name}' is missing: pip install 'tca[view]'") from None
+    log = open_log(log_path)
+    log.check_beginning()
+    reading = Reading(log)
+    with _listening(host, port) as door:
+        address = f"http://{_in_address(host)}:{door.getsockname()[1]}/"
+        hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]
+
+        class Server(uvicorn.Server):
+            def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+                reading.stop()  # or a page that waits for news would be waited for
+                super().handle_exit(sig, frame)
+
+        config = uvicorn.Config(application(reading, hosts), log_level="warning", timeout_graceful_shutdown=1)
+        reading.start()
+        click.echo(f"{reading.log.name}: {address}  (Ctrl-C ends)")
+        if browser:
+            webbrowser.open(address)
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                Server(config).run(sockets=[door])
+        finally:
+            reading.stop()
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise ToolError(f"{host}:{port}: can't serve there ({error.strerror or error}): give another --port") from None
+
+
+def _in_address(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+if __name__ == "__main__":
+    view(prog_name="python -m tca_tools.view")

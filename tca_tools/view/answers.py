@@ -1,0 +1,119 @@
+"""What a page asks for as it is needed: one task, notes on those in sight, messages around a moment. As plain data."""
+
+from typing import Any
+
+from tca_tools.data import data_text
+from tca_tools.past import Past
+from tca_tools.records import Task
+from tca_tools.story import sender_of, story
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.arrows import kind_of_arrow
+from tca_tools.then import TaskThen, Then
+from tca_tools.view.reading import Reading
+from tca_tools.waiting import why_waiting
+from tca_wire.facts import kind_of
+from tca_wire.points import Interval, TaskId, describe_moments
+from tca_wire.wording import Wording, subject_of
+
+_MOST_LINES = 200
+_MOST_NOTES = 500
+_LONGEST_DATA = 300
+_LONGEST_STORY = 1000
+
+
+def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str, Any] | None:
+    """All there is to say about a message or task, as it was at *moment*; None if there is none of that number."""
+    with reading:
+        past = reading.feed.history
+        message = past.messages.get(message_id)
+        if message is None:
+            return None
+        told = [one._asdict() for one in story(past, message_id)]
+        answer = {
+            "id": message.id,
+            "name": message.name,
+            "class": message.message_class,
+            "sender": sender_of(past, message),
+            "origin": message.origin,
+            "role": message.role,
+            "about": past.describe(message.about) if message.about else "",
+            "about_id": message.about,
+            "received": message.received,
+            "data": data_text(message.body),
+            "result": data_text(message.result),
+            "failure": message.failure,
+            "story": told[-_LONGEST_STORY:],
+            "untold": max(len(told) - _LONGEST_STORY, 0),
+        }
+        then = Then(past, moment)
+        if isinstance(message, Task) and message.received <= then.moment:
+            answer |= _task_answer(past, then, then.tasks[message.id])
+        return answer
+
+
+def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
+    return {
+        "state": task.state,
+        "reasons": why_waiting(then, task.id),
+        "failure": task.failure,
+        "killed": task.killed,
+        "data": data_text(task.body),
+        "result": data_text(task.result),
+        "parent": task.parent,
+        "parent_name": past.describe(task.parent) if task.parent else "",
+        "children": len(task.children),
+        "caught_by": [{"id": handler, "name": past.describe(handler)} for handler in task.caught_by],
+        "spans": {interval.name.lower(): words.span(task, interval) for interval in Interval},
+        "constraints": [
+            {
+                "id": hold.constraint.before.task,
+                "text": _constraint_text(past, hold.constraint),
+                "kind": kind_of_arrow(hold.constraint),
+                "is_met": task.is_over(hold) if hold.constraint.delay else then.has_reached(hold.constraint.before),
+            }
+            for hold in task.holds
+        ],
+    }
+
+
+def _constraint_text(past: Past, constraint: Any) -> str:
+    before, after = constraint.before, constraint.after
+    delay = f" + {constraint.delay:g} s" if constraint.delay else ""
+    first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
+    what = "its own" if before.task == after.task else "" if not before.task else past.describe(before.task)
+    return (
+        f"{second} not before {what} {first}{delay}" if before.task else f"{second} not before {constraint.delay:g} s"
+    )
+
+
+def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, str]:
+    """For tasks, what keeps each waiting, or how it ended if not well."""
+    with reading:
+        then = Then(reading.feed.history, moment)
+        found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
+        return {
+            str(number): words.note(then, then.tasks[number])
+            for number, task in found
+            if task is not None and task.received <= then.moment
+        }
+
+
+def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:
+    """The facts of the entries around the one at *place*, a line each."""
+    first = max(place - min(before, _MOST_LINES), 0)
+    entries = reading.entries_between(first, place + min(after, _MOST_LINES) + 1)
+    lines: list[dict[str, Any]] = []
+    with reading:
+        past = reading.feed.history
+        wording = Wording(past.name)
+        for number, entry in enumerate(entries, first):
+            for fact in entry.facts:
+                data = data_text(getattr(fact, "body", b""))
+                line = {"place": number, "time": past.times[number], "kind": kind_of(fact), "id": subject_of(fact)}
+                lines.append(line | {"text": wording.words(fact), "data": data[:_LONGEST_DATA]})
+    return lines
+
+
+def numbers(text: str) -> list[int]:
+    """The numbers of a list such as "3,17": what is none is left out."""
+    return [TaskId(int(part)) for part in text.split(",") if part.isdecimal() and len(part) < 16]

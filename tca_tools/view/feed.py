@@ -1,0 +1,179 @@
+"""What a page needs of a run to draw any moment of it by itself: tasks, their states, and spans of time by resource.
+
+Rows are only ever added, as the history grows, so a page that follows a run is told what is new and nothing else. What
+is asked for of one task (its data, its story, why it waits) is not here: see answers.py.
+"""
+
+from collections.abc import Callable
+from enum import IntEnum, IntFlag
+from operator import attrgetter
+from typing import Any
+
+from tca_tools.gantt.bars import NO_HANDLER
+from tca_tools.history import History
+from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.tasktree_viz.arrows import kind_of_arrow
+from tca_tools.view.columns import Columns
+from tca_wire.facts import Entry
+from tca_wire.vocabulary import Outcome, Role
+from tca_wire.wording import place
+
+STATES = list(State)
+OUTCOMES = [None, *Outcome]
+ROLES = list(Role)
+TABLES = {
+    "entry.time": "d",
+    "task.id": "i",
+    "task.parent": "i",
+    "task.name": "i",  # a text
+    "task.sender": "i",  # a text
+    "task.role": "B",
+    "task.form": "B",
+    "task.time": "d",
+    "state.task": "i",  # a task's id
+    "state.time": "d",
+    "state.state": "B",
+    "hold.task": "i",
+    "hold.before": "i",
+    "hold.kind": "i",  # a text
+    "hold.time": "d",
+    "row.label": "i",  # a text
+    "span.row": "i",
+    "span.kind": "B",
+    "span.name": "i",  # a text
+    "span.message": "i",
+    "span.within": "i",  # the span in which it lies, or -1
+    "span.start": "d",
+    "end.span": "i",
+    "end.time": "d",
+    "end.outcome": "B",
+}
+"""A frame's columns with their kinds; an integer column refers to ids or to texts."""
+
+
+class SpanKind(IntEnum):
+    """What a span of time is."""
+
+    HANDLING = 0
+    QUEUED = 1
+    WAITING = 2  # within a handling, or of a module outside of handlers
+    HELD = 3  # a resource is locked or reserved
+    CONNECTED = 4
+
+
+class Form(IntFlag):
+    """How a task looks."""
+
+    COMMAND = 0
+    GOAL = 1
+    MONITOR = 2
+
+
+class Feed:
+    """Columns that grow with a history."""
+
+    def __init__(self) -> None:
+        self.history = History()
+        self.columns = Columns(TABLES)
+        self._rows: dict[str, int] = {}
+        self._open: dict[int, int] = {}  # the spans of records that go on, by the records' identity
+        self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
+        self._holds: dict[int, int] = {}
+
+    def apply(self, entry: Entry) -> None:
+        """Take in what one event caused."""
+        history, columns = self.history, self.columns
+        entries = len(history.times)
+        history.apply(entry)
+        if len(history.times) > entries:
+            columns.add("entry", history.time)
+        news = {id(record): record for record in history.news}.values()
+        for task in sorted((record for record in news if isinstance(record, Task)), key=attrgetter("id")):
+            self._tell_task(task)  # a parent before what is under it
+        for record in news:
+            if not isinstance(record, Task):
+                _TELL[type(record)](self, record)
+
+    def _tell_birth(self, task: Task) -> None:
+        form = Form.GOAL if task.message_class.is_goal else Form.COMMAND
+        form = Form.MONITOR if task.message_class.is_monitor else form
+        name, sender = self.columns.text(task.name), self.columns.text(task.sender)
+        self.columns.add("task", task.id, task.parent, name, sender, ROLES.index(task.role), form, task.received)
+
+    def _tell_task(self, task: Task) -> None:
+        if (told := self._states.get(task.id, 0)) == 0:
+            self._tell_birth(task)
+        for time, state in task.states[told:]:
+            self.columns.add("state", task.id, time, STATES.index(state))
+        self._states[task.id] = len(task.states)
+        told = self._holds.get(task.id, 0)
+        for hold in task.holds[told:]:
+            kind = self.columns.text(kind_of_arrow(hold.constraint))
+            self.columns.add("hold", task.id, hold.constraint.before.task, kind, hold.added)
+        if task.holds:
+            self._holds[task.id] = len(task.holds)
+
+    def _tell_handling(self, handling: Handling) -> None:
+        row = self._row(handling.module, handling.resource)
+        self._span(handling, SpanKind.HANDLING, row, handling.name, handling.message_id, handling.start)
+        if handling.end is not None:
+            self._end(handling, handling.end, OUTCOMES.index(handling.outcome))
+
+    def _tell_queueing(self, queueing: Queueing) -> None:
+        row = self._row(queueing.module, queueing.resource)
+        name = self.history.name(queueing.message_id)
+        self._span(queueing, SpanKind.QUEUED, row, name, queueing.message_id, queueing.start)
+        if queueing.end is not None:
+            self._end(queueing, queueing.end)
+
+    def _tell_wait(self, wait: Wait) -> None:
+        name = self.history.name(wait.awaited)
+        if isinstance(wait.by, Handling):
+            row, within = self._row(wait.by.module, wait.by.resource), self._open.get(id(wait.by), -1)
+        else:
+            row, within = self._row(wait.by, ""), -1
+        self._span(wait, SpanKind.WAITING, row, name, wait.awaited, wait.start, within)
+        if wait.end is not None:
+            self._end(wait, wait.end)
+
+    def _tell_claim(self, claim: Claim) -> None:
+        if claim.granted is not None and claim.granted == self.history.time:
+            row = self._row(claim.module, claim.resource)
+            self._span(claim, SpanKind.HELD, row, claim.sender, claim.id, claim.granted)
+        if claim.end is not None and id(claim) in self._open:
+            self._end(claim, claim.end)
+
+    def _tell_module(self, module: ModuleRecord) -> None:
+        if not module.joined:
+            return
+        start, end = module.joined[-1]
+        self._span(module, SpanKind.CONNECTED, self._row(module.name, ""), module.name, 0, start)
+        if end is not None:
+            self._end(module, end)
+
+    def _row(self, module: str, resource: str) -> int:
+        label = place(module, resource) if module else NO_HANDLER
+        if (row := self._rows.get(label)) is None:
+            row = self._rows[label] = self.columns.add("row", self.columns.text(label))
+        return row
+
+    def _span(
+        self, record: object, kind: SpanKind, row: int, name: str, message: int, start: float, within: int = -1
+    ) -> None:
+        """Tell of a record that is new."""
+        if id(record) not in self._open:
+            text = self.columns.text(name)
+            self._open[id(record)] = self.columns.add("span", row, kind, text, message, within, start)
+
+    def _end(self, record: object, time: float, outcome: int = 0) -> None:
+        self.columns.add("end", self._open.pop(id(record)), time, outcome)
+
+
+# ruff: noqa: SLF001
+_TELL: dict[type, Callable[[Feed, Any], None]] = {
+    Handling: Feed._tell_handling,
+    Queueing: Feed._tell_queueing,
+    Wait: Feed._tell_wait,
+    Claim: Feed._tell_claim,
+    ModuleRecord: Feed._tell_module,
+}

@@ -1,0 +1,356 @@
+// The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
+
+import { colour, css, length, prepared, seconds, ticks } from "./format.js";
+
+const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
+const MOST_LANES = 12;
+const NARROW = 1.5; // pixels
+
+export class Chart {
+  constructor(store, { choose, setTime }) {
+    this.store = store;
+    this.choose = choose;
+    this.setTime = setTime;
+    this.canvas = document.getElementById("chart");
+    this.hint = document.getElementById("hint");
+    this.time = 0;
+    this.chosen = null;
+    this.from = null; // the window in time; null: all of the run
+    this.to = null;
+    this.scroll = 0;
+    this.labels = 120;
+    this.layout = [];
+    this.#listen();
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  show(time) {
+    this.time = time;
+    this.draw();
+  }
+
+  showAll() {
+    this.from = this.to = null;
+    this.draw();
+  }
+
+  get window() {
+    const { start, end } = this.store, room = Math.max((end - start) * 0.01, 1e-6);
+    return [this.from ?? start - room, this.to ?? end + room];
+  }
+
+  #x(time) {
+    const [from, to] = this.window;
+    return this.labels + (Math.min(time, this.store.end + 1e9) - from) / (to - from) * (this.width - this.labels);
+  }
+
+  #timeAt(x) {
+    const [from, to] = this.window;
+    return from + (x - this.labels) / (this.width - this.labels) * (to - from);
+  }
+
+  // --- drawing -----------------------------------------------------------------------------------------------------
+
+  draw() {
+    const { context, width, height } = prepared(this.canvas);
+    Object.assign(this, { context, width, height });
+    if (!this.store.head || width < 50) return;
+    context.font = "12px system-ui, Helvetica, Arial, sans-serif";
+    context.textBaseline = "middle";
+    this.#lay();
+    this.#drawAxis();
+    context.save();
+    context.beginPath();
+    context.rect(0, AXIS, width, height - AXIS);
+    context.clip();
+    for (const place of this.layout) if (place.bottom > AXIS && place.top < height) this.#drawRow(place);
+    context.restore();
+    this.#drawCursor();
+  }
+
+  // Where each row stands.
+  #lay() {
+    const busy = [...this.store.rows, this.store.suspended].filter((row) => row.handled.length || row.queued.length || row.held.length);
+    const widths = busy.map((row) => this.context.measureText(row.label).width);
+    this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
+    let top = 0;
+    this.layout = busy.map((row) => {
+      const lanes = Math.min(Math.max(row.handled.length, 1), MOST_LANES), thin = Math.min(row.queued.length, MOST_LANES);
+      const held = Math.min(row.held.length, 3);
+      const tall = lanes * LANE + (thin + held) * THIN;
+      const place = { row, top, bottom: top + tall, lanes, thin, held };
+      top += tall + GAP;
+      return place;
+    });
+    this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(top - (this.height - AXIS - 6), 0));
+    for (const place of this.layout) {
+      place.top += AXIS + 4 - this.scroll;
+      place.bottom += AXIS + 4 - this.scroll;
+    }
+  }
+
+  #drawAxis() {
+    const { context, width, height } = this, [from, to] = this.window;
+    context.strokeStyle = css("--line");
+    context.fillStyle = css("--faint");
+    context.textAlign = "center";
+    for (const { time, label } of ticks(from, to, (width - this.labels) / 90)) {
+      const x = this.#x(time);
+      context.beginPath();
+      context.moveTo(x, AXIS - 4);
+      context.lineTo(x, height);
+      context.stroke();
+      if (x > this.labels) context.fillText(label, x, AXIS / 2);
+    }
+  }
+
+  #drawRow({ row, top, lanes, thin, held, bottom }) {
+    const { context } = this;
+    context.fillStyle = css("--panel");
+    for (const span of row.connected) {
+      const x = Math.max(this.#x(span.start), this.labels);
+      context.fillRect(x, top, Math.max(Math.min(this.#x(span.end), this.width) - x, 0), bottom - top);
+    }
+    let y = top;
+    for (const lane of row.held.slice(0, held)) {
+      this.#drawLane(lane, y, THIN - 2, (span, x, w) => this.#drawHeld(x, w, y));
+      y += THIN;
+    }
+    for (const lane of row.handled.slice(0, lanes)) {
+      this.#drawLane(lane, y, LANE - 2, (span, x, w) => this.#drawBar(span, x, w, y));
+      y += LANE;
+    }
+    y = top + held * THIN + lanes * LANE;
+    for (const lane of row.queued.slice(0, thin)) {
+      this.#drawLane(lane, y, THIN - 2, (span, x, w) => this.#drawQueued(span, x, w, y));
+      y += THIN;
+    }
+    for (const span of row.failed) {
+      if (this.#x(span.end) - this.#x(span.start) < 4) this.#mark(this.#x(span.end), top);
+    }
+    context.fillStyle = css("--paper");
+    context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
+    context.fillStyle = css("--ink");
+    context.textAlign = "right";
+    context.fillText(fitted(context, row.label, this.labels - 14), this.labels - 8, top + (held * THIN) + LANE / 2 - 1);
+  }
+
+  // The spans of a lane that are in sight; those of one pixel column count as one.
+  #drawLane(lane, y, tall, draw) {
+    const [from, to] = this.window;
+    let place = firstWith(lane, (span) => span.end > from);
+    while (place < lane.length && lane[place].start < to) {
+      const span = lane[place], x = Math.max(this.#x(span.start), this.labels), end = Math.min(this.#x(span.end), this.width);
+      if (end - x >= NARROW) {
+        draw(span, x, end - x);
+        place++;
+      } else {
+        const next = this.#timeAt(x + NARROW);
+        const after = Math.max(place + 1, firstWith(lane, (other) => other.end > next, place + 1));
+        const busy = after > place + 1 ? share(lane, place, after, next - this.#timeAt(x)) : 0.75;
+        this.context.fillStyle = colour(span.name);
+        this.context.globalAlpha = 0.2 + 0.8 * busy; // the fuller, the more was going on
+        this.context.fillRect(x, y, NARROW, tall);
+        this.context.globalAlpha = 1;
+        place = after;
+      }
+    }
+  }
+
+  #drawBar(span, x, width, y) {
+    const { context } = this, tall = LANE - 2, open = span.end === Infinity;
+    const end = Math.min(x + width, open ? this.#x(this.store.end) : Infinity), wide = Math.max(end - x, NARROW);
+    context.fillStyle = colour(span.name);
+    context.globalAlpha = span.kind === "waiting" ? 0.3 : 1;
+    context.fillRect(x, y, wide, tall);
+    context.globalAlpha = 1;
+    for (const wait of span.waits) {
+      const left = Math.max(this.#x(wait.start), x), right = Math.min(this.#x(Math.min(wait.end, this.store.end)), x + wide);
+      context.fillStyle = "rgb(255 255 255 / 62%)";
+      if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
+    }
+    if (span.outcome && span.outcome !== "done") this.#outline(x, y, wide, tall, css("--bad"), 2);
+    if (span.message && span.message === this.chosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
+    if (wide > 34) {
+      context.save();
+      context.beginPath();
+      context.rect(x, y, wide, tall);
+      context.clip();
+      context.fillStyle = span.waits.length || span.kind === "waiting" ? "#111" : "#fff";
+      context.textAlign = "left";
+      const words = span.kind === "waiting" ? `waits for ${span.name}` : span.name;
+      context.fillText(words, Math.max(x, this.labels) + 4, y + tall / 2 + 0.5);
+      context.restore();
+    }
+  }
+
+  #drawQueued(span, x, width, y) {
+    const { context } = this, wide = Math.min(x + width, this.#x(Math.min(span.end, this.store.end))) - x;
+    context.fillStyle = colour(span.name);
+    context.globalAlpha = 0.28;
+    context.fillRect(x, y, Math.max(wide, NARROW), THIN - 2);
+    context.globalAlpha = 1;
+    context.fillRect(x, y, 1.5, THIN - 2);
+    if (span.message === this.chosen) this.#outline(x, y, wide, THIN - 2, css("--ink"), 1.5);
+  }
+
+  #drawHeld(x, width, y) {
+    this.context.fillStyle = "#d08a00";
+    this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
+  }
+
+  #outline(x, y, width, tall, style, thick) {
+    this.context.strokeStyle = style;
+    this.context.lineWidth = thick;
+    this.context.strokeRect(x + 0.5, y + 0.5, Math.max(width - 1, 1), tall - 1);
+    this.context.lineWidth = 1;
+  }
+
+  #mark(x, y) {
+    if (x < this.labels || x > this.width) return;
+    this.context.fillStyle = css("--bad");
+    this.context.beginPath();
+    this.context.moveTo(x - 4, y - 5);
+    this.context.lineTo(x + 4, y - 5);
+    this.context.lineTo(x, y + 1);
+    this.context.fill();
+  }
+
+  #drawCursor() {
+    const { context, height, width } = this, x = this.#x(Math.min(this.time, this.store.end));
+    if (x < this.labels - 1) return;
+    context.fillStyle = css("--paper");
+    context.globalAlpha = 0.45; // what was not yet so
+    if (x < width) context.fillRect(x, AXIS, width - x, height - AXIS);
+    context.globalAlpha = 1;
+    if (x > width) return;
+    context.strokeStyle = css("--mark");
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.moveTo(x, 0);
+    context.lineTo(x, height);
+    context.stroke();
+    context.lineWidth = 1;
+  }
+
+  // --- the mouse ---------------------------------------------------------------------------------------------------
+
+  // The span under the mouse, if there is one.
+  at(x, y) {
+    if (x < this.labels) return null;
+    for (const { row, top, bottom, lanes, held, thin } of this.layout) {
+      if (y < top || y > bottom) continue;
+      const inside = y - top - held * THIN;
+      const lane = inside < 0 ? row.held[Math.floor((y - top) / THIN)]
+        : inside < lanes * LANE ? row.handled[Math.floor(inside / LANE)]
+          : row.queued[Math.min(Math.floor((inside - lanes * LANE) / THIN), thin - 1)];
+      const time = this.#timeAt(x), near = this.#timeAt(x + 3) - time;
+      const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
+      if (!span || span.start > time + near) return null;
+      const wait = span.waits.find((one) => one.start <= time && one.end >= time);
+      return { span, wait, row };
+    }
+    return null;
+  }
+
+  #listen() {
+    const { canvas } = this;
+    let held = null;
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      if (event.shiftKey || event.offsetX < this.labels) this.scroll += event.deltaY;
+      else this.#zoom(event.offsetX, Math.exp(event.deltaY * 0.0015));
+      this.draw();
+    }, { passive: false });
+    canvas.addEventListener("pointerdown", (event) => {
+      held = { x: event.offsetX, y: event.offsetY, scroll: this.scroll, window: this.window, moved: false };
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (held) this.#pan(event, held);
+      else this.#showHint(event);
+    });
+    canvas.addEventListener("pointerup", (event) => {
+      if (held && !held.moved) this.#click(event);
+      held = null;
+    });
+    canvas.addEventListener("pointerleave", () => { this.hint.hidden = true; });
+    canvas.addEventListener("dblclick", () => this.showAll());
+  }
+
+  #click(event) {
+    const found = event.offsetY > AXIS && this.at(event.offsetX, event.offsetY);
+    if (found && found.span.message) this.choose(found.wait ? found.wait.message : found.span.message);
+    else if (event.offsetX > this.labels) this.setTime(this.#timeAt(event.offsetX));
+  }
+
+  #zoom(x, factor) {
+    const [from, to] = this.window, centre = this.#timeAt(x);
+    const least = 1e-6, most = (this.store.end - this.store.start) * 1.1 + 1e-3;
+    const wide = Math.min(Math.max((to - from) * factor, least), most), share = (centre - from) / (to - from);
+    this.from = centre - share * wide;
+    this.to = this.from + wide;
+    if (wide >= most) this.from = this.to = null;
+  }
+
+  #pan(event, held) {
+    const dx = event.offsetX - held.x, dy = event.offsetY - held.y;
+    if (Math.abs(dx) + Math.abs(dy) > 3) held.moved = true;
+    if (!held.moved) return;
+    const [from, to] = held.window, shift = dx / (this.width - this.labels) * (to - from);
+    if (this.from !== null) { this.from = from - shift; this.to = to - shift; }
+    this.scroll = held.scroll - dy;
+    this.hint.hidden = true;
+    this.draw();
+  }
+
+  #showHint(event) {
+    const found = this.at(event.offsetX, event.offsetY);
+    this.hint.hidden = !found;
+    if (!found) return;
+    this.hint.textContent = describe(found, this.store);
+    const left = Math.min(event.offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
+    this.hint.style.left = `${Math.max(left, 0)}px`;
+    this.hint.style.top = `${Math.min(event.offsetY + 16, this.height - 26)}px`;
+  }
+}
+
+const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
+
+function describe({ span, wait, row }, store) {
+  const one = wait ?? span, end = Math.min(one.end, store.end);
+  const what = span.message && span.kind !== "held" ? `${span.name} {${span.message}}` : span.name;
+  const where = span.kind === "suspended" ? "" : ` ${row.label}`;
+  const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}` : "";
+  const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
+  if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;
+  return `${what} ${VERBS[span.kind]}${where}${how}: ${went}`;
+}
+
+// Which part of some seconds the spans of a lane between two places take.
+function share(lane, from, to, seconds) {
+  const sums = (lane.sums ??= [0]); // of the lengths of all before each place
+  while (sums.length <= to) {
+    const span = lane[sums.length - 1];
+    if (span.end === Infinity) return 1;
+    sums.push(sums[sums.length - 1] + span.end - span.start);
+  }
+  return Math.min((sums[to] - sums[from]) / seconds, 1);
+}
+
+// The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.
+function firstWith(list, holds, start = 0) {
+  let low = start, high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (holds(list[middle])) high = middle; else low = middle + 1;
+  }
+  return low;
+}
+
+function fitted(context, text, width) {
+  if (context.measureText(text).width <= width) return text;
+  let cut = text;
+  while (cut.length > 1 && context.measureText(`${cut}…`).width > width) cut = cut.slice(0, -1);
+  return `${cut}…`;
+}

@@ -1,0 +1,105 @@
+// All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
+
+import { element, length, seconds, soon } from "./format.js";
+
+export class Details {
+  constructor(store, { choose, setTime, ask }) {
+    Object.assign(this, { store, choose, setTime, ask });
+    this.panel = document.getElementById("task");
+    this.id = null;
+    this.time = Infinity;
+    this.fetch = soon(() => this.#fetch(), 60);
+  }
+
+  show(id, time) {
+    if (id === null || (id === this.id && time === this.time && this.version === this.store.version)) return;
+    Object.assign(this, { id, time, version: this.store.version });
+    this.fetch();
+  }
+
+  async #fetch() {
+    const { id, time } = this;
+    const about = await this.ask(`message/${id}`, { at: time });
+    if (id !== this.id || !about) return;
+    if (about.error) this.panel.replaceChildren(element("p", { class: "faint", text: about.error }));
+    else this.panel.replaceChildren(...this.#parts(about));
+  }
+
+  *#parts(about) {
+    yield element("h2", { text: `${about.name} {${about.id}}` });
+    yield* this.#lead(about);
+    yield* this.#relations(about);
+    if (about.constraints?.length) {
+      yield element("h3", { text: "constraints" });
+      yield element("table", {}, ...about.constraints.map((one) => this.#constraint(one)));
+    }
+    yield* this.#data("data", about.data);
+    yield* this.#data("result", about.result);
+    yield element("h3", { text: "story" });
+    if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
+    yield element("table", {}, ...about.story.map((one) => this.#sentence(one)));
+  }
+
+  *#lead(about) {
+    if (about.state) {
+      const looks = this.store.head.states.find((state) => state.name === about.state);
+      const chip = element("span", { class: "state", text: about.state });
+      chip.style.background = looks.colour;
+      yield element("div", {}, chip, element("span", { class: "faint", text: `  ${about.class}` }));
+    } else {
+      const born = about.received > this.time;
+      yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
+    }
+    for (const reason of about.reasons ?? []) yield element("p", { class: "lead", text: `waits ${reason}` });
+    if (about.failure) yield element("p", { class: "lead bad", text: about.failure });
+    if (about.killed) yield element("p", { class: "lead bad", text: `killed: ${about.killed}` });
+  }
+
+  *#relations(about) {
+    const lines = [];
+    if (about.parent) lines.push(["under", this.#link(about.parent, about.parent_name)]);
+    lines.push(["sent by", element("span", { text: about.sender })]);
+    if (about.role) lines.push(["as", element("span", {}, element("span", { text: `${about.role} for ` }), this.#link(about.about_id, about.about))]);
+    for (const handler of about.caught_by ?? []) lines.push(["handled as a failure by", this.#link(handler.id, handler.name)]);
+    for (const [name, span] of Object.entries(about.spans ?? {})) if (span) lines.push([name, times(span)]);
+    if (about.children) lines.push(["subtasks", element("span", { text: about.children })]);
+    yield element("table", {}, ...lines.map(([name, what]) => element("tr", {}, element("td", { class: "faint", text: name }), element("td", {}, what))));
+  }
+
+  *#data(name, text) {
+    if (!text) return;
+    yield element("h3", { text: name });
+    yield element("pre", { text: pretty(text) });
+  }
+
+  #constraint(one) {
+    const what = one.id ? this.#link(one.id, one.text) : element("span", { text: one.text });
+    return element("tr", { class: one.is_met ? "met" : "" },
+      element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }), element("td", {}, what));
+  }
+
+  #sentence({ time, text, seconds: took }) {
+    const when = element("button", { class: "link", text: seconds(time), title: "go there" });
+    when.addEventListener("click", () => this.setTime(time));
+    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, when),
+      element("td", { class: "number", text: took === null ? "" : length(took) }), element("td", { text }));
+  }
+
+  #link(id, name) {
+    const made = element("button", { class: "link", text: name });
+    made.addEventListener("click", () => this.choose(id));
+    return made;
+  }
+}
+
+function times([start, end]) {
+  return element("span", { text: `${seconds(start)} – ${end === null ? "" : `${seconds(end)}  (${length(end - start)})`}` });
+}
+
+function pretty(text) {
+  try {
+    return text.length < 70 ? text : JSON.stringify(JSON.parse(text), null, 2);
+  } catch {
+    return text;
+  }
+}

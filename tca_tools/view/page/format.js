@@ -1,0 +1,86 @@
+// Times, colours and elements: how things look in every part of the page.
+
+const STEPS = [60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400];
+
+export function seconds(time, digits = 3) {
+  if (!Number.isFinite(time)) return "…";
+  if (Math.abs(time) < 600) return `${time.toFixed(digits)} s`;
+  const whole = Math.floor(time), hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
+  const rest = (time - Math.floor(time / 60) * 60).toFixed(1).padStart(4, "0");
+  return hours ? `${hours}:${String(minutes).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;
+}
+
+export function length(time) {
+  if (time < 1e-3) return `${(time * 1e6).toFixed(0)} µs`;
+  if (time < 1) return `${(time * 1e3).toFixed(time < 0.01 ? 2 : 0)} ms`;
+  return time < 600 ? `${time.toFixed(2)} s` : seconds(time);
+}
+
+// Round times between start and end, about `most` of them, with labels.
+export function ticks(start, end, most) {
+  const shortest = (end - start) / Math.max(most, 1);
+  if (!(shortest > 0)) return [];
+  let step = STEPS.find((one) => one >= shortest) ?? 86400 * Math.ceil(shortest / 86400);
+  if (shortest <= 30) {
+    const power = 10 ** Math.floor(Math.log10(shortest));
+    step = power * ([1, 2, 5, 10].find((factor) => factor * power >= shortest * (1 - 1e-9)) ?? 10);
+    if (step === 50) step = 30;
+  }
+  const digits = step < 1 ? Math.min(9, Math.ceil(-Math.log10(step) - 1e-9)) : 0, found = [];
+  for (let number = Math.ceil(start / step - 1e-9); number * step <= end + step * 1e-9; number++) {
+    const time = number * step;
+    found.push({ time, label: step < 30 ? `${time.toFixed(digits)} s` : seconds(time, 0).replace(/\.0$/, "") });
+  }
+  return found;
+}
+
+// A colour for each name, the same in every chart: by its place among the texts.
+const HUES = ["#1f6fb2", "#c9601d", "#2a8a55", "#a63d7a", "#6f56b8", "#9a7b00", "#25879b", "#b2423f", "#5f7330", "#84563a"];
+const colours = new Map();
+
+export function colour(name) {
+  if (!colours.has(name)) {
+    const number = colours.size;
+    colours.set(name, HUES[number] ?? `hsl(${(number * 137.5) % 360} 45% 38%)`);
+  }
+  return colours.get(name);
+}
+
+export function css(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+// An element with text and children; text is never read as HTML.
+export function element(kind, { text, ...properties } = {}, ...children) {
+  const made = document.createElement(kind);
+  if (text !== undefined) made.textContent = text;
+  for (const [name, value] of Object.entries(properties)) {
+    if (name === "class") made.className = value;
+    else if (name in made) made[name] = value;
+    else made.setAttribute(name, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+// A canvas as large as it is shown, cleared, measured in CSS pixels.
+export function prepared(canvas) {
+  const width = canvas.clientWidth, height = canvas.clientHeight, scale = window.devicePixelRatio || 1;
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(scale, 0, 0, scale, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return { context, width, height };
+}
+
+// Calls `work` soon, and once however often it is asked for meanwhile.
+export function soon(work, milliseconds) {
+  let timer = null;
+  return () => {
+    if (timer !== null) return;
+    timer = setTimeout(() => { timer = null; work(); }, milliseconds);
+  };
+}

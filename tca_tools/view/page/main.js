@@ -1,0 +1,204 @@
+// Puts the page together: one cursor in time and one chosen task for all its parts, and what is new from the server.
+
+import { Chart } from "./chart.js";
+import { Details } from "./details.js";
+import { element } from "./format.js";
+import { Messages } from "./messages.js";
+import { Search } from "./search.js";
+import { Slider } from "./slider.js";
+import { Store } from "./store.js";
+import { Tree } from "./tree.js";
+
+const store = new Store();
+let cursor = Infinity; // Infinity: the end, wherever it is
+let drawing = false;
+
+async function ask(what, parameters = {}) {
+  const known = Object.entries(parameters).filter(([, value]) => value !== Infinity);
+  try {
+    const answer = await fetch(`api/${what}?${new URLSearchParams(known)}`);
+    return await answer.json();
+  } catch {
+    return null; // the server is away; the page says so already
+  }
+}
+
+function setTime(time, { keepPlaying = false } = {}) {
+  if (!keepPlaying) slider.stop();
+  if (keepPlaying || time === Infinity) tree.keepsUp = true;
+  cursor = time >= store.end ? Infinity : Math.max(time, store.start);
+  draw();
+}
+
+function choose(id) {
+  const task = store.byId.get(id);
+  openTab("task");
+  chart.chosen = id;
+  details.show(id, cursor);
+  if (task) {
+    if (task.time > cursor) setTime(task.time);
+    tree.reveal(task);
+  }
+  chart.draw();
+  remember();
+}
+
+const callbacks = { choose, setTime, ask };
+const tree = new Tree(store, callbacks);
+const chart = new Chart(store, callbacks);
+const slider = new Slider(store, callbacks);
+const details = new Details(store, callbacks);
+const messages = new Messages(store, callbacks);
+const search = new Search(store, { tree, choose, changed: draw });
+
+// Draw all parts, once before the next picture however often it is asked for.
+function draw() {
+  if (drawing) return;
+  drawing = true;
+  requestAnimationFrame(() => {
+    drawing = false;
+    if (!store.head) return;
+    const time = Math.min(cursor, store.end);
+    search.update(time);
+    tree.show(time);
+    chart.show(time);
+    slider.show(time, cursor === Infinity);
+    details.show(details.id, time);
+    messages.show(time);
+    drawCounts(time);
+    remember();
+  });
+}
+
+function drawCounts(time) {
+  const counts = store.counts(time), chips = [];
+  counts.forEach((count, state) => {
+    if (!count) return;
+    const { name, colour } = store.head.states[state], dot = element("span", { class: "dot" });
+    dot.style.background = colour;
+    const chip = element("button", { title: `go to the next task that is ${name}` }, dot, element("span", { text: `${count} ${name}` }));
+    chip.dataset.state = name;
+    chip.addEventListener("click", () => goToNext(state, time));
+    chips.push(chip);
+  });
+  document.getElementById("counts").replaceChildren(...chips);
+}
+
+function goToNext(state, time) {
+  const sent = store.sentBy(store.tasks, time), chosen = store.byId.get(details.id);
+  const begin = chosen ? store.tasks.indexOf(chosen) + 1 : 0;
+  for (let i = 0; i < sent; i++) {
+    const task = store.tasks[(begin + i) % sent];
+    if (store.stateAt(task, time) === state) return choose(task.id);
+  }
+}
+
+function openTab(name) {
+  for (const tab of ["task", "messages"]) {
+    document.getElementById(tab).hidden = tab !== name;
+    document.getElementById(`tab-${tab}`).setAttribute("aria-selected", tab === name);
+  }
+  if (name === "messages") messages.show(Math.min(cursor, store.end));
+}
+
+// The address names moment and task, so that it can be sent to somebody.
+function remember() {
+  const parts = [];
+  if (cursor !== Infinity) parts.push(`t=${cursor}`);
+  if (details.id !== null) parts.push(`task=${details.id}`);
+  const hash = parts.length ? `#${parts.join("&")}` : location.pathname;
+  if (hash !== (location.hash || location.pathname)) history.replaceState(null, "", hash);
+}
+
+function recall() {
+  const said = new URLSearchParams(location.hash.slice(1));
+  if (said.has("t")) setTime(Number(said.get("t")) || 0);
+  if (said.has("task")) choose(Number(said.get("task")));
+}
+
+// --- news ------------------------------------------------------------------------------------------------------------
+
+function showStatus(away = "") {
+  const { head } = store, badge = document.getElementById("status"), problem = document.getElementById("problem");
+  document.getElementById("name").textContent = head?.name ?? "…";
+  document.title = head ? `${head.name} – tca view` : "tca view";
+  const wrong = away || head?.problem || "";
+  problem.hidden = !wrong;
+  problem.textContent = wrong;
+  const live = head && head.caughtUp && !head.closed && !head.problem;
+  badge.textContent = away ? "away" : !head || !head.caughtUp ? `reading, ${store.times.length} entries` : head.problem ? "damaged" : live ? "live" : "ended";
+  badge.className = `badge ${wrong ? "bad" : live ? "live" : ""}`;
+  badge.title = live ? "the run goes on, or central was cut off: nothing says that it has ended" : "";
+}
+
+async function follow() {
+  let first = true;
+  for (;;) {
+    try {
+      await store.more();
+      showStatus();
+      draw();
+      if (first && store.head.caughtUp) {
+        first = false;
+        recall();
+      }
+      if (store.head.problem) await pause(5000);
+    } catch (error) {
+      showStatus(`The server does not answer (${error.message}); what was read before is shown. Start 'tca view' again.`);
+      await pause(2000);
+      if (error instanceof RangeError || error instanceof TypeError && !navigator.onLine) continue;
+    }
+  }
+}
+
+const pause = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));
+
+// --- keys, tabs, the divider -----------------------------------------------------------------------------------------
+
+const KEYS = {
+  ArrowLeft: () => slider.step(-1),
+  ArrowRight: () => slider.step(1),
+  ArrowUp: () => moveChoice(-1),
+  ArrowDown: () => moveChoice(1),
+  Enter: () => tree.toggleChosen(),
+  " ": () => slider.toggle(),
+  Home: () => setTime(store.start),
+  End: () => setTime(Infinity),
+  "[": () => goToFailure(-1),
+  "]": () => goToFailure(1),
+  "/": () => search.input.focus(),
+  f: () => chart.showAll(),
+};
+
+function moveChoice(step) {
+  const task = tree.neighbour(step);
+  if (task) choose(task.id);
+}
+
+function goToFailure(by) {
+  const time = slider.stepToFailure(by);
+  const task = time !== undefined && store.tasks.find((one) => one.times.some((at, i) => at === time && one.states[i] === store.failed));
+  if (task) choose(task.id);
+}
+
+document.addEventListener("keydown", (event) => {
+  const kind = event.target.tagName, isButton = kind === "BUTTON" && ["Enter", " "].includes(event.key);
+  if (isButton || ["INPUT", "SELECT", "DIALOG"].includes(kind) || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
+  event.preventDefault();
+  KEYS[event.key]();
+});
+for (const tab of ["task", "messages"]) document.getElementById(`tab-${tab}`).addEventListener("click", () => openTab(tab));
+document.getElementById("help").addEventListener("click", () => document.getElementById("keys").showModal());
+document.getElementById("divider").addEventListener("pointerdown", (down) => {
+  const move = (event) => {
+    const share = Math.min(Math.max(event.clientY / window.innerHeight, 0.2), 0.85);
+    document.getElementById("upper").style.flex = `1 1 ${share * 100}%`;
+    document.getElementById("gantt").style.flex = `1 1 ${(1 - share) * 100}%`;
+  };
+  down.target.setPointerCapture(down.pointerId);
+  down.target.addEventListener("pointermove", move);
+  down.target.addEventListener("pointerup", () => down.target.removeEventListener("pointermove", move), { once: true });
+});
+
+window.tca = { store, tree, chart, slider }; // for a look from the browser's console
+follow();

@@ -1,0 +1,45 @@
+// The messages around the cursor: what central wrote into the journal, a line a fact.
+
+import { element, seconds, soon } from "./format.js";
+import { lastNotAfter } from "./store.js";
+
+const BEFORE = 60, AFTER = 40;
+const BAD = ["failed", "killed", "dropped", "refused", "module left", "unhandled"];
+
+export class Messages {
+  constructor(store, { choose, setTime, ask }) {
+    Object.assign(this, { store, choose, setTime, ask });
+    this.panel = document.getElementById("messages");
+    this.place = null;
+    this.fetch = soon(() => this.#fetch(), 80);
+  }
+
+  show(time) {
+    this.time = time;
+    if (!this.panel.hidden) this.fetch();
+  }
+
+  async #fetch() {
+    const place = lastNotAfter(this.store.times, this.time);
+    if (place < 0) return;
+    const lines = await this.ask("messages", { place, before: BEFORE, after: AFTER });
+    if (!lines || this.panel.hidden || place !== lastNotAfter(this.store.times, this.time)) return;
+    const made = lines.map((line) => this.#line(line, place));
+    this.panel.replaceChildren(...made);
+    const now = made.findLast((line) => line.classList.contains("now"));
+    if (now) this.panel.scrollTop = now.offsetTop - this.panel.clientHeight / 2;
+  }
+
+  #line(line, place) {
+    const kinds = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", BAD.includes(line.kind) ? "bad" : ""];
+    const text = line.text + (line.data ? `  ${line.data}` : "");
+    const made = element("div", { class: kinds.filter(Boolean).join(" "), title: text },
+      element("span", { class: "faint", text: `${seconds(line.time)}  ` }),
+      element("span", { class: "kind", text: line.kind }), element("span", { text }));
+    made.addEventListener("click", () => {
+      this.setTime(line.time);
+      if (line.id) this.choose(line.id);
+    });
+    return made;
+  }
+}

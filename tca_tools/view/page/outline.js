@@ -1,0 +1,86 @@
+// Which rows of the tree are shown: open subtrees, with long runs of tasks that are achieved folded up.
+
+const SMALL = 60; // a run of no more tasks is shown whole
+const BESIDE = 24; // of more tasks side by side, runs in one state are folded
+const RUN = 8;
+const KEPT = 2;
+
+export class Outline {
+  constructor(store) {
+    this.store = store;
+    this.opened = new Map(); // what the reader opened or closed
+    this.unfolded = new Set(); // whose folded runs he opened
+    this.chosen = null;
+    this.kept = new Set(); // the chosen task and what it lies under: never folded
+  }
+
+  choose(task) {
+    this.chosen = task;
+    this.kept.clear();
+    for (let above = task; above; above = above.parent) this.kept.add(above);
+  }
+
+  isOpen(task, time) {
+    const said = this.opened.get(task);
+    if (said !== undefined) return said;
+    if (this.store.tasks.length <= SMALL) return true;
+    const state = this.store.stateAt(task, time);
+    return !this.store.isOver(state) || this.store.head.states[state].name === "failed";
+  }
+
+  toggle(task, time) { this.opened.set(task, !this.isOpen(task, time)); }
+
+  // Open what a task lies under, so that it has a row.
+  reveal(task) {
+    for (let above = task.parent; above; above = above.parent) this.opened.set(above, true);
+  }
+
+  // The rows at a moment: { task } or, for a run that is folded, { folded, state, parent }; each with its depth.
+  rows(time) {
+    const rows = [], stack = [...this.#below(null, this.store.top, time, 0)].reverse();
+    while (stack.length) {
+      const row = stack.pop();
+      row.place = rows.length;
+      rows.push(row);
+      if (!row.task) continue;
+      row.children = this.store.sentBy(row.task.children, time);
+      row.open = row.children > 0 && this.isOpen(row.task, time);
+      if (row.open) {
+        const below = this.#below(row.task, row.task.children, time, row.depth + 1);
+        for (let i = below.length - 1; i >= 0; i--) stack.push(below[i]);
+      }
+    }
+    return rows;
+  }
+
+  #below(parent, children, time, depth) {
+    const sent = this.store.sentBy(children, time);
+    if (sent <= BESIDE || this.unfolded.has(parent)) {
+      const rows = new Array(sent);
+      for (let i = 0; i < sent; i++) rows[i] = { task: children[i], depth };
+      return rows;
+    }
+    const rows = [];
+    for (let i = 0; i < sent;) {
+      const state = this.store.stateAt(children[i], time);
+      let end = i + 1;
+      if (!this.kept.has(children[i])) while (end < sent && this.#isAlike(children[end], state, time)) end++;
+      const fold = end - i > RUN && this.store.head.states[state].name !== "failed";
+      for (let j = i; j < end; j++) {
+        if (fold && j === i + KEPT) {
+          const last = end - KEPT;
+          rows.push({ task: null, folded: last - j, state, parent, depth, key: children[j].id });
+          j = last - 1;
+        } else {
+          rows.push({ task: children[j], depth });
+        }
+      }
+      i = end;
+    }
+    return rows;
+  }
+
+  #isAlike(task, state, time) {
+    return this.store.stateAt(task, time) === state && !this.kept.has(task);
+  }
+}

@@ -1,0 +1,121 @@
+// The time slider: how much happened when, failures in red, and a handle that is dragged; play, steps and speed.
+
+import { css, prepared, seconds } from "./format.js";
+import { lastNotAfter } from "./store.js";
+
+const EDGE = 7; // pixels beside the track
+
+export class Slider {
+  constructor(store, { setTime }) {
+    this.store = store;
+    this.setTime = setTime;
+    this.time = 0;
+    this.playing = null;
+    this.canvas = document.getElementById("slider");
+    this.clock = document.getElementById("clock");
+    const on = (id, work) => document.getElementById(id).addEventListener("click", work);
+    on("back", () => this.step(-1));
+    on("on", () => this.step(1));
+    on("play", () => this.toggle());
+    on("follow", () => setTime(Infinity));
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      this.#drag(event);
+    });
+    this.canvas.addEventListener("pointermove", (event) => event.buttons && this.#drag(event));
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  show(time, following) {
+    this.time = Math.min(time, this.store.end);
+    this.clock.textContent = seconds(this.time);
+    const follow = document.getElementById("follow");
+    follow.classList.toggle("on", following);
+    this.canvas.setAttribute("aria-valuetext", seconds(this.time));
+    this.draw();
+  }
+
+  // To another message.
+  step(by) {
+    this.stop();
+    const { times } = this.store, place = lastNotAfter(times, this.time) + by;
+    if (place >= 0 && place < times.length) this.setTime(times[place]);
+  }
+
+  // To another failure.
+  stepToFailure(by) {
+    const failures = this.store.failures.toSorted((a, b) => a - b);
+    const next = by > 0 ? failures.find((time) => time > this.time) : failures.findLast((time) => time < this.time);
+    if (next !== undefined) this.setTime(next);
+    return next;
+  }
+
+  toggle() { if (this.playing) this.stop(); else this.#play(); }
+
+  stop() {
+    if (!this.playing) return;
+    cancelAnimationFrame(this.playing.frame);
+    this.playing = null;
+    document.getElementById("play").textContent = "▶";
+  }
+
+  #play() {
+    document.getElementById("play").textContent = "❚❚";
+    if (this.time >= this.store.end) this.setTime(this.store.start);
+    this.playing = { last: performance.now(), frame: 0, time: this.time };
+    const tick = (now) => {
+      const speed = Number(document.getElementById("speed").value), { playing } = this;
+      playing.time += (now - playing.last) / 1000 * speed;
+      playing.last = now;
+      if (playing.time >= this.store.end) {
+        this.stop();
+        this.setTime(Infinity, { keepPlaying: true });
+        return;
+      }
+      playing.frame = requestAnimationFrame(tick);
+      const place = lastNotAfter(this.store.times, playing.time);
+      if (place >= 0 && this.store.times[place] !== this.time) this.setTime(this.store.times[place], { keepPlaying: true });
+    };
+    this.playing.frame = requestAnimationFrame(tick);
+  }
+
+  #drag(event) {
+    this.stop();
+    const { start, end } = this.store, share = (event.offsetX - EDGE) / (this.canvas.clientWidth - 2 * EDGE);
+    this.setTime(share >= 1 ? Infinity : start + Math.max(share, 0) * (end - start));
+  }
+
+  draw() {
+    const { context, width, height } = prepared(this.canvas);
+    const { times, start, end } = this.store, wide = width - 2 * EDGE;
+    if (!times.length || wide < 10) return;
+    const x = (time) => EDGE + (end > start ? (time - start) / (end - start) : 1) * wide;
+    context.fillStyle = css("--line");
+    context.fillRect(EDGE, height - 8, wide, 4);
+    context.fillStyle = css("--faint");
+    context.globalAlpha = 0.5;
+    const bins = this.#bins(Math.floor(wide / 3)), most = Math.max(...bins, 1);
+    bins.forEach((count, bin) => {
+      const tall = count ? 1 + Math.sqrt(count / most) * (height - 12) : 0;
+      context.fillRect(EDGE + bin * 3, height - 8 - tall, 2.2, tall);
+    });
+    context.globalAlpha = 1;
+    context.fillStyle = css("--bad");
+    for (const time of this.store.failures) context.fillRect(x(time) - 1, height - 9, 2, 7);
+    context.fillStyle = css("--mark");
+    context.fillRect(EDGE, height - 8, x(this.time) - EDGE, 4);
+    context.beginPath();
+    context.arc(x(this.time), height - 6, 5.5, 0, 7);
+    context.fill();
+  }
+
+  // How many entries fall into each part of the run.
+  #bins(number) {
+    const { times, start, end } = this.store;
+    if (this.binned?.version === this.store.version && this.binned.bins.length === number) return this.binned.bins;
+    const bins = new Array(Math.max(number, 1)).fill(0), scale = bins.length / (end - start || 1);
+    for (const time of times) bins[Math.min(Math.floor((time - start) * scale), bins.length - 1)]++;
+    this.binned = { version: this.store.version, bins };
+    return bins;
+  }
+}

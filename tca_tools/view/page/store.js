@@ -1,0 +1,206 @@
+// The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
+
+export const NEVER = -1;
+
+// The last place in a sorted list whose value is not beyond `value`; -1 if all are.
+export function lastNotAfter(list, value) {
+  let low = 0, high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (list[middle] <= value) low = middle + 1; else high = middle;
+  }
+  return low - 1;
+}
+
+const ARRAYS = { d: Float64Array, i: Int32Array, B: Uint8Array };
+
+// A frame's head and its columns (see columns.py).
+export function parse(buffer) {
+  const bytes = new Uint8Array(buffer);
+  let end = bytes.indexOf(10) + 1;
+  const head = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end)));
+  end += (8 - end % 8) % 8;
+  const columns = {};
+  for (const { name, kind, offset, bytes: length } of head.columns) {
+    const array = ARRAYS[kind];
+    columns[name] = new array(buffer, end + offset, length / array.BYTES_PER_ELEMENT);
+  }
+  return { head, columns };
+}
+
+function newRow(label) {
+  return { label, handled: [], queued: [], held: [], connected: [], failed: [] };
+}
+
+// Into the first lane in which nothing else goes on.
+function putIntoLane(lanes, span) {
+  let lane = lanes.findIndex((spans) => spans[spans.length - 1].end <= span.start);
+  if (lane < 0) lane = lanes.push([]) - 1;
+  lanes[lane].push(span);
+}
+
+export class Store {
+  constructor() {
+    this.lengths = {};
+    this.head = null;
+    this.texts = [];
+    this.times = []; // of entries
+    this.tasks = []; // { id, parent, name, sender, role, form, time, children, times, states, holds, before }
+    this.byId = new Map();
+    this.top = [];
+    this.rows = []; // of the chart: { label, handled, queued, held, connected, failed }; the first three are lanes of spans
+    this.suspended = newRow("(suspended)");
+    this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
+    this.failures = []; // times at which tasks failed
+    this.version = 0;
+  }
+
+  get start() { return this.times.length ? this.times[0] : 0; }
+  get end() { return this.times.length ? this.times[this.times.length - 1] : 0; }
+
+  // Ask the server for what is new; waits there while nothing is.
+  async more() {
+    const answer = await fetch(`api/frame?since=${encodeURIComponent(JSON.stringify(this.lengths))}`);
+    if (!answer.ok) throw new Error(`the server says ${answer.status}`);
+    this.add(await answer.arrayBuffer());
+  }
+
+  add(buffer) {
+    const { head, columns } = parse(buffer);
+    this.head = head;
+    this.failed = head.states.findIndex((state) => state.name === "failed");
+    for (const text of head.texts) this.texts.push(text);
+    for (const time of columns["entry.time"]) this.times.push(time);
+    this.#addTasks(columns);
+    this.#addStates(columns);
+    this.#addHolds(columns);
+    for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
+    this.#addSpans(columns);
+    this.lengths = head.lengths;
+    this.version += 1;
+  }
+
+  #addTasks(columns) {
+    const ids = columns["task.id"];
+    for (let i = 0; i < ids.length; i++) {
+      const task = {
+        id: ids[i], parent: this.byId.get(columns["task.parent"][i]) ?? null, name: this.texts[columns["task.name"][i]],
+        sender: this.texts[columns["task.sender"][i]], role: this.head.roles[columns["task.role"][i]],
+        form: columns["task.form"][i], time: columns["task.time"][i], children: [], times: [], states: [], holds: [], before: [],
+        depth: 0, modules: null, suspension: null,
+      };
+      task.depth = task.parent ? task.parent.depth + 1 : 0;
+      this.byId.set(task.id, task);
+      this.tasks.push(task);
+      (task.parent ? task.parent.children : this.top).push(task);
+    }
+  }
+
+  #addStates(columns) {
+    const ids = columns["state.task"];
+    for (let i = 0; i < ids.length; i++) {
+      const task = this.byId.get(ids[i]);
+      task.times.push(columns["state.time"][i]);
+      task.states.push(columns["state.state"][i]);
+      if (columns["state.state"][i] === this.failed) this.failures.push(columns["state.time"][i]);
+      this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
+    }
+  }
+
+  #noteSuspension(task, state, time) {
+    if (task.suspension) {
+      task.suspension.end = time;
+      task.suspension = null;
+    }
+    if (this.head.states[state].name !== "suspended") return;
+    task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [] };
+    putIntoLane(this.suspended.queued, task.suspension);
+  }
+
+  #addHolds(columns) {
+    const ids = columns["hold.task"];
+    for (let i = 0; i < ids.length; i++) {
+      const task = this.byId.get(ids[i]), before = this.byId.get(columns["hold.before"][i]);
+      if (!task || !before || task === before) continue;
+      task.holds.push({ before, kind: this.texts[columns["hold.kind"][i]], time: columns["hold.time"][i] });
+    }
+  }
+
+  #addSpans(columns) {
+    const rows = columns["span.row"], fresh = [];
+    for (let i = 0; i < rows.length; i++) {
+      const span = {
+        row: rows[i], kind: this.head.kinds[columns["span.kind"][i]], name: this.texts[columns["span.name"][i]],
+        message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
+        end: Infinity, outcome: "", waits: [],
+      };
+      this.spans.push(span);
+      fresh.push(span);
+    }
+    const ended = columns["end.span"];
+    for (let i = 0; i < ended.length; i++) {
+      const span = this.spans[ended[i]];
+      span.end = columns["end.time"][i];
+      span.outcome = this.head.outcomes[columns["end.outcome"][i]];
+      if (span.outcome === "failed") this.rows[span.row].failed.push(span);
+    }
+    for (const span of fresh) this.#place(span);
+  }
+
+  // Put a span where the chart finds it.
+  #place(span) {
+    const row = this.rows[span.row];
+    if (span.kind === "waiting" && span.within >= 0) {
+      this.spans[span.within].waits.push(span);
+    } else if (span.kind === "connected") {
+      row.connected.push(span);
+    } else {
+      putIntoLane({ queued: row.queued, held: row.held }[span.kind] ?? row.handled, span);
+    }
+    if (span.kind === "handling") {
+      const task = this.byId.get(span.message);
+      if (task) (task.modules ??= new Set()).add(row.label);
+    }
+  }
+
+  // --- what was so at a moment -------------------------------------------------------------------------------------
+
+  // The number of a task's state, or NEVER.
+  stateAt(task, time) {
+    const { times, states } = task;
+    if (time >= times[times.length - 1]) return states[states.length - 1];
+    const place = times.length < 8 ? this.#scan(times, time) : lastNotAfter(times, time);
+    return place < 0 ? NEVER : states[place];
+  }
+
+  #scan(times, time) {
+    let place = times.length - 1;
+    while (place >= 0 && times[place] > time) place--;
+    return place;
+  }
+
+  // How many of some tasks, oldest first, had been sent.
+  sentBy(tasks, time) {
+    if (!tasks.length || tasks[tasks.length - 1].time <= time) return tasks.length;
+    let low = 0, high = tasks.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (tasks[middle].time <= time) low = middle + 1; else high = middle;
+    }
+    return low;
+  }
+
+  counts(time) {
+    const counts = new Array(this.head.states.length).fill(0), sent = this.sentBy(this.tasks, time);
+    for (let i = 0; i < sent; i++) counts[this.stateAt(this.tasks[i], time)]++;
+    return counts;
+  }
+
+  // When a task ended, if it has by then.
+  ended(task, time) {
+    const state = this.stateAt(task, time);
+    return state !== NEVER && this.isOver(state) ? task.times[lastNotAfter(task.times, time)] : null;
+  }
+
+  isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }
+}

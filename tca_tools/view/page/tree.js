@@ -1,0 +1,220 @@
+// The task tree at a moment: a line a task, of which only those in sight are in the page.
+
+import { NEVER } from "./store.js";
+import { element, seconds, soon } from "./format.js";
+import { Outline } from "./outline.js";
+
+const ROW = 24; // pixels, as in style.css
+const INDENT = 15;
+const DEEPEST = 18; // beyond that, a task's depth is written before its name
+const GOAL = 1, MONITOR = 2;
+const ROLE_MARKS = {
+  "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
+};
+
+export class Tree {
+  constructor(store, { choose, ask }) {
+    this.store = store;
+    this.outline = new Outline(store);
+    this.choose = choose;
+    this.ask = ask; // the server, for notes
+    this.scroller = document.getElementById("rows");
+    this.spacer = document.getElementById("spacer");
+    this.time = Infinity;
+    this.rows = [];
+    this.notes = new Map();
+    this.found = new Set();
+    this.keepsUp = true; // what is being handled stays in sight, until the reader scrolls himself
+    this.arrows = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    this.arrows.id = "arrows";
+    this.scroller.addEventListener("scroll", () => this.#draw());
+    for (const own of ["wheel", "pointerdown"]) this.scroller.addEventListener(own, () => { this.keepsUp = false; }, { passive: true });
+    new ResizeObserver(() => this.#draw()).observe(this.scroller);
+    this.spacer.addEventListener("click", (event) => this.#click(event));
+    this.spacer.addEventListener("dblclick", (event) => this.#toggle(this.#rowOf(event)));
+    this.fetchNotes = soon(() => this.#fetchNotes(), 120);
+  }
+
+  show(time) {
+    if (time !== this.time || this.version !== this.store.version) this.notes.clear();
+    this.time = time;
+    this.version = this.store.version;
+    this.rows = this.outline.rows(time);
+    this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
+    if (this.keepsUp) this.#keepUp();
+    this.#draw();
+  }
+
+  #keepUp() {
+    const handling = this.store.head.states.findIndex((state) => state.name === "handling");
+    const place = this.rows.findLastIndex((row) => row.task && this.store.stateAt(row.task, this.time) === handling);
+    if (place >= 0) this.#scrollTo(place);
+  }
+
+  #scrollTo(place) {
+    const top = place * ROW, { scrollTop, clientHeight } = this.scroller;
+    if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 2;
+  }
+
+  // Bring a task into sight.
+  reveal(task) {
+    this.outline.choose(task);
+    this.keepsUp = false;
+    this.show(this.time);
+    let place = this.rows.findIndex((row) => row.task === task);
+    if (place < 0 && task.time <= this.time) {
+      this.outline.reveal(task);
+      this.show(this.time);
+      place = this.rows.findIndex((row) => row.task === task);
+    }
+    if (place < 0) return this.#draw();
+    this.#scrollTo(place);
+    this.#draw();
+  }
+
+  // The task of the row above or below the chosen one.
+  neighbour(step) {
+    const tasks = this.rows.filter((row) => row.task);
+    const place = tasks.findIndex((row) => row.task === this.outline.chosen);
+    return tasks[Math.min(Math.max(place + step, 0), tasks.length - 1)]?.task;
+  }
+
+  toggleChosen() { this.#toggle(this.rows.find((row) => row.task && row.task === this.outline.chosen)); }
+
+  #toggle(row) {
+    if (!row) return;
+    if (!row.task) this.outline.unfolded.add(row.parent);
+    else if (row.children) this.outline.toggle(row.task, this.time);
+    this.show(this.time);
+  }
+
+  #rowOf(event) {
+    const line = event.target.closest(".row");
+    return line ? this.rows[Number(line.dataset.place)] : null;
+  }
+
+  #click(event) {
+    const row = this.#rowOf(event);
+    if (!row) return;
+    if (!row.task || event.target.classList.contains("twist")) this.#toggle(row);
+    else this.choose(row.task.id);
+  }
+
+  #draw() {
+    const first = Math.max(Math.floor(this.scroller.scrollTop / ROW) - 4, 0);
+    const last = Math.min(first + Math.ceil(this.scroller.clientHeight / ROW) + 8, this.rows.length);
+    const lines = [];
+    for (let place = first; place < last; place++) lines.push(this.#line(this.rows[place], place));
+    if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
+    this.spacer.replaceChildren(...lines, this.arrows);
+    this.#drawArrows(first, last);
+    this.fetchNotes();
+  }
+
+  #line(row, place) {
+    const indent = Math.min(row.depth, DEEPEST) * INDENT;
+    const line = element("div", { class: "row" });
+    line.dataset.place = place;
+    line.style.top = `${place * ROW}px`;
+    const task = element("span", { class: "task" });
+    task.style.paddingLeft = `${indent}px`;
+    if (row.task) this.#fillTask(line, task, row);
+    else this.#fillFolded(line, task, row);
+    return line;
+  }
+
+  #fillFolded(line, task, row) {
+    line.classList.add("folded");
+    const { name, colour } = this.store.head.states[row.state];
+    task.append(element("span", { class: "twist", text: "…" }), dot(colour),
+      element("span", { class: "name", text: `${row.folded} tasks ${name}` }));
+    line.append(task, element("span", { class: "when" }), element("span", { class: "why", text: "a click shows them" }));
+  }
+
+  #fillTask(line, cell, row) {
+    const { task } = row, state = this.store.stateAt(task, this.time);
+    const { name, colour } = this.store.head.states[state === NEVER ? 0 : state];
+    line.classList.add(name);
+    line.classList.toggle("chosen", task === this.outline.chosen);
+    line.classList.toggle("found", this.found.has(task));
+    line.dataset.task = task.id;
+    const twist = row.children ? (row.open ? "▾" : "▸") : "";
+    if (row.depth > DEEPEST) cell.append(element("span", { class: "more", text: `[${row.depth}]` }));
+    cell.append(element("span", { class: "twist", text: twist }), dot(colour, task.form === GOAL),
+      element("span", { class: "name", text: task.name }), element("span", { class: "number", text: task.id }));
+    if (row.children && !row.open) cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
+    const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
+    if (mark) cell.append(element("span", { class: "role", text: mark }));
+    const ended = this.store.ended(task, this.time);
+    const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
+    const note = this.notes.get(task.id) ?? "";
+    const why = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name;
+    line.append(cell, element("span", { class: "when", text: when }), element("span", { class: "why", text: why, title: note }));
+    line.title = `${task.name} {${task.id}}: ${name}`;
+  }
+
+  async #fetchNotes() {
+    const first = Math.floor(this.scroller.scrollTop / ROW);
+    const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
+    const ids = seen.filter((row) => row.task && !this.notes.has(row.task.id) && this.#hasNote(row.task)).map((row) => row.task.id);
+    if (!ids.length) return;
+    const time = this.time, version = this.version;
+    const notes = await this.ask("notes", { ids: ids.join(","), at: time });
+    if (!notes || time !== this.time || version !== this.version) return;
+    for (const id of ids) this.notes.set(id, notes[id] ?? "");
+    this.#draw();
+  }
+
+  #hasNote(task) {
+    const state = this.store.stateAt(task, this.time);
+    return state !== NEVER && this.store.head.states[state].name !== "achieved";
+  }
+
+  // --- constraint arrows -------------------------------------------------------------------------------------------
+
+  #drawArrows(first, last) {
+    const places = new Map(), paths = [];
+    for (let place = first; place < last; place++) if (this.rows[place].task) places.set(this.rows[place].task, place);
+    const edge = this.spacer.clientWidth * 0.46;
+    for (const [task, place] of places) {
+      const drawn = new Map();
+      for (const hold of task.holds) {
+        if (hold.time > this.time || !places.has(hold.before)) continue;
+        drawn.set(hold.before, [...(drawn.get(hold.before) ?? []), hold.kind]);
+      }
+      for (const [before, kinds] of drawn) {
+        const other = task === this.outline.chosen ? before : before === this.outline.chosen ? task : null;
+        paths.push(...arrow(edge, places.get(before), place, [...new Set(kinds)].join(", "), other && places.get(other)));
+      }
+    }
+    this.arrows.replaceChildren(...paths);
+  }
+}
+
+function dot(colour, isGoal = false) {
+  const made = element("span", { class: isGoal ? "dot goal" : "dot" });
+  made.style.background = colour;
+  return made;
+}
+
+function svg(kind, attributes) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  return made;
+}
+
+// From the row of what comes first to the row of what waits for it, as a bow at the right of the names; if one of both is
+// chosen, what it means stands at the other's row.
+function arrow(edge, from, to, kind, labelled) {
+  const chosen = labelled !== null;
+  const a = from * ROW + ROW / 2, b = to * ROW + ROW / 2, bow = Math.min(14 + Math.abs(to - from) * 4, 60);
+  const looks = chosen ? { class: "chosen" } : {};
+  const path = svg("path", { d: `M ${edge} ${a} C ${edge - bow} ${a}, ${edge - bow} ${b}, ${edge} ${b}`, ...looks });
+  const head = svg("path", { d: `M ${edge - 6} ${b - 4} L ${edge} ${b} L ${edge - 6} ${b + 4}`, ...looks });
+  path.append(svg("title", {}));
+  path.firstChild.textContent = kind;
+  if (!chosen) return [path, head];
+  const text = svg("text", { x: edge - 16, y: labelled * ROW + ROW / 2 + 3, "text-anchor": "end" });
+  text.textContent = kind;
+  return [path, head, text];
+}

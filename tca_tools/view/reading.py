@@ -1,0 +1,138 @@
+"""A journal that is read in the background while pages already look at what has been read, and followed at its end."""
+
+import gc
+import threading
+from itertools import groupby
+from operator import attrgetter
+from types import TracebackType
+from typing import Self
+
+from tca_tools.errors import ToolError
+from tca_tools.logs import Log, Place
+from tca_tools.view.feed import Feed
+from tca_wire.facts import Closed, Entry
+from tca_wire.journal import JournalReader
+
+_AT_ONCE = 2000
+"""Entries that are taken in while nobody can look."""
+_POLL_SECONDS = 0.1
+_WHILE_READING = 1.0
+"""Seconds between two looks at a long journal that is being read."""
+
+
+class Reading:
+    """What has been read of a journal. Look at it only inside of ``with reading:``."""
+
+    def __init__(self, log: Log) -> None:
+        self.log = log
+        self.feed = Feed()
+        self.caught_up = False
+        """Whether all has been read that there is; more may come."""
+        self.closed = False
+        """Whether central ended of its own will: nothing more comes."""
+        self.problem = ""
+        """Why nothing more can be read."""
+        self._grown = threading.Condition()
+        self._places: list[Place] = []
+        self._pending: list[tuple[Entry, Place]] = []
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="journal", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._grown.acquire()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._grown.release()
+
+    def start(self) -> None:
+        """Begin to read, in a thread of its own."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Read no more, and let nobody wait for it."""
+        self._stopped.set()
+        with self:
+            self._grown.notify_all()
+
+    @property
+    def entries(self) -> int:
+        """How many entries have been read."""
+        return len(self._places)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will be read."""
+        return bool(self.problem) or self._stopped.is_set()
+
+    def wait_for_more(self, entries: int, seconds: float) -> None:
+        """Wait, inside of ``with``, until there are more than so many entries, or the time is over.
+
+        While a long journal is being read, news are told together.
+        """
+        if not self.caught_up:
+            self._grown.wait_for(lambda: self.caught_up or self.is_over, min(seconds, _WHILE_READING))
+        else:
+            self._grown.wait_for(lambda: self.entries > entries or self.is_over, seconds)
+
+    def entries_between(self, first: int, last: int) -> list[Entry]:
+        """Entries by their numbers from the first on, read anew from the disk. Not to be called inside of ``with``."""
+        with self:
+            places = self._places[max(first, 0) : last]
+        found: list[Entry] = []
+        for segment, together in groupby(places, attrgetter("segment")):
+            offsets = [place.offset for place in together]
+            with segment.open("rb") as stream:
+                for entry in JournalReader(stream, str(segment), offsets[0]):
+                    if found and entry.number == found[-1].number:  # one event of so many facts
+                        found[-1] = Entry(entry.number, entry.time, [*found[-1].facts, *entry.facts])
+                    elif offsets:
+                        found.append(entry)
+                        offsets.pop()
+                    else:
+                        break
+        return found
+
+    def _read(self) -> None:
+        gc.disable()  # see garbage.py; here until all has been read that there is
+        try:
+            for entry, place in self.log.follow_places(self._pause):
+                self._pending.append((entry, place))
+                if len(self._pending) >= _AT_ONCE:
+                    self._take()
+                if self._stopped.is_set():
+                    return
+            self._take()
+            self.log.check()
+        except ToolError as error:
+            self._take()
+            self._catch_up(error.message)
+
+    def _pause(self) -> None:
+        self._take()
+        if not self.caught_up:
+            self._catch_up()
+        self._stopped.wait(_POLL_SECONDS)
+
+    def _catch_up(self, problem: str = "") -> None:
+        gc.freeze()
+        gc.enable()
+        with self:
+            self.problem, self.caught_up = problem, True
+            self._grown.notify_all()
+
+    def _take(self) -> None:
+        """Let those who look see what has been read."""
+        if not self._pending:
+            return
+        with self:
+            for entry, place in self._pending:
+                known = len(self.feed.history.times)
+                self.feed.apply(entry)
+                if len(self.feed.history.times) > known:  # not another record of the same entry
+                    self._places.append(place)
+                self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
+            self._pending.clear()
+            self._grown.notify_all()

@@ -1,0 +1,80 @@
+"""Demon monitors: fired with what they send, and by those who cannot know that they have ended."""
+
+import queue
+
+import pytest
+
+from tca_module import Client, Command, DemonMonitor, Goal, MisuseError, Module, Outcome, Task, this
+from tca_module.testing import LocalCentral
+from tca_wire.facts import MonitorEnded
+
+SOON = 5.0
+GO, WATCH, FETCH, OTHER = Goal("go"), Command("watch"), Command("fetch", str), Command("other", int)
+CUPS = DemonMonitor("cups", set_up=WATCH, action=FETCH)
+BUMPS = DemonMonitor("bumps", set_up=WATCH)
+NUDGES = DemonMonitor("nudges")
+
+
+def test_what_is_fired_after_the_end_does_not_count_and_harms_nobody(
+    legs: Module, eyes: Module, central: LocalCentral, user: Client
+) -> None:
+    """Vision sees three cups; that two were wanted is not its affair."""
+    fetched, counted = list[str](), list[bool]()
+    legs.handles(FETCH)(lambda _, cup: fetched.append(cup))
+
+    @eyes.handles(WATCH)
+    def watch(task: Task) -> None:
+        cups = task.monitor_handle
+        counted.extend(cups.fire(FETCH, cup) for cup in ("blue", "red", "green"))
+        cups.end()
+        cups.end()
+
+    @legs.handles(GO)
+    def go(task: Task) -> None:
+        task.monitor(CUPS, maximum=2)
+
+    with legs.running(), eyes.running():
+        assert user.goal(GO).wait(SOON) is Outcome.DONE
+    assert counted == [True, True, False]
+    assert fetched == ["blue", "red"]
+    assert [fact.why for fact in central.facts if isinstance(fact, MonitorEnded)] == ["it has sent 2 actions"]
+
+
+def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes: Module, user: Client) -> None:
+    fetched, errors = list[str](), queue.Queue[str]()
+    legs.handles(FETCH)(lambda _, cup: fetched.append(cup))
+
+    @eyes.handles(WATCH)
+    def watch(task: Task) -> None:
+        with pytest.raises(MisuseError) as wrong:
+            task.monitor_handle.fire(OTHER, 7)
+        errors.put(str(wrong.value))
+
+    with legs.running(), eyes.running():
+        cups = user.monitor(CUPS, maximum=1)
+        for_handlers = errors.get(timeout=SOON)
+        assert for_handlers.endswith("'cups' can't be fired with command 'other': its action is 'fetch'")
+        with pytest.raises(MisuseError, match="can't be fired with command 'other': its action is 'fetch'"):
+            cups.fire(OTHER, 7)
+        with pytest.raises(MisuseError, match="can't be fired with None: its action is 'fetch'"):
+            cups.fire()
+        assert cups.fire(FETCH, "blue")
+        assert cups.wait(SOON) is Outcome.DONE
+    assert fetched == ["blue"]
+
+
+def test_a_monitor_without_an_action_is_fired_without_one(eyes: Module, central: LocalCentral, user: Client) -> None:
+    eyes.handles(WATCH)(lambda _: None)
+    with eyes.running():
+        bumps = user.monitor(BUMPS, maximum=2)
+        with pytest.raises(MisuseError, match=r"it has no action, fire\(\) it without a message"):
+            bumps.fire(FETCH, "blue")
+        assert [bumps.fire() for _ in range(3)] == [True, True, False]
+    assert [fact.why for fact in central.facts if isinstance(fact, MonitorEnded)] == ["it has sent 2 actions"]
+
+
+def test_a_monitor_that_has_yet_to_begin_is_not_fired(user: Client) -> None:
+    going = user.goal(GO)
+    nudges = user.monitor(NUDGES, constraints=[going.handling.start <= this.handling.start])
+    assert not nudges.fire()
+    assert nudges.info() is not None

@@ -1,0 +1,150 @@
+"""The code in README and docs/ is true: what quotes an example is in it, and all of it fits the library.
+
+What is no quote is checked by mypy, after the names that its page takes for known. So a call, an option or a name that
+does not exist is found, and so are data of a wrong type.
+"""
+
+import ast
+import re
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
+
+OTHER_WORDS = ("tca ", "pip install ", "$ ", "python -m ", "traverse path", "module '", "00 00 ")
+"""How blocks begin that are no Python: what one types, what is printed, what is on the wire."""
+
+QUOTES = {
+    "pending = [asker.query_send": "02_questions",
+    'print("the first bid:"': "16_asking_many",
+    'blinking = user.execute_if_handled(BLINK, "green")': "17_only_if_handled",
+    "with task.sequence(plan_ahead=1):": "03_plan_ahead",
+    "charge = task.command(CHARGE, delay=0.2)": "14_deadlines_and_delays",
+    "@planner.handles(DIG)": "12_kill_and_leave_safe",
+    "user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)": "09_monitors_and_taps",
+    "task.monitor(CUP_GONE": "10_cups",
+    "walking.suspend()": "13_suspend_and_resume",
+    "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
+    "task.command(STOW, thing, keep=True)": "18_what_was_done_already",
+    "@display.handles(POSE, pending=1)": "15_what_waits",
+    'with task.lock("controller"': "34_locks",
+}
+"""How blocks begin that are taken from an example."""
+
+
+PLAIN = """
+import asyncio
+from typing import Any
+from tca_module import *
+class Place: ...
+class Image: ...
+arm = driver = eyes = ground = safety = Module("any")
+LOOK, SURVEY = Query("look", Place, reply=Image), Command("survey", list[Place])
+HEIGHT, CONFIRM, TEMPERATURE = Query("a", Place, reply=float), Query("b", int, reply=bool), Query("c", reply=float)
+BATTERY, COOL_DOWN, MOVE, STABILITY_CHECK = Inform("d", int), Command("e"), Command("f", float, result=float), Command("g")
+MOVE_LEG, RAISE_LEG, TERRAIN_COLLISION = Command("h", int, result=int), ExceptionHandler("i"), Failure("j", float)
+def parse(line: bytes) -> int: ...
+def give_up() -> None: ...
+class Cable:
+    def read(self) -> bytes: ...
+    def write(self, line: bytes) -> None: ...
+    def fileno(self) -> int: ...
+class Motor:
+    def start(self, angle: float, on_stop: Later[float]) -> None: ...
+cable, motor, task = Cable(), Motor(), Task.__new__(Task)
+http: Any = None
+"""
+
+AMBLER = """
+from robots.ambler_sim.messages import *
+from robots.ambler_sim.reactions import *
+from tca_module import Condition, Module
+module = Module("any")
+"""
+
+EXPLORER = """
+from tca_explorer import *
+from tca_module import Command, Failure, Goal
+from tca_wire.points import Moment
+"""
+
+NAMES = {"ambler": AMBLER, "explorer": EXPLORER, "modules": PLAIN, "command-line": PLAIN}
+"""What the pages take for known."""
+
+
+class Block:
+    """A piece of a page, as it is shown."""
+
+    def __init__(self, page: Path, line: int, text: str, language: str) -> None:
+        self.where = f"{page.name}:{line}"
+        self.name = f"{page.stem.replace('-', '_')}_{line}"
+        self.names = NAMES.get(page.stem, "")
+        self.text = textwrap.dedent(text).strip("\n") + "\n"
+        self.language = language
+
+    @property
+    def is_python(self) -> bool:
+        return self.language == "python" or (not self.language and not self.text.startswith(OTHER_WORDS))
+
+    @property
+    def is_quote(self) -> bool:
+        return self.text.startswith(tuple(QUOTES))
+
+    @property
+    def lines(self) -> list[str]:
+        """Its code without comments."""
+        return [line for line in (without_comment(line) for line in self.text.splitlines()) if line]
+
+
+def without_comment(line: str) -> str:
+    """A line of code; "..." behind it, which stands for what is left out, is none of it."""
+    return re.sub(r"(^|  )#.*", "", line).strip().removesuffix(": ...").removesuffix(":")
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """The fenced blocks of a page, and those that are indented after an empty line."""
+    for found in re.finditer(
+        r"^```(?P<language>\w*)\n(?P<fenced>.*?)^```$|(?<=\n\n)(?P<indented>(?:    [^\n]*\n(?:\n(?=    ))*)+)",
+        page.read_text(), re.MULTILINE | re.DOTALL,
+    ):  # fmt: skip
+        line = page.read_text()[: found.start()].count("\n") + 1
+        if found["indented"] is not None:
+            yield Block(page, line, found["indented"], "")
+        else:
+            yield Block(page, line, found["fenced"], found["language"] or "text")
+
+
+BLOCKS = [block for page in PAGES for block in blocks(page)]
+CODE = [block for block in BLOCKS if block.is_python]
+
+
+@pytest.mark.parametrize("block", CODE, ids=[block.where for block in CODE])
+def test_each_block_is_python_or_listed_as_something_else(block: Block) -> None:
+    ast.parse(block.text)
+
+
+@pytest.mark.parametrize(("beginning", "example"), QUOTES.items(), ids=QUOTES.values())
+def test_quotes_are_in_their_examples(beginning: str, example: str) -> None:
+    (block,) = [block for block in CODE if block.text.startswith(beginning)]
+    known = {without_comment(line) for line in EXAMPLES[example].splitlines()}
+    assert [line for line in block.lines if line not in known] == []
+
+
+@pytest.mark.slow
+def test_the_code_in_the_docs_fits_the_library(tmp_path: Path) -> None:
+    for block in CODE:
+        if not block.is_quote:
+            (tmp_path / f"{block.name}.py").write_text(block.names + block.text)
+    options = ["--config-file", "setup.cfg", "--disable-error-code", "empty-body", "--no-error-summary"]
+    found = subprocess.run(
+        [sys.executable, "-m", "mypy", *options, *map(str, sorted(tmp_path.glob("*.py")))],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert found.stdout + found.stderr == ""

@@ -1,0 +1,206 @@
+"""Outcome, failures, waits and resources of a run, each worked out by hand."""
+
+import pytest
+from tools.robots import caught, commanding, fail, near, recovering, stepping
+from tools.story import Story, stumbling, walking
+
+from tca_tools.analysis import words
+from tca_tools.analysis.failures import Fate, failures
+from tca_tools.analysis.resources import uses
+from tca_tools.analysis.spans import Cover, levels
+from tca_tools.analysis.summary import summary
+from tca_tools.analysis.waits import WaitKind, waits
+from tca_tools.past import Past
+from tca_tools.records import State
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass
+
+
+def test_a_good_run() -> None:
+    run = summary(stepping().fold())
+    assert (run.outcome, run.is_good, run.failures) == ("The top-level task was achieved.", True, 0)
+    assert (run.start, run.end, run.modules) == (1.0, 10.3, 3)
+    assert run.tasks == {State.ACHIEVED: 7}
+
+
+def test_a_bad_run_says_why() -> None:
+    run = summary(stumbling().fold())
+    why = "failure 'terrain collision' of move body {7} was not handled"
+    assert run.outcome == f"The top-level task was not achieved: traverse arc {{1}} was killed: {why}."
+    assert (run.is_good, run.failures, run.end) == (False, 1, 4.5)
+    assert run.reasons == [(f"traverse arc was killed: {why.replace('7', '…')}", 1, "traverse arc {1}")]
+
+
+def test_a_run_that_is_not_over_and_one_of_nothing() -> None:
+    run = summary(walking().fold())
+    assert (run.outcome, run.is_good, run.end) == ("The task had not ended when the journal did.", False, 4.0)
+    assert summary(Story().fold()).outcome == "No task was sent."
+    assert summary(Past()).seconds == 0.0
+
+
+def test_a_run_of_several_tasks_with_failures_on_the_way() -> None:
+    run = summary(recovering().fold())
+    assert run.outcome == "1 of 3 top-level tasks was not achieved; the first, move {5}, failed: jam: " + JAM + "."
+    assert run.failures == 3
+
+
+JAM = "<script>alert(1)</script>\x1b[31m"
+
+
+def test_failures_and_what_became_of_them() -> None:
+    kinds = {kind.failure: kind.cases[0] for kind in failures(recovering().fold())}
+    slip, fall, jam = kinds["slip"], kinds["fall"], kinds["jam"]
+    assert (slip.fate, slip.of, slip.text, slip.time) == (Fate.RETRIED, "move {1}", "left foot", 2.0)
+    assert (slip.raised_by, slip.chain) == ("its handler in legs", ["recover {2} in expert"])
+    assert near(slip.lost, slip.recovery) == (1.0, 0.2)
+    assert near(fall.fate, fall.lost, fall.recovery) == (Fate.DEALT_WITH, 0.5, 0.3)
+    assert near(jam.fate, jam.chain, jam.cost) == (Fate.NOT_HANDLED, [], 0.4)
+    assert next(iter(kinds)) == "jam"  # what was not overcome comes first
+
+
+def test_a_task_that_was_killed_by_its_exception_handler_and_replaced() -> None:
+    story = Story().module("user").module("planner", "walk").module("legs", "move").module("expert", "recover")
+    walk = story.at(1.0).goal("walk", "user")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    move = story.command("move", "planner", walk)
+    story.delivered(move, "legs").returned(walk)
+    fail(story.at(2.0), move, "slip", "")
+    helper = caught(story, move)
+    story.at(2.1).say(facts.Killed(TaskId(move), "another way"), facts.Recovered(TaskId(move)))
+    story.at(3.0).returned(helper).reached(helper, *Moment).reached(move, *Moment).reached(walk, *Moment)
+    (kind,) = failures(story.fold())
+    (case,) = kind.cases
+    assert (case.fate, case.why, kind.is_good) == (Fate.REPLACED, "another way", True)
+    assert near(case.lost, case.recovery) == (1.0, 1.0)
+
+
+def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
+    story = Story().module("legs", "move").module("expert", "recover")
+    move = story.at(1.0).command("move", "user")
+    story.delivered(move, "legs").at(2.0).say(facts.Failed(move, "slow", "", is_beside=True))
+    helper = caught(story, move)
+    story.at(2.5).returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(move)))
+    fail(story.at(4.0), move, "slip", "")
+    story.say(facts.Unhandled(TaskId(move)), facts.Killed(TaskId(move), "slip")).reached(move, *Moment)
+    cases = {kind.failure: kind.cases[0] for kind in failures(story.fold())}
+    slow, slip = cases["slow"], cases["slip"]
+    assert near(slow.fate, slow.recovery, slow.chain) == (Fate.DEALT_WITH, 0.5, ["recover {2} in expert"])
+    assert near(slip.fate, slip.lost, slip.chain) == (Fate.NOT_HANDLED, 3.0, [])
+
+
+def test_failures_at_the_same_time_cost_that_time_once() -> None:
+    story = Story().module("legs", "move", resource="legs")
+    moves = [story.at(1.0).command("move", "user") for _ in range(2)]
+    for move in moves:
+        story.delivered(move, "legs")
+    for move in moves:
+        fail(story.at(3.0), move, "slip", "")
+    (kind,) = failures(story.fold())
+    assert near(kind.cost, len(kind.cases)) == (2.0, 2)
+
+
+def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
+    story = Story().module("legs", "move").module("eye", "where")
+    move = story.at(1.0).command("move", "user")
+    story.delivered(move, "legs").at(2.0).say(facts.Failed(move, "timeout", "not within 1 s", is_beside=True))
+    where = story.at(3.0).received("where", MessageClass.QUERY, "user", blocking=True)
+    story.delivered(where, "eye").at(3.5)
+    fail(story, where, "blind", "")
+    blind, timeout = (kind.cases[0] for kind in failures(story.fold()))
+    assert (timeout.raised_by, timeout.fate) == ("central", Fate.NOT_HANDLED)
+    assert near(blind.fate, blind.lost) == (Fate.ANSWERED, 0.5)
+
+
+def test_the_longest_waits_of_each_kind() -> None:
+    found = {kind.kind: kind for kind in waits(stepping().fold())}
+    held = found[WaitKind.CONSTRAINT]
+    assert [(wait.who, wait.start, wait.end, wait.what) for wait in held.longest] == [
+        ("step {4}", 1.2, 7.3, "until step {3} is achieved"),
+        ("step {3}", 1.2, 4.3, "until step {2} is achieved"),
+    ]
+    (queued,) = found[WaitKind.RESOURCE].longest
+    assert near(queued.who, queued.seconds, queued.what) == (
+        "step {2}",
+        0.1,
+        "for planner, busy with walk {1}",
+    )
+
+
+def test_waits_for_replies_and_tasks_name_who_was_slow() -> None:
+    found = {kind.kind: kind for kind in waits(commanding().fold())}
+    assert near(found[WaitKind.REPLY].number, found[WaitKind.REPLY].seconds) == (2, 0.8)
+    reply, task = found[WaitKind.REPLY].longest[0], found[WaitKind.TASK].longest[0]
+    assert (reply.who, reply.what) == ("the handler of walk {1}", "for the reply to where {2} from eye")
+    assert task.what == "until move {3} is achieved"
+
+
+def test_waits_for_locks_and_for_nobody() -> None:
+    story = Story().module("eye").module("legs", "move")
+    story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "eye", 0), facts.Granted(50))
+    story.at(2.0).queued(story.command("move", "user"), "legs").queued(story.command("dance", "user")).at(6.0)
+    found = {kind.kind: kind.longest[0] for kind in waits(story.fold())}
+    lock, nobody = found[WaitKind.LOCK], found[WaitKind.HANDLER]
+    assert (lock.what, lock.seconds, lock.is_open) == ("for legs, which eye had locked", 4.0, True)
+    assert nobody.what == "for a module that handles dance"
+
+
+def test_only_the_longest_are_told() -> None:
+    story = Story().module("legs", "move")
+    for number in range(30):
+        story.at(10.0 * number).queued(move := story.command("move", "user"), "legs")
+        story.at(10.0 * number + number / 10).delivered(move, "legs").returned(move)
+    (kind,) = waits(story.fold(), at_most=3)
+    assert (kind.number, [round(wait.seconds, 3) for wait in kind.longest]) == (29, [2.9, 2.8, 2.7])
+
+
+def test_how_busy_resources_were() -> None:
+    past = stepping().fold()
+    legs, planner = uses(past, 1.0, 10.3)
+    assert near(legs.name, legs.busy, legs.share) == ("legs", 6.0, 0.645161)
+    assert near(planner.handled, planner.busy, planner.waiting) == (4, 3.3, 0)
+    assert near(planner.queued, planner.queue_seconds, planner.longest_queue) == (1, 0.1, 1)
+
+
+def test_a_resource_of_several_slots_and_one_that_was_locked() -> None:
+    story = Story().module("map", "where")
+    story.say(facts.ResourceChanged("map", "map", 2))
+    ids = [story.at(1.0).received("where", MessageClass.QUERY, "x") for _ in range(2)]
+    story.delivered(ids[0], "map").delivered(ids[1], "map").at(3.0).returned(ids[0]).at(5.0).returned(ids[1])
+    story.at(6.0).say(facts.Claimed(50, "map", "map", False, "eye", 0)).at(7.0).say(facts.Granted(50))
+    story.at(9.0).say(facts.ClaimEnded(50, "released"), facts.ResourceChanged("map", "map", 0))
+    (use,) = uses(story.fold(), 1.0, 11.0)
+    assert near(use.capacity, use.busy, use.share, use.full, use.locked) == (2, 6.0, 0.3, 2.0, 2.0)
+
+
+def test_spans() -> None:
+    spans = [(0.0, 4.0), (1.0, 2.0), (3.0, 6.0), (8.0, 8.0)]
+    assert list(levels(spans)) == [(0.0, 1), (1.0, 2), (2.0, 1), (3.0, 2), (4.0, 1), (6.0, 0)]
+    one, two = Cover(spans), Cover(spans, 2)
+    assert (one.total, two.total) == (6.0, 2.0)
+    assert [one.within(*window) for window in ((0, 6), (-5, 1), (5, 9), (3, 3), (7, 8))] == [6, 1, 1, 0, 0]
+    assert (two.within(1.5, 3.5), two.within(9, 1), Cover([]).within(0, 1)) == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("length", "said"),
+    [
+        (0, "0 s"),
+        (0.00032, "320 us"),
+        (0.0042, "4.2 ms"),
+        (0.042, "42 ms"),
+        (0.42, "0.42 s"),
+        (42, "42.0 s"),
+        (725, "12:05 min"),
+        (119346, "33:09:06 h"),
+    ],
+)
+def test_lengths_in_words(length: float, said: str) -> None:
+    assert words.seconds(length) == said
+
+
+def test_other_words() -> None:
+    assert [words.times(number) for number in (1, 2, 12000)] == ["once", "twice", "12,000 times"]
+    assert [words.counted(number, "task") for number in (1, 2000)] == ["1 task", "2,000 tasks"]
+    assert (words.listed(["a"]), words.listed(["a", "b", "c"])) == ("a", "a, b and c")
+    assert (words.percent(0.5), words.percent(0.012)) == ("50%", "1.2%")

@@ -1,0 +1,168 @@
+"""Planning that could have been done while something was acted, and what that saves at most: worked out by hand."""
+
+import pytest
+from tools.robots import commanding, looking_ahead, near, recovering, stepping
+from tools.story import THIS, Story, walking
+
+from tca_tools.analysis.advice import Advice, Topic, advice
+from tca_tools.analysis.causes import Causes
+from tca_tools.analysis.concurrency import Overlap, overlaps
+from tca_tools.analysis.critical_path import critical_path, last_task
+from tca_tools.analysis.failures import failures
+from tca_tools.analysis.resources import uses
+from tca_tools.analysis.summary import summary
+from tca_tools.past import Past
+from tca_wire import facts
+from tca_wire.constraints import sequential_achievement
+from tca_wire.points import Moment, TaskId
+
+
+def found_in(past: Past) -> list[Overlap]:
+    return overlaps(past, Causes(past))
+
+
+def advised(past: Past, at_least: float = 1e-6) -> list[Advice]:
+    run, task = summary(past), last_task(past)
+    causes = Causes(past)
+    path = critical_path(past, causes, task) if task else None
+    return advice(past, path, overlaps(past, causes), uses(past, run.start, run.end), failures(past), at_least)
+
+
+def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
+    """Two gaps of 1 s, in each 1 s of planning, before each 2 s of acting with the planner free: 2 s. The robot that
+    looks ahead needs just that much less: 7.3 s, not 9.3.
+    """
+    (overlap,) = found_in(stepping().fold())
+    assert [(round(one.start, 6), round(one.end, 6)) for one in overlap.chances] == [(4.3, 5.3), (7.3, 8.3)]
+    assert overlap.saving == pytest.approx(2.0)
+    slow, fast = (summary(story.fold()).seconds for story in (stepping(), looking_ahead()))
+    assert slow - fast == pytest.approx(overlap.saving)
+
+
+def test_no_more_is_saved_than_the_acting_takes() -> None:
+    (overlap,) = found_in(stepping(planning=3.0, acting=2.0).fold())
+    assert near(overlap.idle, overlap.saving) == (6.0, 4.0)
+
+
+def test_no_more_is_saved_than_the_planner_has_time_for() -> None:
+    (overlap,) = found_in(stepping(planning=1.0, acting=2.0, errand=1.5).fold())
+    assert overlap.saving == pytest.approx(2 * 0.5)
+
+
+def test_what_holds_the_planning_back_is_named() -> None:
+    (overlap,) = found_in(stepping().fold())
+    assert overlap.example.reason == "step {3} was held until step {2} is achieved"
+    assert overlap.example.remedy == (
+        "'step' is not planned before it may be achieved: plan_ahead=1 instead of delay_planning"
+    )
+
+
+def test_who_looks_ahead_already_is_told_nothing() -> None:
+    assert found_in(looking_ahead().fold()) == []
+    assert found_in(walking().fold()) == []
+
+
+def test_a_handler_that_waits_for_its_commands() -> None:
+    """Between its moves: 0.1 s of thought, 0.4 s of asking, 0.1 s of thought, while the move before took 2 s."""
+    (overlap,) = found_in(commanding().fold())
+    assert overlap.saving == pytest.approx(0.6)
+    assert overlap.example.reason == "the handler of walk {1} waited for move {3}"
+    assert "the handler of 'walk' waits for 'move'" in overlap.example.remedy
+
+
+def test_a_script_that_waits_for_one_task_before_it_sends_the_next() -> None:
+    story = Story().module("script").module("planner", "walk").module("legs", "move")
+    now = 1.0
+    for _ in range(2):
+        walk = story.at(now).goal("walk", "script")
+        story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+        story.at(now).say(facts.WaitBegan("script", 0, TaskId(walk), Moment.END_ACHIEVING))
+        move = story.at(now + 1.0).command("move", "planner", walk)
+        story.delivered(move, "legs").at(now + 1.0).returned(walk).reached(walk, Moment.END_PLANNING)
+        story.at(now + 4.0).returned(move).reached(move, Moment.END_ACHIEVING).reached(walk, Moment.END_ACHIEVING)
+        story.say(facts.WaitEnded("script", 0, TaskId(walk)))
+        now += 4.0
+    (overlap,) = found_in(story.fold())
+    assert near(overlap.saving, overlap.example.reason) == (1.0, "script waited for walk {1}")
+
+
+def test_a_question_that_queues_behind_the_acting() -> None:
+    """The planner asks the legs where they are, and gets its answer only when they have stopped."""
+    story = Story().module("user").module("planner", "walk").module("legs", "move", "where")
+    walk = story.at(1.0).goal("walk", "user")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    first = story.at(2.0).command("move", "planner", walk)
+    story.delivered(first, "legs")
+    asked = story.at(2.5).received("where", story._classes[walk].QUERY, "planner", 0, origin=walk, blocking=True)
+    story.queued(asked, "legs")
+    story.at(5.0).returned(first).reached(first, Moment.END_ACHIEVING).delivered(asked, "legs")
+    story.at(5.1).returned(asked).say(facts.Answered(asked))
+    second = story.at(6.0).command("move", "planner", walk, sequential_achievement(TaskId(first), THIS))
+    story.delivered(second, "legs")
+    story.at(8.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    (overlap,) = found_in(story.fold())
+    assert overlap.saving == pytest.approx(0.9)
+    assert overlap.example.remedy == "'where' queues behind commands: let a resource of its own handle it"
+
+
+def test_what_somebody_decides_is_no_chance() -> None:
+    story = Story().module("operator").module("legs", "move")
+    for start in (1.0, 9.0):
+        move = story.at(start).command("move", "operator")
+        story.acted(move, "legs", 2.0)
+    assert found_in(story.fold()) == []
+
+
+def test_the_advice_in_words_with_its_numbers() -> None:
+    (one,) = advised(stepping().fold(), at_least=0.5)
+    assert (one.topic, one.title, one.times) == (Topic.OVERLAP, "Plan the next while legs acts", 2)
+    assert one.text == (
+        "legs stood idle twice between one 'move' and the next, 2.00 s in all. For 2.00 s of that planner planned what "
+        "comes next. Planning it while the one before is executed would save at most 2.00 s"
+    )
+    assert near(one.saving, one.on_path) == (2.0, 2.0)
+    assert (
+        one.example == "4.300 s to 5.300 s, between move {5} and move {6}: step {3} was held until step {2} is achieved"
+    )
+
+
+def test_questions_on_the_critical_path() -> None:
+    asked = next(one for one in advised(commanding().fold()) if one.topic is Topic.QUERY)
+    assert asked.text.startswith("The critical path waits twice for the reply to 'where', 0.80 s in all.")
+    assert asked.saving == pytest.approx(0.8)
+
+
+def test_a_resource_that_all_queue_for() -> None:
+    """Three moves of 2 s come at once: the second waits 2 s, the third 4, and the path goes through both queues."""
+    story = Story().module("user").module("legs", "move")
+    moves = [story.at(1.0).command("move", "user") for _ in range(3)]
+    story.delivered(moves[0], "legs")
+    for move in moves[1:]:
+        story.queued(move, "legs")
+    for number, end in enumerate((3.0, 5.0, 7.0)):
+        story.at(end).returned(moves[number]).reached(moves[number], Moment.END_ACHIEVING)
+        if number < 2:
+            story.delivered(moves[number + 1], "legs")
+    (one,) = advised(story.fold())
+    assert near(one.topic, one.saving) == (Topic.CAPACITY, 6.0)
+    assert "It is busy 100% of the time, with 1 at a time." in one.text
+
+
+def test_a_lock_that_is_held_long() -> None:
+    story = Story().module("eye").module("legs", "move")
+    story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "eye", 0), facts.Granted(50))
+    move = story.at(2.0).command("move", "user")
+    story.queued(move, "legs").at(5.0).say(facts.ClaimEnded(50, "released")).delivered(move, "legs")
+    story.at(6.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    (one,) = advised(story.fold())
+    assert near(one.topic, one.saving) == (Topic.LOCK, 3.0)
+    assert one.example == "move {1} waited 3.00 s, until 5.000 s; eye had it"
+
+
+def test_failures_cost_what_was_done_in_vain_and_what_was_done_about_them() -> None:
+    """The move that slipped: 1.0 s in vain, 0.2 s until it was retried. The last one was never overcome: it ended."""
+    past = recovering().fold()
+    path = critical_path(past, Causes(past), past.tasks[1])
+    (one,) = advice(past, path, [], [], failures(past), at_least=0.1)
+    assert near(one.topic, one.saving, one.window) == (Topic.FAILURE, 1.2, (1.0, 2.2))
+    assert [one.topic for one in advised(past, 0.1)] == []

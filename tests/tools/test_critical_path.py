@@ -1,0 +1,182 @@
+"""The critical path, of runs short enough to work it out by hand."""
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from tools.robots import commanding, looking_ahead, near, recovering, stepping
+from tools.story import Story, stumbling, walking
+
+from tca_tools.analysis.causes import Causes, Doing
+from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
+from tca_tools.past import Past
+from tca_wire import facts
+from tca_wire.constraints import Constraint
+from tca_wire.points import Moment, Point, TaskId
+
+
+def path_of(past: Past) -> list[tuple[Any, ...]]:
+    """The critical path of the last top-level task: what, where, from when until when; what took no time is left out."""
+    task = last_task(past)
+    assert task is not None
+    steps = critical_path(past, Causes(past), task).steps
+    for before, after in pairwise(steps):
+        assert before.end == after.start, "a path has no gaps"
+    return [
+        (
+            past.name(step.message_id) if step.doing is Doing.WORK else str(step.doing),
+            step.module,
+            *near(step.start, step.end),
+        )
+        for step in steps
+        if step.seconds > 1e-9
+    ]
+
+
+def test_planning_and_acting_in_turn() -> None:
+    assert path_of(stepping().fold()) == [
+        ("walk", "planner", 1.0, 1.3),
+        ("step", "planner", 1.3, 2.3),
+        ("move", "legs", 2.3, 4.3),
+        ("step", "planner", 4.3, 5.3),
+        ("move", "legs", 5.3, 7.3),
+        ("step", "planner", 7.3, 8.3),
+        ("move", "legs", 8.3, 10.3),
+    ]
+
+
+def test_planning_ahead_is_on_the_path_only_where_it_was_waited_for() -> None:
+    assert path_of(looking_ahead().fold()) == [
+        ("walk", "planner", 1.0, 1.3),
+        ("step", "planner", 1.3, 2.3),
+        ("move", "legs", 2.3, 4.3),
+        ("move", "legs", 4.3, 6.3),
+        ("move", "legs", 6.3, 8.3),
+    ]
+
+
+def test_a_handler_that_asks_and_commands_and_waits() -> None:
+    assert path_of(commanding().fold()) == [
+        ("walk", "planner", 1.0, 1.1),
+        ("where", "eye", 1.1, 1.5),
+        ("walk", "planner", 1.5, 1.6),
+        ("move", "legs", 1.6, 3.6),
+        ("walk", "planner", 3.6, 3.7),
+        ("where", "eye", 3.7, 4.1),
+        ("walk", "planner", 4.1, 4.2),
+        ("move", "legs", 4.2, 6.2),
+        ("walk", "planner", 6.2, 6.3),
+    ]
+
+
+def test_where_the_time_of_a_path_went() -> None:
+    past = stepping().fold()
+    task = last_task(past)
+    assert task is not None
+    path = critical_path(past, Causes(past), task)
+    assert path.seconds == pytest.approx(9.3)
+    told = [(share.name, share.where, share.steps, round(share.seconds, 6)) for share in shares(past, path)]
+    assert told == [("move", "legs", 3, 6.0), ("step", "planner", 3, 3.0), ("walk", "planner", 1, 0.3)]
+    assert sum(share.share for share in shares(past, path)) == pytest.approx(1.0)
+
+
+def test_each_step_says_why_it_did_not_begin_sooner() -> None:
+    past = stepping().fold()
+    task = last_task(past)
+    assert task is not None
+    why = [why_then(past, step) for step in critical_path(past, Causes(past), task).steps]
+    assert why == [
+        "",
+        "0.10 s in the queue for planner",
+        "",
+        "it waited until step {2} is achieved",
+        "",
+        "it waited until step {3} is achieved",
+        "",
+    ]
+
+
+def test_through_an_exception_handler_and_a_retry() -> None:
+    past = recovering().fold()
+    steps = critical_path(past, Causes(past), past.tasks[1]).steps
+    told = [(past.name(step.message_id), round(step.start, 6), round(step.end, 6)) for step in steps]
+    assert told == [("move", 1.0, 2.0), ("recover", 2.0, 2.2), ("move", 2.2, 3.7)]
+
+
+def test_a_script_that_sends_one_task_after_the_other_is_followed() -> None:
+    story = Story().module("script").module("legs", "move")
+    for start in (1.0, 4.0):
+        move = story.at(start).command("move", "script")
+        story.delivered(move, "legs").at(start).say(facts.WaitBegan("script", 0, TaskId(move), Moment.END_ACHIEVING))
+        story.at(start + 2).returned(move).reached(move, Moment.END_ACHIEVING)
+        story.say(facts.WaitEnded("script", 0, TaskId(move)))
+    assert path_of(story.fold()) == [
+        ("move", "legs", 1.0, 3.0),
+        ("outside", "script", 3.0, 4.0),
+        ("move", "legs", 4.0, 6.0),
+    ]
+
+
+def test_who_occupies_the_resource_is_on_the_path_of_who_waits_for_it() -> None:
+    story = Story().module("a").module("b").module("legs", "move")
+    first = story.at(1.0).command("move", "a")
+    story.delivered(first, "legs")
+    second = story.at(2.0).command("move", "b")
+    story.queued(second, "legs")
+    story.at(5.0).returned(first).reached(first, Moment.END_ACHIEVING).delivered(second, "legs")
+    story.at(6.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    assert path_of(story.fold()) == [("move", "legs", 1.0, 5.0), ("move", "legs", 5.0, 6.0)]
+
+
+def test_a_delay_and_a_missing_handler() -> None:
+    story = Story().module("a").module("legs", "move")
+    first = story.at(1.0).command("move", "a")
+    story.delivered(first, "legs")
+    second = 2
+    delay = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(second), Moment.START_ACHIEVING), 3.0)
+    assert story.at(1.5).command("look", "a", 0, delay) == second
+    story.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    story.at(5.0).say(facts.TimedOut(delay)).queued(second)
+    story.at(7.0).module("eye", "look").delivered(second, "eye")
+    story.at(8.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    assert path_of(story.fold()) == [
+        ("move", "legs", 1.0, 2.0),
+        ("delay", "", 2.0, 5.0),
+        ("no handler", "", 5.0, 7.0),
+        ("look", "eye", 7.0, 8.0),
+    ]
+
+
+def test_a_run_that_is_not_over_leads_to_what_goes_on() -> None:
+    past = walking().fold()
+    task = last_task(past)
+    assert task is not None
+    assert (task.id, critical_path(past, Causes(past), task).is_open) == (1, True)
+    assert path_of(past)[-2:] == [("move leg", "controller", 1.4, 3.4), ("move body", "controller", 3.4, 4.0)]
+
+
+def test_nothing_runs_when_the_journal_ends() -> None:
+    story = Story().module("a")
+    story.at(1.0).queued(story.command("move", "a")).at(4.0)
+    assert path_of(story.fold()) == [("unknown", "", 1.0, 4.0)]
+
+
+def test_a_killed_walk_ends_with_the_failure() -> None:
+    assert path_of(stumbling().fold())[-1] == ("move body", "controller", 3.4, 4.5)
+
+
+def test_the_longest_task_and_the_last() -> None:
+    past = recovering().fold()
+    last, longest = last_task(past), longest_task(past)
+    assert (last and last.id, longest and longest.id) == (5, 1)
+    assert last_task(Story().fold()) is None
+
+
+def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
+    story = Story().module("a", "count").module("b", "add")
+    count = story.at(1.0).goal("count", "x")
+    story.delivered(count, "a").reached(count, Moment.START_ACHIEVING)
+    for number in range(5_000):
+        story.at(2.0 + number).query("add", "a", count, "b", took=0.5)
+    story.at(9_000.0).returned(count).reached(count, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    assert len(path_of(story.fold())) == 10_001

@@ -1,0 +1,278 @@
+"""The report: a page that tells a stranger how a run went, whatever the journal holds."""
+
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tools.robots import recovering, stepping
+from tools.story import Story, stumbling, walking
+from tools.test_history import FACTS
+
+from tca_tools.errors import ToolError
+from tca_tools.history import History
+from tca_tools.report.__main__ import report
+from tca_tools.report.contents import contents
+from tca_tools.report.page import page
+from tca_tools.report.pictures import gantt, strips
+from tca_tools.report.tree import tree
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+
+VOID = {"meta", "link", "br", "img", "path", "rect", "line", "hr"}
+HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}\x1b[31m\x00\u202e"
+
+
+class Page(HTMLParser):
+    """Checks that every element is closed where it should be; keeps texts, tags and attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.stack: list[str] = []
+        self.tags: list[str] = []
+        self.texts: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.deepest = 0
+        self.feed(text)
+        assert not self.stack, self.stack
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in VOID:
+            self.stack.append(tag)
+            self.deepest = max(self.deepest, len(self.stack))
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.stack.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.texts))
+
+
+Reported = Callable[[Story], Page]
+
+
+@pytest.fixture
+def reported(tmp_path: Path) -> Reported:
+    """The page of the report of a story."""
+
+    def run(story: Story) -> Page:
+        out = tmp_path / "run.html"
+        result = tca_report(story.write(tmp_path / "run"), "-o", out)
+        assert result.exit_code == 0, result.output
+        return Page(out.read_text())
+
+    return run
+
+
+def tca_report(*arguments: object) -> Result:
+    return CliRunner().invoke(report, [str(argument) for argument in arguments])
+
+
+def test_the_page_of_a_good_run_says_so_and_what_would_help(reported: Reported) -> None:
+    shown = reported(stepping())
+    assert "The top-level task was achieved." in shown.text
+    assert "Nothing: no failure was raised, no task was killed." in shown.text
+    assert "Plan the next while legs acts" in shown.text
+    assert "'step' is not planned before it may be achieved" in shown.text
+    assert "step {3} was held until step {2} is achieved" in shown.text
+    assert ("class", "r-verdict good") in shown.attributes
+
+
+def test_the_page_of_a_failed_run_says_why_first(reported: Reported) -> None:
+    shown = reported(stumbling())
+    assert ("class", "r-verdict bad") in shown.attributes
+    verdict = shown.text.index("was killed: failure 'terrain collision' of move body {7} was not handled")
+    assert verdict < shown.text.index("What went wrong") < shown.text.index("terrain collision of move body")
+    assert "leg 4 met\\x1b[31m rock" in shown.text
+
+
+def test_failures_with_what_became_of_them_and_their_stories(reported: Reported) -> None:
+    shown = reported(recovering())
+    for words in ("retried", "dealt with", "not handled", "recover {2} in expert", "its handler in legs: left foot"):
+        assert words in shown.text
+    assert "The story of move {1}" in shown.text
+    assert "exception handler recover {2} is called" in shown.text
+
+
+def test_of_many_short_tasks_the_longest_is_looked_at_too(reported: Reported) -> None:
+    shown = reported(recovering())
+    assert "The task that took longest: move {1}" in shown.text
+    assert "Avoid 'slip' of 'move'" in shown.text
+
+
+def test_a_run_that_is_not_over(reported: Reported) -> None:
+    shown = reported(walking())
+    assert ("class", "r-verdict open") in shown.attributes
+    assert "The task had not ended when the journal did." in shown.text
+
+
+def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Reported) -> None:
+    shown = reported(stumbling())
+    assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(shown.tags)
+    assert all(value and value.startswith("#") for name, value in shown.attributes if name in ("href", "src"))
+    assert not [name for name, _ in shown.attributes if name.startswith("on")]
+    policy = next(value for name, value in shown.attributes if name == "content" and value and "default-src" in value)
+    assert policy.startswith("default-src 'none'")
+
+
+def test_hostile_names_and_texts_are_only_text(reported: Reported, tmp_path: Path) -> None:
+    story = Story().module(HOSTILE).module("legs" + HOSTILE, "move" + HOSTILE)
+    move = story.at(1.0).command("move" + HOSTILE, HOSTILE)
+    story.queued(move, "legs" + HOSTILE).at(2.0).delivered(move, "legs" + HOSTILE)
+    story.at(3.0).say(facts.Failed(move, HOSTILE, HOSTILE + "\n" + HOSTILE * 20), facts.Killed(TaskId(move), HOSTILE))
+    story.reached(move, *Moment)
+    shown = reported(story)
+    raw = (tmp_path / "run.html").read_text()
+    assert "<script" not in raw
+    assert not re.search("[\x00\x1b\u202e]", raw)
+    assert "{{7*7}}" in shown.text
+    assert "\\x1b[31m\\x00\\u202e" in shown.text
+
+
+def test_a_run_of_nothing(reported: Reported) -> None:
+    shown = reported(Story().at(5.0))
+    for words in ("No task was sent.", "No handler ran.", "No failure was raised.", "Nobody waited."):
+        assert words in shown.text
+
+
+def test_the_tree_nests_as_the_tasks_do_and_opens_where_something_failed() -> None:
+    found = tree(stumbling().fold())
+    told = [(str(node.task), node.level, node.is_open, node.closes) for node in found.nodes]
+    assert told == [
+        ("traverse arc {1}", 0, True, 0),
+        ("take steps {2}", 1, True, 0),
+        ("move leg {6}", 2, True, 0),
+        ("move body {7}", 2, True, 0),
+        ("take steps {3}", 1, True, 1),
+        ("move leg {9}", 2, True, 0),
+        ("move body {10}", 2, True, 0),
+        ("take steps {4}", 1, True, 1),
+    ]
+    assert found.closes == 1
+
+
+def many(tops: int, below: int, bad: int) -> History:
+    """So many walks of so many moves each; one move of walk *bad* failed."""
+    story = Story().module("legs", "move")
+    for number in range(tops):
+        walk = story.at(float(number)).goal("walk", "user")
+        moves = [story.command("move", "planner", walk) for _ in range(below)]
+        if number == bad:
+            story.say(facts.Failed(moves[0], "slip", ""))
+        for task in (*moves, walk):
+            story.reached(task, *Moment)
+    return story.fold()
+
+
+def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
+    found = tree(many(tops=300, below=9, bad=250), shown_at_most=100)
+    assert found.shown <= 100
+    states = [node.state for node in found.nodes if node.task]
+    assert states.count("failed") == 1
+    failed = next(node for node in found.nodes if node.state == "failed")
+    assert failed.task is not None
+    above = next(node for node in found.nodes if node.task and node.task.id == failed.task.parent)
+    assert above.is_open
+    assert sum(node.is_open for node in found.nodes) == 2
+    counted = sum(int(node.folded.split(" ")[0].replace(",", "")) for node in found.nodes if node.folded)
+    assert counted + len(states) == found.total == 3000
+
+
+def test_a_deep_tree_nests_no_further_than_browsers_can(reported: Reported) -> None:
+    story = Story()
+    parent = 0
+    for _ in range(2_000):
+        parent = story.goal("dig", "x", parent)
+    shown = reported(story)
+    assert shown.deepest < 120
+    assert "[depth " in shown.text
+
+
+def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
+    story = Story().module("legs", "move")
+    for number in range(6_000):
+        move = story.at(float(number)).command("move", "user")
+        story.delivered(move, "legs")
+        story.at(number + 0.5).returned(move).reached(move, Moment.END_ACHIEVING)
+    assert tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html").exit_code == 0
+    shown = Page((tmp_path / "run.html").read_text())
+    assert len((tmp_path / "run.html").read_bytes()) < 1_000_000
+    assert "The run is too long for one chart." in shown.text
+    assert "200 of 6,000 tasks" in shown.text
+
+
+def test_numbers_of_the_page_are_those_of_the_analysis(reported: Reported) -> None:
+    found, shown = contents(stepping().fold()), reported(stepping())
+    assert found.path is not None
+    for share in found.path.shares:
+        assert f"{share.seconds:.2f} s" in shown.text
+
+
+def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = stumbling().encoded()
+    (tmp_path / "run.tcaj").write_bytes(whole[: len(whole) * 2 // 3])
+    result = tca_report(tmp_path / "run.tcaj", "-o", tmp_path / "run.html")
+    assert result.exit_code == 0 or "what comes before it is shown" in result.output
+    (tmp_path / "bad.tcaj").write_bytes(whole[: len(whole) // 2] + b"\xff" * 500)
+    result = tca_report(tmp_path / "bad.tcaj", "-o", tmp_path / "bad.html")
+    assert result.exit_code == 1
+    assert "what comes before it is shown" in result.output
+    shown = Page((tmp_path / "bad.html").read_text())
+    assert "The journal can't be read to its end" in shown.text
+    assert "traverse arc {1}" in shown.text
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n" * 50, b"{}\n" * 100], ids=["empty", "picture", "text"])
+def test_what_is_no_journal_gets_one_line_and_no_page(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "run.tcaj").write_bytes(content)
+    result = tca_report(tmp_path / "run.tcaj", "-o", tmp_path / "run.html")
+    assert result.exit_code == 2
+    assert not (tmp_path / "run.html").exists()
+
+
+def test_a_journal_of_a_later_version_gets_one_line(tmp_path: Path) -> None:
+    story = Story()
+    story.entries[0].facts[0] = facts.Opened(99, "epoch", 1, 0.0, "9.0")
+    result = tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html")
+    assert (result.exit_code, "99" in result.output) == (2, True)
+
+
+def test_wrong_usage(tmp_path: Path) -> None:
+    run = stepping().write(tmp_path / "run")
+    assert "must end in .html" in tca_report(run, "-o", tmp_path / "run.pdf").output
+    assert "can't be written" in tca_report(run, "-o", tmp_path / "nowhere" / "run.html").output
+    assert "there is no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
+
+
+def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "jinja2", None)
+    result = tca_report(stepping().write(tmp_path / "run"), "-o", tmp_path / "run.html")
+    assert result.exit_code == ToolError.exit_code
+    assert "pip install 'tca[report]'" in result.output
+
+
+@given(st.lists(FACTS, max_size=80))
+@settings(max_examples=150, deadline=None)
+def test_any_facts_at_all_make_a_page(told: list[facts.Fact]) -> None:
+    history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))
+    found = contents(history)
+    Page(page("run", "", found, tree(history), gantt(history, found), strips(history, found)))
+    for shown in (found.path, found.longest):
+        for before, after in pairwise(shown.path.steps if shown else []):
+            assert before.end == after.start

@@ -1,0 +1,70 @@
+"""A served journal, and a real browser to look at it with."""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SOON = 20_000  # milliseconds
+
+Look = Callable[..., Page]
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[Path], str]]:
+    """Serves journals by real processes; gives each page's address."""
+    with ExitStack() as processes:
+
+        def start(journal: Path) -> str:
+            command = [sys.executable, "-m", "tca_tools.view", str(journal), "--no-browser"]
+            process = processes.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+            processes.callback(process.terminate)
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            found = re.search(r"http://\S+", line)
+            assert found, line
+            return found[0]
+
+        yield start
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here: install the package 'chromium'")
+    with sync_playwright() as playwright:
+        options = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def look(browser: Browser, serve: Callable[[Path], str]) -> Iterator[Look]:
+    """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be fetched from elsewhere."""
+    context = browser.new_context(viewport={"width": 1400, "height": 860})
+    context.set_default_timeout(SOON)
+    wrong: list[str] = []
+
+    def open_page(what: Path | str, hash_part: str = "") -> Page:
+        address = what if isinstance(what, str) else serve(what)
+        page = context.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda line: wrong.append(line.text) if line.type == "error" else None)
+        page.on(
+            "request", lambda asked: wrong.append(asked.url) if not asked.url.startswith((address, "data:")) else None
+        )
+        page.goto(address + hash_part)
+        page.wait_for_selector("#status:not(:has-text('reading'))")
+        return page
+
+    yield open_page
+    context.close()
+    assert not wrong

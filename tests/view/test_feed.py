@@ -1,0 +1,116 @@
+"""The columns that a page gets say the same as the history, in whatever pieces they come."""
+
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life, operation
+from properties.test_then import WatchedPlayer
+from tools.story import stumbling, walking
+
+from tca_central.events import Effect, Record
+from tca_tools.then import Then
+from tca_tools.view.columns import parsed
+from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
+from tca_wire.facts import Entry
+from tca_wire.vocabulary import Outcome
+
+
+class Page:
+    """What a page makes of frames."""
+
+    def __init__(self) -> None:
+        self.lengths: dict[str, int] = {}
+        self.texts: list[str] = []
+        self.columns: dict[str, list[Any]] = {name: [] for name in TABLES}
+
+    def take(self, feed: Feed) -> None:
+        head, columns = parsed(feed.columns.frame(self.lengths, {}))
+        self.lengths = head["lengths"]
+        self.texts += head["texts"]
+        for name, added in columns.items():
+            self.columns[name] += added
+
+    def table(self, name: str) -> list[tuple[Any, ...]]:
+        return list(zip(*(column for full, column in self.columns.items() if full.startswith(f"{name}.")), strict=True))
+
+    def states(self, time: float) -> dict[int, str]:
+        return {task: STATES[state] for task, since, state in self.table("state") if since <= time}
+
+
+class FedPlayer(WatchedPlayer):
+    """A feed takes every entry; a page asks for what is new after some of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.feed, self.page, self.entries = Feed(), Page(), list[Entry]()
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super(WatchedPlayer, self).event(event)
+        for effect in effects:
+            if isinstance(effect, Record):
+                self.feed.apply(effect.entry)
+                self.entries.append(effect.entry)
+                if len(self.entries) % 7 == 0:
+                    self.page.take(self.feed)
+        return effects
+
+
+@given(st.lists(operation, max_size=60))
+@settings(max_examples=100, deadline=None)
+def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
+    player = FedPlayer()
+    life = Life(player)
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    page, history = player.page, player.feed.history
+    page.take(player.feed)
+    assert page.columns["entry.time"] == list(history.times)
+    assert page.columns["task.id"] == list(history.tasks)
+    for time in history.times[::5]:
+        assert page.states(time) == {task.id: task.state for task in Then(history, time).tasks.values()}
+    spans, ends = page.table("span"), {span: (time, outcome) for span, time, outcome in page.table("end")}
+    assert len(ends) == len(page.table("end"))
+    handled = [
+        (message, start, *ends.get(number, (None, 0)))
+        for number, (_, kind, _, message, _, start) in enumerate(spans)
+        if kind == SpanKind.HANDLING
+    ]
+    known = [(run.message_id, run.start, run.end, OUTCOMES.index(run.outcome)) for run in history.handlings]
+    assert sorted(handled, key=str) == sorted(known, key=str)
+    queued = sum(kind == SpanKind.QUEUED for _, kind, *_ in spans)
+    assert queued == len(history.queueings)
+    assert sum(kind == SpanKind.HELD for _, kind, *_ in spans) == sum(map(len, history.grants.values()))
+    whole = Page()
+    whole.take(player.feed)
+    assert (whole.columns, whole.texts) == (page.columns, page.texts)
+
+
+def test_the_columns_of_a_walk() -> None:
+    feed, page = Feed(), Page()
+    for entry in stumbling().entries:
+        feed.apply(entry)
+    page.take(feed)
+    labels = [page.texts[text] for (text,) in page.table("row")]
+    assert labels == ["user interface", "gait planner", "perception", "controller"]
+    moves = [
+        (page.texts[name], number)
+        for number, (_, kind, name, *_) in enumerate(page.table("span"))
+        if kind == SpanKind.HANDLING and page.texts[name].startswith("move")
+    ]
+    assert [name for name, _ in moves] == ["move leg", "move body"]
+    ends = {span: (time, OUTCOMES[outcome]) for span, time, outcome in page.table("end")}
+    assert [ends[span] for _, span in moves] == [(3.4, Outcome.DONE), (4.5, Outcome.FAILED)]
+    (wait,) = [row for row in page.table("span") if row[1] == SpanKind.WAITING and row[3] == 5]
+    assert page.texts[page.table("span")[wait[4]][2]] == "take steps"  # within whose handling it lies
+    holds = {(task, before, page.texts[kind]) for task, before, kind, _ in page.table("hold")}
+    assert {(3, 2, "SEQ"), (4, 3, "SEQ"), (4, 3, "plan ahead"), (7, 6, "SEQ"), (10, 9, "SEQ")} == holds
+
+
+def test_nothing_new_is_an_empty_frame() -> None:
+    feed, page = Feed(), Page()
+    for entry in walking().entries:
+        feed.apply(entry)
+    page.take(feed)
+    _, columns = parsed(feed.columns.frame(page.lengths, {}))
+    assert not any(columns.values())

@@ -1,0 +1,200 @@
+"""The page in a real browser, used as a person would."""
+
+import re
+from pathlib import Path
+
+import pytest
+from integration.programs import central
+from playwright.sync_api import Locator, Page, expect
+from tools.story import Story, stumbling, walking
+from view.conftest import Look
+
+from tca_module import Command, Goal, Module, Task, connect
+from tca_wire import facts
+from tca_wire.points import Moment
+
+pytestmark = pytest.mark.slow
+
+
+def line(page: Page, task: int) -> Locator:
+    return page.locator(f".row[data-task='{task}']")
+
+
+def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) -> None:
+    page = look(walking().write(tmp_path / "walk"))
+    expect(line(page, 9)).to_contain_text("waits until its parent take steps {3} is being achieved")
+    expect(line(page, 4)).to_contain_text("waits until take steps {3} is being achieved")
+    expect(page.locator("#counts")).to_contain_text("1 handling")
+    expect(page.locator("#status")).to_have_text("live")
+
+
+def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"))
+    expect(page.locator("#status")).to_have_text("ended")
+    expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
+    page.locator("#counts button[data-state='failed']").click()
+    expect(page.locator("#task h2")).to_have_text("move body {7}")
+    expect(page.locator("#task")).to_contain_text("handled by controller: failed")
+    expect(page.locator("#task")).to_contain_text("held, until move leg {6} is achieved")
+
+
+def test_the_past_is_shown_step_by_step(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"), "#t=1.4&task=7")
+    expect(page.locator("#clock")).to_have_text("1.400 s")
+    expect(line(page, 7)).to_contain_text("waits until move leg {6} is achieved")
+    expect(page.locator("#task .state")).to_have_text("held")
+    page.locator("#on").click()
+    expect(page.locator("#clock")).to_have_text("1.500 s")
+    page.keyboard.press("Escape")
+    page.locator("#tree").focus()
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#clock")).to_have_text("1.220 s")
+    expect(line(page, 7)).to_have_count(0)
+    page.keyboard.press("]")
+    expect(page.locator("#clock")).to_have_text("4.500 s")
+    expect(page.locator("#task h2")).to_have_text("move body {7}")
+    page.keyboard.press("Home")
+    expect(page.locator("#rows")).to_contain_text("no task was sent yet")
+    page.keyboard.press("End")
+    expect(page.locator("#clock")).to_have_text("5.000 s")
+
+
+def test_the_slider_is_dragged_and_the_run_played(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"))
+    box = page.locator("#slider").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(page.locator("#clock")).to_have_text(re.compile(r"2\.[3-6]\d\d s"))
+    page.locator("#speed").select_option("100")
+    page.locator("#play").click()
+    expect(page.locator("#clock")).to_have_text("5.000 s")
+    expect(page.locator("#play")).to_have_text("▶")
+
+
+def test_messages_at_the_cursor(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"), "#t=3.4")
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .now").first).to_contain_text("move leg {6}")
+    expect(page.locator("#messages .later").filter(has_text="terrain collision").first).to_be_visible()
+    page.locator("#messages .later").filter(has_text="terrain collision").first.click()
+    expect(page.locator("#task h2")).to_have_text("move body {7}")
+
+
+def test_tasks_are_found_by_name_state_and_module(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"))
+    page.keyboard.press("/")
+    page.keyboard.type("move controller")
+    expect(page.locator("#found")).to_have_text("2 found")
+    page.keyboard.press("Enter")
+    expect(page.locator("#task h2")).to_have_text("move leg {6}")
+    page.locator("#search").fill("killed steps")
+    expect(page.locator("#found")).to_have_text("3 found")
+    page.locator("#search").fill("nothing of the kind")
+    expect(page.locator("#found")).to_have_text("0 found")
+
+
+def test_subtrees_are_closed_and_a_bar_chooses_its_task(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"))
+    page.locator(".row[data-task='2'] .twist").click()
+    expect(line(page, 6)).to_have_count(0)
+    expect(line(page, 2)).to_contain_text("+ 2")
+    page.locator(".row[data-task='2'] .twist").click()
+    expect(line(page, 6)).to_have_count(1)
+    x, y = page.evaluate("""() => {
+      const { chart } = tca, place = chart.layout.find((one) => one.row.label === "controller");
+      const span = place.row.handled[0].find((one) => one.name === "move leg"), box = chart.canvas.getBoundingClientRect();
+      const [from, to] = chart.window, middle = (span.start + span.end) / 2;
+      const x = chart.labels + (middle - from) / (to - from) * (chart.width - chart.labels);
+      return [box.left + x, box.top + place.top + 6];
+    }""")
+    page.mouse.move(x, y)
+    expect(page.locator("#hint")).to_contain_text("move leg {6} handled by controller: 1.400 s – 3.400 s (2.00 s)")
+    page.mouse.click(x, y)
+    expect(page.locator("#task h2")).to_have_text("move leg {6}")
+
+
+def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
+    story = Story().module("<b>legs</b>")
+    evil = "<img src=x onerror=alert(1)>"
+    walk = story.goal(evil, "<i>user</i>", data={evil: "</script>"})
+    story.delivered(walk, "<b>legs</b>").at(1.0).say(facts.Failed(walk, evil, "\u202e\x00" + evil))
+    page = look(story.write(tmp_path / "walk"), f"#task={walk}")
+    expect(page.locator("#task h2")).to_have_text(f"{evil} {{1}}")
+    assert page.locator("img, script:not([src]), #task b, #task i").count() == 0
+
+
+def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(look: Look, tmp_path: Path) -> None:
+    data = stumbling().encoded()
+    place = data.index(b"terrain collision")
+    damaged = tmp_path / "damaged.tcaj"
+    damaged.write_bytes(data[:place] + b"X" + data[place + 1 :])
+    page = look(damaged)
+    expect(page.locator("#problem")).to_contain_text("its checksum is wrong")
+    expect(page.locator("#status")).to_have_text("damaged")
+    expect(line(page, 6)).to_contain_text("achieved")
+
+
+WALK, MOVE = Goal("walk", int), Command("move", int)
+
+
+def test_a_live_central_is_followed(look: Look, tmp_path: Path) -> None:
+    with central(tmp_path, "--quiet") as daemon, connect("user", daemon.address) as user:
+        legs, feet = Module("legs", daemon.address), Module("feet", daemon.address)
+
+        @legs.handles(WALK)
+        def walk(task: Task, steps: int) -> None:
+            for number in range(steps):
+                task.command(MOVE, number)
+
+        @feet.handles(MOVE)
+        def move(_task: Task, _number: int) -> None: ...
+
+        user.goal(WALK, 2)
+        page = look(daemon.journal)
+        expect(page.locator("#status")).to_have_text("live")
+        expect(page.locator(".row").first).to_contain_text("waits for a module that handles walk")
+        with legs.running():
+            expect(page.locator(".row")).to_have_count(3)
+            expect(page.locator(".row").nth(1)).to_contain_text("waits for a module that handles move")
+            with feet.running():
+                expect(page.locator("#counts")).to_have_text("3 achieved")
+                expect(page.locator("#follow")).to_have_class("on")
+
+
+def many_tasks(number: int) -> bytes:
+    """A robot that takes steps of nine moves each, over and over."""
+    story = Story().module("planner", "step").module("legs", "move")
+    for step in range(number // 10):
+        story.at(step * 1.0)
+        parent = story.goal("step", "user")
+        story.delivered(parent, "planner").reached(parent, Moment.START_ACHIEVING)
+        moves = [story.command("move", "planner", parent) for _ in range(9)]
+        story.returned(parent)
+        for place, move in enumerate(moves):
+            story.at(step + 0.1 * place).delivered(move, "legs").at(step + 0.1 * place + 0.09).returned(move)
+            story.reached(move, Moment.END_ACHIEVING)
+        if step == number // 20:
+            story.say(facts.Failed(moves[4], "slip", "on ice"))
+        else:
+            story.reached(parent, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    return story.encoded()
+
+
+def test_a_hundred_thousand_tasks_stay_usable(look: Look, tmp_path: Path) -> None:
+    log = tmp_path / "long.tcaj"
+    log.write_bytes(many_tasks(100_000))
+    page = look(log)
+    expect(page.locator("#counts")).to_contain_text("99998 achieved")
+    assert page.locator(".row").count() < 100  # only what is in sight
+    page.locator("#counts button[data-state='failed']").click()
+    expect(page.locator(".row.chosen")).to_contain_text("failed: slip: on ice")
+    expect(page.locator("#task")).to_contain_text("handled by legs")
+    page.locator("#search").fill("move 55555")
+    page.keyboard.press("Enter")
+    expect(page.locator("#found")).to_have_text("1 of 1")
+    expect(page.locator(".row.chosen")).to_contain_text("55555")
+    page.keyboard.press("Escape")
+    page.locator("#tree").focus()
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#counts")).to_contain_text("9999")

@@ -1,0 +1,123 @@
+"""The server of the page, asked by a program."""
+
+import json
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from tools.story import stumbling, walking
+
+from tca_tools.view.__main__ import view
+from tca_tools.view.columns import parsed
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal import record
+
+pytestmark = pytest.mark.slow
+
+
+def get(address: str, headers: dict[str, str] | None = None) -> Any:
+    with urllib.request.urlopen(urllib.request.Request(address, headers=headers or {}), timeout=20) as answer:
+        return answer.read()
+
+
+@pytest.fixture
+def address(serve: Callable[[Path], str], tmp_path: Path) -> str:
+    return serve(stumbling().write(tmp_path / "walk"))
+
+
+def asked(address: str, what: str) -> Any:
+    return json.loads(get(f"{address}api/{what}"))
+
+
+def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
+    get(f"{address}api/frame")
+    assert asked(address, "message/7?at=2.5")["reasons"] == ["until move leg {6} is achieved"]
+    assert asked(address, "message/7?at=2.5")["state"] == "held"
+    told = asked(address, "message/7")
+    assert (told["state"], told["failure"], told["reasons"]) == (
+        "failed",
+        "terrain collision: leg 4 met\x1b[31m rock",
+        [],
+    )
+    assert told["story"][-1] == {
+        "time": 4.5,
+        "text": "failed: terrain collision: leg 4 met\x1b[31m rock",
+        "seconds": None,
+    }
+    assert asked(address, "message/4?at=1")["constraints"] == [
+        {"id": 3, "text": "start achieving not before take steps {3} end achieving", "kind": "SEQ", "is_met": False},
+        {"id": 3, "text": "start planning not before take steps {3} start achieving", "kind": "plan ahead", "is_met": False},
+    ]  # fmt: skip
+
+
+def test_a_message_is_no_task_and_has_its_story_too(address: str) -> None:
+    get(f"{address}api/frame")
+    told = asked(address, "message/5")
+    assert (told["name"], told["class"], "state" in told) == ("elevation map", "query", False)
+    assert told["sender"] == "gait planner while handling take steps {2}"
+
+
+def test_notes_and_the_messages_around_a_moment(address: str) -> None:
+    get(f"{address}api/frame")
+    assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
+        "4": "waits until take steps {3} is being achieved",
+        "7": "waits until move leg {6} is achieved",
+    }
+    lines = asked(address, "messages?place=4&before=1&after=0")
+    assert {line["place"] for line in lines} == {3, 4}
+    assert (
+        lines[0]["text"].startswith("goal traverse arc {1} from user interface") or lines[0]["kind"] == "module joined"
+    )
+    assert asked(address, "messages?place=99999&before=5&after=5") == []
+
+
+def test_nonsense_is_answered_with_nothing(address: str) -> None:
+    for what in ("notes", "notes?ids=-1,1e9&at=nan", "messages", "messages?place=x"):
+        assert asked(address, what) in ({}, []) or what.startswith("messages")
+    for since in ("{", "[]", '{"entry": -1}', '{"task": 1e300}', '{"entry": "x"}', "[" * 100_000):
+        head, _ = parsed(get(f"{address}api/frame?since={urllib.parse.quote(since[:5000])}"))
+        assert head["name"] == "walk"
+    for missing in ("api/message/999999", "api/nothing", "page/../app.py"):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            get(address + missing)
+
+
+def test_a_foreign_name_is_not_served(address: str) -> None:
+    with pytest.raises(urllib.error.HTTPError, match="400"):
+        get(address, {"Host": "evil.example"})
+    assert b"tca view" in get(address, {"Host": "localhost:1"})
+
+
+def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path: Path) -> None:
+    port = address.rsplit(":", 1)[1].strip("/")
+    taken = CliRunner().invoke(view, [str(walking().write(tmp_path / "other")), "--port", port, "--no-browser"])
+    assert (taken.exit_code, "give another --port" in taken.stderr) == (1, True)
+    none = CliRunner().invoke(view, [str(tmp_path / "nothing"), "--no-browser"])
+    assert (none.exit_code, "there is no such file or directory" in none.stderr) == (2, True)
+
+
+def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) -> None:
+    foreign, future = tmp_path / "foreign.tcaj", tmp_path / "future.tcaj"
+    foreign.write_bytes(b"PK\x03\x04 this is something else altogether")
+    future.write_bytes(record(Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")])))
+    for path, why in ((foreign, "not a journal of tca central"), (future, "written by a later version")):
+        told = CliRunner().invoke(view, [str(path), "--no-browser"])
+        assert (told.exit_code, why in told.stderr, told.stdout) == (2, True, "")
+
+
+def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: Path) -> None:
+    log = tmp_path / "new.tcaj"
+    log.touch()
+    address = serve(log)
+    head, columns = parsed(get(f"{address}api/frame"))
+    assert (head["closed"], len(columns["task.id"])) == (False, 0)
+    log.write_bytes(walking().encoded())
+    while not len(columns["task.id"]):
+        _, columns = parsed(get(f"{address}api/frame"))
+    assert len(columns["task.id"]) == 8
