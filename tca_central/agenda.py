@@ -125,7 +125,7 @@ class Agenda:
         task.again, task.returned = True, False
         if task.rare:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
-            task.rare.fired -= {tap.id for tap in taps_of(task) if tap.before & to_come}
+            task.rare.fired &= {tap.id for tap in taps_of(task) if not tap.before & to_come}
         self.hand_back(task)
 
     def begin_anew(self, task: Task) -> None:
@@ -186,12 +186,13 @@ class Agenda:
     def wait(self, task: Task, moment: int, waiter: Any) -> None:
         """Put *waiter* into ``met`` when the task reaches that moment."""
         if task.waiters is None:
-            task.waiters = []
-        task.waiters.append((moment, waiter))
+            task.waiters = {}
+        task.waiters[waiter] = moment
 
     def stop_waiting(self, task: Task, waiter: Any) -> None:
         """Forget a wait that nobody needs any more."""
-        task.waiters = [entry for entry in task.waiters or () if entry[1] is not waiter] or None
+        if task.waiters is not None:
+            task.waiters.pop(waiter, None)
 
     @property
     def is_busy(self) -> bool:
@@ -277,8 +278,9 @@ class Agenda:
         if not task.killed and (task.message.taps or (task.rare and task.rare.taps)):
             self.happened.append((task, moments))
         if task.waiters:
-            self.met.extend((task, waiter) for moment, waiter in task.waiters if moment & moments)
-            task.waiters = [(moment, waiter) for moment, waiter in task.waiters if not moment & moments]
+            for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
+                self.met.append((task, waiter))
+                del task.waiters[waiter]
         if task.followers:
             self._look_at.extend(self.holds.let_go(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
@@ -297,6 +299,8 @@ class Agenda:
 
     def _end(self, task: Task) -> None:
         self.tree.detach(task)
+        if task.held:
+            self.holds.forget(task)
         self.ended.append(task)
         if task.parent is not None and len(task.parent.children or ()) == task.parent.watchers:
             self._look_at.append(task.parent)

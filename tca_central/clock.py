@@ -56,7 +56,7 @@ class Clock:
         """That is not due any more."""
         if timer is None or timer.is_cancelled:
             return
-        timer.is_cancelled = True
+        timer.is_cancelled, timer.subject = True, None
         self._cancelled += 1
         if self._cancelled > len(self._queue) // 2 + VOID_TIMERS:
             self._queue = [entry for entry in self._queue if not entry[2].is_cancelled]

@@ -11,10 +11,13 @@ from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.headers import Accepted
 from tca_wire.points import ROOT, Point, describe_moments
-from tca_wire.vocabulary import Refusal, Scope
+from tca_wire.vocabulary import MessageClass, Refusal, Scope
 
 MOST_PARTING = 100
 """Messages that may be kept for the termination of one task."""
+
+MOST_PENDING = 1000
+"""Kills, deadlines and delays that may lie ahead of one task."""
 
 
 # --- kill ------------------------------------------------------------------------------------------------------------
@@ -30,15 +33,21 @@ class Ending:
 
     def met(self, central: State, _: Task) -> None:
         """The point is reached."""
-        if self.delay:
-            self.task.more.timers.append(central.clock.after(self.delay, Due.KILL, self))
-        else:
+        if not self.delay:
             self.now(central)
+        elif self._is_there(central):
+            self.task.more.pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def now(self, central: State) -> None:
         """It is time."""
-        if self.task.id == ROOT or self.task.id in central.tree.tasks:
+        if self.task.rare is not None:
+            self.task.rare.pending.pop(self, None)
+        if self._is_there(central):
             _kill_scope(central, self.task, self.scope, self.why)
+
+    def _is_there(self, central: State) -> bool:
+        """Whether the task has not ended, perhaps by what let the point be reached."""
+        return self.task.id == ROOT or self.task.id in central.tree.tasks
 
 
 def _kill_scope(central: State, task: Task, scope: Scope, why: str) -> None:
@@ -57,15 +66,26 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
     is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
     task = central.tree.root if is_all else central.tree.task(header.task)
-    if task is not None:
-        why = header.why or f"by module '{connection.module.name}'"
-        ending = Ending(task, header.scope, header.delay, why)
-        at = central.tree.task(header.after.task) if header.after is not None else None
-        if header.after is not None and at is not None and not at.reached & _moment(header.after):
-            central.agenda.wait(at, _moment(header.after), ending)
-        else:
-            ending.met(central, task)
+    if task is None:
+        central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
+        return
+    why = header.why or f"by module '{connection.module.name}'"
+    ending = Ending(task, header.scope, header.delay, why)
+    at = central.tree.task(header.after.task) if header.after is not None else None
+    if header.after is not None and at is not None and not at.reached & _moment(header.after):
+        _check_pending(task)
+        task.more.pending[ending] = at
+        central.agenda.wait(at, _moment(header.after), ending)
+    else:
+        if header.delay:
+            _check_pending(task)
+        ending.met(central, task)
     central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def _check_pending(task: Task) -> None:
+    if task.rare is not None and len(task.rare.pending) >= MOST_PENDING:
+        raise RequestError(Refusal.OVERLOAD, f"{MOST_PENDING} kills, deadlines and delays lie ahead of {task} already")
 
 
 def _moment(point: Point) -> int:
@@ -74,11 +94,18 @@ def _moment(point: Point) -> int:
     return int(point.moment)
 
 
-def keep_for_termination(task: Task, message: MessageType, body: bytes) -> None:
-    """Keep a message that is to be sent when the task is killed after it was started (TDL: ON TERMINATE)."""
-    if not message.message_class.is_task or message.message_class.is_monitor:
+def check_parting(message: MessageType, task_id: int) -> None:
+    """Raises RequestError if that message can't be kept for the termination of that task."""
+    if message.message_class not in (MessageClass.GOAL, MessageClass.COMMAND):
         text = f"{message.message_class} '{message.name}' can't be sent on termination: goals and commands can"
         raise RequestError(Refusal.PROTOCOL, text)
+    if task_id == ROOT:
+        text = f"'{message.name}' can't be sent on the termination of the root: it never ends"
+        raise RequestError(Refusal.PROTOCOL, text)
+
+
+def keep_for_termination(task: Task, message: MessageType, body: bytes) -> None:
+    """Keep a message that is to be sent when the task is killed after it was started (TDL: ON TERMINATE)."""
     if len(task.more.parting) >= MOST_PARTING:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_PARTING} messages wait for the termination of {task} already")
     task.more.parting.append((message, body))
@@ -91,7 +118,8 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
     """A module suspends or resumes a task with all under it (TCM: Suspend, Unsuspend)."""
     task = central.tree.task(header.task)
     if task is None:
-        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: it can't be suspended or resumed")
+        central.ignore(connection, header.number, f"task {header.task} has ended: it can't be suspended or resumed")
+        return
     suspend(central, task, resume=header.resume)
     central.send(connection, header.number, Accepted(header.number, task.id))
 
@@ -115,13 +143,14 @@ class Bound:
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
     """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
-    timer = central.clock.after(seconds, Due.DEADLINE, Bound(task, moment, seconds))
-    task.more.timers.append(timer)
+    bound = Bound(task, moment, seconds)
+    task.more.pending[bound] = central.clock.after(seconds, Due.DEADLINE, bound)
 
 
 def on_time_out(central: State, bound: Bound) -> None:
     """A deadline is over."""
     task = bound.task
+    del task.more.pending[bound]
     if bound.is_missed:
         what = describe_moments(bound.moment)[0]
         raise_failure(central, task, Failure("timeout", f"{what} not reached within {bound.seconds:g} s"))
@@ -131,12 +160,22 @@ def on_deadline(central: State, connection: Connection, header: headers.Deadline
     """A module bounds the time until a point of a task."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
     task, moment = central.tree.task(header.point.task), _moment(header.point)
-    if task is not None and not task.reached & moment:
+    if task is None or task.killed:
+        ended = f"task {header.point.task} has ended" if task is None else f"{task} was killed"
+        central.ignore(connection, header.number, f"{ended}: no deadline can be set")
+        return
+    if not task.reached & moment:
+        _check_pending(task)
         set_deadline(central, task, moment, header.seconds)
     central.send(connection, header.number, Accepted(header.number, header.point.task))
 
 
-def forget_timers(central: State, task: Task) -> None:
-    """A task has ended: nothing is due for it any more."""
-    for timer in task.rare.timers if task.rare else ():
-        central.clock.cancel(timer)
+def forget_pending(central: State, task: Task) -> None:
+    """A task has ended: nothing that waited to happen to it will."""
+    assert task.rare is not None
+    for what, waits_for in task.rare.pending.items():
+        if isinstance(waits_for, Task):
+            central.agenda.stop_waiting(waits_for, what)
+        else:
+            central.clock.cancel(waits_for)
+    task.rare.pending.clear()

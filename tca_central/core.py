@@ -191,7 +191,7 @@ class Central(State):
         if self.claimed_for:
             claims.end_with(self, task, "it has ended")
         if task.rare is not None:
-            control.forget_timers(self, task)
+            control.forget_pending(self, task)
             failures.forget_task(self, task)
             taps.forget_task(self, task)
             keeping.ended(self, task)

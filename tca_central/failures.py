@@ -129,7 +129,9 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
     """A module raises a failure on a task that another one handles."""
     task = central.tree.task(header.task)
     if task is None or task.killed:
-        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: no failure can be raised on it")
+        ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
+        central.ignore(connection, header.number, f"{ended}: no failure can be raised on it")
+        return
     raise_failure(central, task, failure_of(header, body))
     central.send(connection, header.number, Accepted(header.number))
 
@@ -310,11 +312,26 @@ def handler_ended(central: State, handler: Task) -> None:
         central.agenda.returned(failing)
 
 
+def _check_retry(connection: Connection, task: Task) -> None:
+    """Raises RequestError if an exception handler wants to retry what is not on the way from the failing task up: one
+    that retried itself would go on for ever.
+    """
+    asking = next(reversed(connection.handling), None)
+    if asking is not None and isinstance(asking.context, Recovery):
+        failing = asking.context.failing
+        if all(above is not task for above in failing.lineage()):
+            text = f"{asking} handles the failure of {failing}: it can retry that or a task above it, and not {task}"
+            raise RequestError(Refusal.PROTOCOL, text)
+
+
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
     """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended."""
     task = central.tree.task(header.task)
     if task is None or task.killed:
-        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: it can't be retried")
+        ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
+        central.ignore(connection, header.number, f"{ended}: it can't be retried")
+        return
+    _check_retry(connection, task)
     if task.rare is not None and task.rare.watch is not None:
         stop(central, task.rare.watch, "it is retried")
     if header.new_data:

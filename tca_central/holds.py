@@ -27,7 +27,7 @@ from tca_wire.constraints import (
     sequential_planning,
 )
 from tca_wire.facts import Constrained
-from tca_wire.points import ROOT, THIS, Moment, Point, TaskId
+from tca_wire.points import ALL_MOMENTS, ROOT, THIS, Moment, Point, TaskId
 from tca_wire.vocabulary import Refusal
 
 _SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
@@ -36,6 +36,9 @@ _PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
 _BITS = 24  # per counter of ``held``: 16 million constraints on one point
 _COUNTER = (1 << _BITS) - 1
 _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
+
+VOID_ENTRIES = 32
+"""Entries of who waits for whom that may be kept when they are void, beyond as many as there are others."""
 
 _NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
 
@@ -90,11 +93,14 @@ class Holds:
         """Hold a moment for some time from now on; the constraint as the journal has it."""
         recorded = Constraint(_NOW, constraint.after, self._clock.now + constraint.delay)
         task.held += 1 << _SHIFT[moment]
-        self._clock.after(constraint.delay, Due.RELEASE, Release(task, moment, recorded))
+        self._release_later(task, moment, recorded, constraint.delay)
         return recorded
 
-    @staticmethod
-    def hold(leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0) -> None:
+    def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
+        release = Release(task, moment, constraint)
+        task.more.pending[release] = self._clock.after(delay, Due.RELEASE, release)
+
+    def hold(self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0) -> None:
         """From now on *moment* of *task* waits for *its_moment* of *leader*, and *delay* seconds more."""
         if leader.followers is None:
             leader.followers = []
@@ -103,6 +109,13 @@ class Holds:
             task.leaders = []
         task.leaders.append((moment, leader.id, its_moment))
         task.held += 1 << _SHIFT[moment]
+        if len(task.leaders) > VOID_ENTRIES and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES:
+            task.leaders = [entry for entry in task.leaders if self._is_ahead(entry)]
+
+    def _is_ahead(self, leading: tuple[int, int, int]) -> bool:
+        """Whether what an entry of ``leaders`` waits for is still to come."""
+        leader = self.tree.tasks.get(leading[1])
+        return leader is not None and not leader.reached & leading[2]
 
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
         """Planning starts no earlier than achieving, which starts no earlier than planning: they start together. So
@@ -128,7 +141,7 @@ class Holds:
             after = self.place(constraint.after)
             assert after is not None
             if constraint.before.task == ROOT:
-                self._undo_delay(constraint)
+                self._undo_delay(after.task, constraint)
                 continue
             before = self.place(constraint.before)
             assert before is not None
@@ -141,12 +154,11 @@ class Holds:
             after.task.leaders.pop()
             after.task.held -= 1 << _SHIFT[after.moment]
 
-    def _undo_delay(self, constraint: Constraint) -> None:
-        for timer in self._clock.pending():
-            release = timer.subject
-            if isinstance(release, Release) and release.constraint is constraint:
-                self._clock.cancel(timer)
-                release.task.held -= 1 << _SHIFT[release.moment]
+    def _undo_delay(self, task: Task, constraint: Constraint) -> None:
+        pending = task.more.pending
+        for release in [one for one in pending if isinstance(one, Release) and one.constraint is constraint]:
+            self._clock.cancel(pending.pop(release))
+            task.held -= 1 << _SHIFT[release.moment]
 
     # --- letting go ------------------------------------------------------------------------------------------------
 
@@ -158,8 +170,9 @@ class Holds:
             if not at & moments:
                 continue
             if delay:
-                constraint = _constraint(task, at, follower, its_moment, delay)
-                self._clock.after(delay, Due.RELEASE, Release(follower, its_moment, constraint))
+                if follower.reached != ALL_MOMENTS:
+                    constraint = _constraint(task, at, follower, its_moment, delay)
+                    self._release_later(follower, its_moment, constraint, delay)
                 continue
             follower.held -= 1 << _SHIFT[its_moment]
             if not follower.held:
@@ -171,9 +184,25 @@ class Holds:
     @staticmethod
     def release(release: Release) -> None:
         """A delay is over."""
+        del release.task.more.pending[release]
         release.task.held -= 1 << _SHIFT[release.moment]
         if not release.task.held:
             release.task.leaders = None
+
+    def forget(self, task: Task) -> None:
+        """A killed task has ended while it was held: whoever would have let it go need not know it any more. They are
+        looked through when half of what they know is void, so that this costs the same for each.
+        """
+        for entry in task.leaders or ():
+            leader = self.tree.tasks.get(entry[1])
+            if leader is None or leader.reached & entry[2] or not leader.followers:
+                continue
+            rare = leader.more
+            rare.void_followers += 1
+            if rare.void_followers > len(leader.followers) // 2 + VOID_ENTRIES:
+                leader.followers = [one for one in leader.followers if one[1].reached != ALL_MOMENTS] or None
+                rare.void_followers = 0
+        task.leaders = None
 
     # --- killed tasks ----------------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from collections import Counter
 
 from tca_central.availability import HandledWait
 from tca_central.clock import Due
+from tca_central.control import Ending
 from tca_central.direct import route_of
 from tca_central.holds import Release, held_counts
 from tca_central.intervals import (
@@ -23,6 +24,7 @@ from tca_central.intervals import (
 from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
+from tca_central.watching import Watch
 from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
 from tca_wire.vocabulary import MessageClass
 
@@ -45,6 +47,7 @@ def check_invariants(central: State) -> None:
         assert claims, f"{holder}: no claims"
         is_there = holder.given_as in central.dispatcher.attended or central.tree.tasks.get(TaskId(holder.id)) is holder
         assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
+    _check_what_lies_ahead(central)
     _check_connections(central)
     _check_variables(central)
     _check_kept(central)
@@ -180,6 +183,27 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
         if delivery.slot in resource.slots and delivery.slot is not held_by.slot and not delivery.nested:
             is_let_in = held_by.admits_owner and delivery.sent_by is held_by.owner
             assert is_let_in, f"{name}: {delivery.message.name} {delivery.id} is in it, but others have it"
+
+
+def _check_what_lies_ahead(central: State) -> None:
+    """Whatever waits for a time or a point is about a living task, which knows it: it goes when that task ends."""
+    tree = central.tree
+    everyone = [tree.root, *tree.tasks.values()]
+    for task in everyone:
+        for what, waits_for in task.rare.pending.items() if task.rare else ():
+            is_there = what in (waits_for.waiters or ()) if isinstance(waits_for, Task) else waits_for.subject is what
+            assert is_there, f"{task}: {what} will never happen"
+        for waiter in task.waiters or ():
+            if isinstance(waiter, Ending):
+                assert waiter.task.more.pending[waiter] is task, f"{task}: a kill waits for it that nobody knows"
+            if isinstance(waiter, Watch):
+                assert waiter.is_on, f"{task}: a monitor that is over waits for it"
+                assert waiter.waits_for is task, f"{task}: a monitor waits for it and knows nothing"
+    for timer in central.clock.pending():
+        due_for = getattr(timer.subject, "task", None)
+        if due_for is not None:
+            is_there = due_for is tree.root or tree.tasks.get(due_for.id) is due_for
+            assert is_there, f"{due_for}: has ended, and is due for '{timer.due}'"
 
 
 def _check_handled_wait(wait: HandledWait) -> None:

@@ -6,7 +6,7 @@ monitor: with the condition's reply as its data, or the monitor's own where the 
 monitor ends after so many actions, so many seconds, at a point, or when all else under its parent has ended.
 """
 
-from tca_central.clock import Due, checked_seconds
+from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.failures import fail_task, raise_failure
 from tca_central.intervals import DELIVERED
@@ -17,12 +17,9 @@ from tca_central.task_tree import Task
 from tca_central.watching import Watch, end_watch, stop
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Answer
-from tca_wire.parts import MessageFormat, WatchOptions
+from tca_wire.parts import MessageFormat
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
-
-SHORTEST_PERIOD = 0.001
-"""Seconds between two tests of a condition."""
 
 NIL, FALSE, TRUE = b"\xc0", b"\xc2", b"\xc3"  # None, False and True as MessagePack
 
@@ -52,30 +49,6 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
             which = "a query" if is_condition else "a goal, command, inform or broadcast"
             text = f"{message_class} '{declared.name}' needs {which}, and '{part}' is {what}"
             raise RequestError(Refusal.UNKNOWN, text)
-
-
-def prepare(central: State, task: Task, options: WatchOptions | None) -> None:
-    """Make a new task the monitor that it is. Raises RequestError if its options make no sense."""
-    options = options or WatchOptions()
-    polls = task.message.message_class is MessageClass.POLLING_MONITOR
-    what = f"{task.message.message_class} '{task.message.name}'"
-    checked_seconds(options.duration, f"{what} with a duration")
-    if polls:
-        checked_seconds(options.period, f"{what} with a period")
-    if polls and options.period < SHORTEST_PERIOD:
-        raise RequestError(
-            Refusal.PROTOCOL, f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
-        )
-    if options.fire_every < 1 or options.maximum < 0:
-        text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
-        raise RequestError(Refusal.PROTOCOL, text)
-    if options.until is not None:
-        central.agenda.holds.place(options.until)  # raises if there is no such point
-    parts = [central.registry.messages.get(part) for part in task.message.parts]
-    task.more.watch = Watch(task, options, parts)
-    is_point = task.message.message_class is MessageClass.POINT_MONITOR
-    is_bounded = options.maximum or options.duration or options.until is not None or options.for_ever
-    task.is_watcher = not is_point and not is_bounded
 
 
 # --- watching --------------------------------------------------------------------------------------------------------
@@ -118,6 +91,7 @@ def _wait_until(central: State, watch: Watch, until: Point) -> bool:
     if at is None or at.reached & int(until.moment):
         end_watch(central, watch, "its end point is reached")
         return False
+    watch.waits_for = at
     central.agenda.wait(at, int(until.moment), watch)
     return True
 
@@ -197,31 +171,46 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
-    """A module fires a demon monitor."""
+    """A module fires a demon monitor. One that does not watch is not fired (TCM: a warning, no effect)."""
     watch = _of_request(central, header.monitor)
-    if watch.task.message.message_class is not MessageClass.DEMON_MONITOR:
-        raise RequestError(Refusal.PROTOCOL, f"{watch.task} is no demon monitor: it is not fired from outside")
+    if watch is not None:
+        _check_fire(watch, header.action)
+    if watch is None or not watch.is_on:
+        state = "does not watch yet" if watch is not None and not watch.is_over else "has ended"
+        central.ignore(connection, header.number, f"monitor {header.monitor} {state}: it can't be fired")
+        return
     _fire(central, watch, body)
     central.send(connection, header.number, Accepted(header.number, header.monitor))
 
 
-def _of_request(central: State, task_id: TaskId) -> Watch:
+def _check_fire(watch: Watch, wanted: str) -> None:
+    """Raises RequestError if a monitor can't be fired from outside, or has another action than who fires it thinks."""
+    task, action = watch.task, watch.parts[_ACTION]
+    if task.message.message_class is not MessageClass.DEMON_MONITOR:
+        raise RequestError(Refusal.PROTOCOL, f"{task} is no demon monitor: it is not fired from outside")
+    if wanted and (action is None or wanted != action.name):
+        has = f"its action is '{action.name}'" if action is not None else "it has no action: fire it without"
+        raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")
+
+
+def _of_request(central: State, task_id: TaskId) -> Watch | None:
+    """What the monitor of that number is doing; None if it has ended."""
     task = central.tree.task(task_id)
     if task is not None and not task.message.message_class.is_monitor:
         raise RequestError(Refusal.PROTOCOL, f"{task} is no monitor")
-    watch = _watch(task) if task is not None else None
-    if watch is None or not watch.is_on:
-        text = "has ended" if watch is None or watch.is_over else "does not watch yet"
-        raise RequestError(Refusal.TOO_LATE, f"monitor {task_id} {text}")
-    return watch
+    return _watch(task) if task is not None else None
 
 
 # --- the end ---------------------------------------------------------------------------------------------------------
 
 
 def on_end_monitor(central: State, connection: Connection, header: headers.EndMonitor, _: bytes) -> None:
-    """A module ends a monitor."""
-    end_watch(central, _of_request(central, header.monitor), f"by module '{connection.module.name}'")
+    """A module ends a monitor, also one that does not watch yet."""
+    watch = _of_request(central, header.monitor)
+    if watch is None or watch.is_over:
+        central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
+        return
+    end_watch(central, watch, f"by module '{connection.module.name}'")
     central.send(connection, header.number, Accepted(header.number, header.monitor))
 
 

@@ -9,7 +9,7 @@ from tca_central.resources import PendingLimit, Resource
 from tca_wire.formats import first_difference
 from tca_wire.headers import ToModule
 from tca_wire.notices import NOTICES, PREFIX
-from tca_wire.parts import MessageFormat
+from tca_wire.parts import MessageFormat, WatchOptions
 from tca_wire.routes import Entrance
 from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal, Role
 
@@ -162,7 +162,7 @@ class Tap:
     fired after.
     """
 
-    __slots__ = ("at", "before", "condition", "id", "listener", "place")
+    __slots__ = ("at", "before", "condition", "id", "listener", "place", "watch")
 
     def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Any) -> None:
         self.id = tap_id
@@ -171,6 +171,7 @@ class Tap:
         self.place = place  #: the task or message type that it taps
         self.before = 0
         self.at = 0
+        self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
 
 
 class Delivery:

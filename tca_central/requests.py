@@ -11,7 +11,7 @@ from tca_central import status
 from tca_central.availability import HandledWait
 from tca_central.claims import end_with, give_up_claim, outlive
 from tca_central.clock import checked_seconds
-from tca_central.control import keep_for_termination, set_deadline
+from tca_central.control import check_parting, keep_for_termination, set_deadline
 from tca_central.direct import tell_sender
 from tca_central.errors import RequestError
 from tca_central.failures import attach, check_attachments, fail_task, failure_of, kill, reissue
@@ -19,16 +19,18 @@ from tca_central.fan_out import copies, route_statement
 from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SENT, SUCCESS
 from tca_central.keeping import check_room, keep
 from tca_central.making import at_birth
-from tca_central.monitors import prepare, tested
+from tca_central.monitors import tested
 from tca_central.registry import Connection, Delivery, MessageType
 from tca_central.resources import Claim
 from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
+from tca_central.watching import become_monitor, check_options, ends_by_itself
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.headers import Accepted, Answer
+from tca_wire.parts import WatchOptions
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 
@@ -54,6 +56,8 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")
     if not header.number and message.message_class.has_reply:
         raise RequestError(Refusal.PROTOCOL, f"{message.message_class} '{message.name}' needs a request number")
+    if header.when_killed:
+        check_parting(message, header.parent)
     if header.if_handled and not message.serving:
         if header.number:
             central.send(connection, header.number, Accepted(header.number))
@@ -142,7 +146,10 @@ def _route_task(
     task = Task(TaskId(central.new_id()), message, body, connection)
     task.priority = header.priority
     if message.message_class.is_monitor:
-        prepare(central, task, header.watch)
+        options = header.watch or WatchOptions()
+        check_options(central, message, options)
+        become_monitor(central, task, options)
+        task.is_watcher = not (ends_by_itself(message, options) or options.for_ever)
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]

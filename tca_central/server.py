@@ -20,7 +20,7 @@ import zmq.utils.monitor
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
-from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Event, Received, Record, Tick, Transmit
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
 from tca_central.journal_writer import JournalWriter
 from tca_wire import codec, facts
 from tca_wire.endpoint import default_folder
@@ -87,9 +87,26 @@ class Server:
         """Run until ``stopping`` says why to stop."""
         while not self.stopping:
             for event in self._events():
-                for effect in self.central.handle(event):
+                for effect in self._handle(event):
                     self._perform(effect)
             self._flush()
+
+    def _handle(self, event: Event) -> list[Effect]:
+        """What an event brings about. An error of central's own ends it: nobody knows what it has changed already
+        (docs/decisions/0052-an-error-of-centrals-own-ends-it.md).
+        """
+        try:
+            return self.central.handle(event)
+        except Exception as error:
+            what, who = type(event).__name__, ""
+            if isinstance(event, Received):
+                what = type(event.header).__name__
+                sender = self.central.registry.connections.get(event.connection)
+                who = f" of module '{sender.module.name}'" if sender is not None else ""
+            self.stopping = f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+            log.exception("%s\n%r", self.stopping, event)
+            msg = f"{self.stopping}; this is a bug in central, please report it with the journal"
+            raise CentralError(msg) from error
 
     def _events(self) -> Iterator[Event]:
         """What has happened since the last turn; waits for something to happen, at most until the next beat."""
@@ -311,6 +328,7 @@ _TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
         lambda fact: f"failure '{fact.failure}' of message {fact.id}: {fact.text.strip().rpartition(chr(10))[2]}",
     ),
     facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
+    facts.Ignored: (logging.WARNING, lambda fact: f"nothing done for module '{fact.sender}': {fact.text}"),
     facts.ModuleJoined: (logging.INFO, lambda fact: f"module '{fact.module}' joined ({fact.process})"),
     facts.ModuleLeft: (logging.INFO, lambda fact: f"module '{fact.module}' left: {fact.why}"),
 }

@@ -145,6 +145,11 @@ class State:
         connection.remember(number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
 
+    def ignore(self, connection: Connection, number: int, text: str) -> None:
+        """A request came too late to change anything: whoever asked may have known no better (TCM: a warning)."""
+        self.facts.append(facts.Ignored(connection.module.name, text))
+        self.send(connection, number, headers.Accepted(number))
+
     def block(self, connection: Connection, number: int, origin: int) -> None:
         """A connection does nothing until the answer to this request is there."""
         connection.waits[number] = Blocking(origin, self.events)

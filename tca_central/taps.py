@@ -8,6 +8,8 @@ under the root, so that an observer's failure is not the observed one's. What is
 
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from tca_central import direct
 from tca_central.errors import RequestError
 from tca_central.intervals import (
@@ -30,11 +32,12 @@ from tca_central.making import make_statement, make_task
 from tca_central.registry import Connection, Delivery, MessageType, Tap
 from tca_central.state import State, involved
 from tca_central.task_tree import Task, taps_of
+from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself
 from tca_wire import facts, headers
 from tca_wire.formats import first_difference
 from tca_wire.headers import Accepted
-from tca_wire.parts import Tapped
-from tca_wire.points import ROOT, TaskId
+from tca_wire.parts import Tapped, WatchOptions
+from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
 MOST_TAPS = 1000
@@ -84,21 +87,28 @@ RULES = {
 }
 """One row per condition. *When* conditions need no constraint: a task does not end before its children have."""
 
-_WHILE = (Condition.WHILE_HANDLING, Condition.WHILE_PLANNING, Condition.WHILE_ACHIEVING)
+_WHILE = {
+    Condition.WHILE_HANDLING: Moment.END_HANDLING,
+    Condition.WHILE_PLANNING: Moment.END_PLANNING,
+    Condition.WHILE_ACHIEVING: Moment.END_ACHIEVING,
+}
+"""Their listeners die with the tapped task; those that are monitors watch until this moment of it."""
+
+_LISTENERS = _TASKS - {MessageClass.EXCEPTION} | {MessageClass.INFORM, MessageClass.BROADCAST}
 
 
 class Listening:
     """What a listener was sent for."""
 
-    __slots__ = ("condition", "tapped")
+    __slots__ = ("tap", "tapped")
 
-    def __init__(self, condition: Condition, tapped: Delivery) -> None:
-        self.condition, self.tapped = condition, involved(tapped)
+    def __init__(self, tap: Tap, tapped: Delivery) -> None:
+        self.tap, self.tapped = tap, involved(tapped)
 
     @property
     def header(self) -> Tapped:
         """What the listener's handler is told."""
-        return Tapped(self.condition, self.tapped)
+        return Tapped(self.tap.condition, self.tapped)
 
 
 # --- adding and removing ---------------------------------------------------------------------------------------------
@@ -117,7 +127,9 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         raise RequestError(Refusal.UNKNOWN, f"listener '{header.listener}' is not declared")
     tapped = place.message if isinstance(place, Task) else place
     _check(header.condition, tapped, listener)
-    tap = _add(central, header.condition, listener, tapped, place)
+    if listener.message_class.is_monitor:
+        _check_monitor(central, header, tapped, listener)
+    tap = _add(central, header, listener, tapped, place)
     central.send(connection, header.number, Accepted(header.number, tap.id))
 
 
@@ -126,8 +138,9 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
     if tapped.message_class not in RULES[condition].classes:
         text = f"{tapped.message_class} '{tapped.name}' can't be tapped '{condition}'"
         raise RequestError(Refusal.PROTOCOL, f"{text}: that never happens to messages of this class")
-    if listener.message_class in _QUERIES or listener.message_class is MessageClass.EXCEPTION:
-        text = f"{listener.message_class} '{listener.name}' can't listen: informs, broadcasts and tasks can"
+    if listener.message_class not in _LISTENERS or listener.is_notice:
+        what = "notice" if listener.is_notice else listener.message_class
+        text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, text)
     heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
@@ -136,19 +149,33 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         raise RequestError(Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)")
 
 
+def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, listener: MessageType) -> None:
+    """Raises RequestError if a monitor can't listen so: it must come to an end. One that listens *while* something is
+    done to a task does when that is over.
+    """
+    options = header.watch or WatchOptions()
+    check_options(central, listener, options)
+    is_bounded = ends_by_itself(listener, options) or options.for_ever
+    if not is_bounded and not (header.condition in _WHILE and tapped.message_class.is_task):
+        text = f"{listener.message_class} '{listener.name}' that listens '{header.condition}' would never end"
+        raise RequestError(Refusal.PROTOCOL, f"{text}: say how often, how long or until when it watches, or for ever")
+
+
 def _add(
-    central: State, condition: Condition, listener: MessageType, tapped: MessageType, place: Task | MessageType
+    central: State, header: headers.Tap, listener: MessageType, tapped: MessageType, place: Task | MessageType
 ) -> Tap:
-    """A new tap; the same one added before is that one."""
+    """A new tap; the same one added before is that one, but that its monitor watches as is said now."""
+    condition = header.condition
     others = place.more.taps if isinstance(place, Task) else place.taps
     for other in others:
         if other.condition is condition and other.listener is listener:
+            other.watch = header.watch
             return other
     if len(others) >= MOST_TAPS:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
     tap = Tap(central.new_id(), condition, listener, place)
     rule = RULES[condition]
-    tap.before, tap.at = rule.before, rule.at
+    tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
     if rule.before and not tapped.message_class.is_task:
         tap.before, tap.at = 0, DELIVERED  # what is no task can't be held
     others.append(tap)
@@ -187,16 +214,15 @@ def happened(central: State, tapped: Delivery, what: int, body: bytes | None = N
 
 def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
     """Fire taps before a task goes on, and hold it until their listeners are done."""
-    if not task.killed:
-        for tap in taps:
-            if tap.id not in central.taps:
-                continue
-            listener = _fire(central, tap, task, task.body)
-            moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
-            if isinstance(listener, Task) and RULES[tap.condition].interval and not task.reached & moment:
-                interval = RULES[tap.condition].interval
-                if not listener.reached & interval:
-                    central.agenda.holds.hold(listener, interval, task, moment)
+    assert not task.killed, f"{task}: nothing happens between its wish to go on and this"
+    for tap in taps:
+        if tap.id not in central.taps:
+            continue
+        listener = _fire(central, tap, task, task.body)
+        moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
+        interval = RULES[tap.condition].interval
+        if isinstance(listener, Task) and interval and not (task.reached & moment or listener.reached & interval):
+            central.agenda.holds.hold(listener, interval, task, moment)
     central.agenda.fired(task)
 
 
@@ -208,14 +234,31 @@ def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery |
         return None
     if message.format.data == NO_DATA:
         body = NIL
-    context = Listening(tap.condition, tapped)
-    if not message.message_class.is_task:
-        made = make_statement(central, message, body, Role.LISTENER, about=tapped.message_id, context=context)
+    made: Delivery
+    if message.message_class.is_task:
+        made = _make_task(central, tap, tapped, body)
     else:
-        is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
-        parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
-        made = make_task(central, message, body, parent, Role.LISTENER, about=tapped.message_id, context=context)
-        if isinstance(tapped, Task) and tap.condition in _WHILE:
-            tapped.more.listeners.append(made)
+        context = Listening(tap, tapped)
+        made = make_statement(central, message, body, Role.LISTENER, about=tapped.message_id, context=context)
     central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
     return made
+
+
+def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
+    """A listener that is a task."""
+    is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
+    parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
+    context, about = Listening(tap, tapped), tapped.message_id
+    listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=about, context=context)
+    options = tap.watch or WatchOptions()
+    if isinstance(tapped, Task) and tap.condition in _WHILE:
+        living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
+        for other in living:
+            if other.context.tap is tap and other.more.watch is not None:
+                end_watch(central, other.more.watch, f"{tapped} is handled anew")
+        tapped.more.listeners = [*living, listener]
+        if not ends_by_itself(tap.listener, options) and not options.for_ever:
+            options = replace(options, until=Point(TaskId(tapped.id), _WHILE[tap.condition]))
+    if tap.listener.message_class.is_monitor:
+        become_monitor(central, listener, options)
+    return listener

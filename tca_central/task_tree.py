@@ -18,7 +18,7 @@ class Rare:
     """What only few tasks have: most tasks do without this object."""
 
     __slots__ = ("attached", "attempts", "fired", "invocations", "is_tapped", "is_void", "keepers", "kept", "listeners",
-                 "parting", "recovering", "taps", "timers", "watch")  # fmt: skip
+                 "parting", "pending", "recovering", "taps", "void_followers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[Attached] = []  #: its exception handlers, newest last
@@ -32,7 +32,8 @@ class Rare:
         self.watch: Any = None  #: of a monitor: what it is doing
         self.is_void = False  #: of an exception handler's task: it has reissued its failure
         self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
-        self.timers: list[Any] = []  #: what is due for it
+        self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
+        self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
         self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -73,7 +74,7 @@ class Task(Delivery):
         self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
         self.is_dealt_with = False  #: an exception handler took care of that failure
         self.result = b""  #: what its handler returned
-        self.waiters: list[tuple[int, Any]] | None = None  #: (moment, wait) to be told
+        self.waiters: dict[Any, int] | None = None  #: who is to be told -> of which moment; oldest first
         self.rare: Rare | None = None
 
     def __repr__(self) -> str:
@@ -202,8 +203,10 @@ class TaskTree:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
         others = self.top_of_module[sender]
         del others[task.id]
-        if task.killed and others and self.last_of_module.get(sender) is task:
-            self.last_of_module[sender] = next(reversed(others.values()))
+        if self.last_of_module.get(sender) is task:
+            del self.last_of_module[sender]
+            if task.killed and others:
+                self.last_of_module[sender] = next(reversed(others.values()))
         if not others:
             del self.top_of_module[sender]
 
@@ -230,9 +233,15 @@ class TaskTree:
                 stack.extend(child for child in reversed(node.children.values()) if not child.survives)
 
 
+OF_MONITORS = frozenset((Role.CONDITION, Role.SET_UP, Role.ACTION, Role.CANCEL))
+
+
 def taps_of(delivery: Delivery) -> list[Tap]:
-    """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped."""
-    if delivery.role is Role.LISTENER:
+    """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped, nor what is
+    sent for a monitor that was.
+    """
+    sent_for = delivery.context.task.role if delivery.role in OF_MONITORS else delivery.role
+    if sent_for is Role.LISTENER:
         return []
     if isinstance(delivery, Task) and delivery.rare and delivery.rare.taps:
         return delivery.rare.taps + delivery.message.taps

@@ -1,6 +1,7 @@
-"""What a running monitor is doing, and how it stops. The rules are in monitors.py."""
+"""How a task becomes a monitor, what that is doing, and how it stops. The rules are in monitors.py."""
 
-from tca_central.clock import Timer
+from tca_central.clock import Timer, checked_seconds
+from tca_central.errors import RequestError
 from tca_central.intervals import RETURNED
 from tca_central.making import make
 from tca_central.registry import Delivery, MessageType
@@ -9,7 +10,10 @@ from tca_central.task_tree import Task
 from tca_wire import facts
 from tca_wire.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.vocabulary import MessageClass, Refusal, Role
+
+SHORTEST_PERIOD = 0.001
+"""Seconds between two tests of a condition."""
 
 _ACTION = 1  # which part of a monitor
 _CANCEL = 2  # of a demon monitor
@@ -18,7 +22,8 @@ _CANCEL = 2  # of a demon monitor
 class Watch:
     """A monitor from its birth to its end."""
 
-    __slots__ = ("began", "condition", "count", "fires", "is_over", "options", "parts", "task", "timers")
+    __slots__ = ("began", "condition", "count", "fires", "is_over", "options", "parts", "task", "timers",
+                 "waits_for")  # fmt: skip
 
     def __init__(self, task: Task, options: WatchOptions, parts: list[MessageType | None]) -> None:
         self.task = task
@@ -29,6 +34,7 @@ class Watch:
         self.count = 0  #: how often its condition held, or it was fired
         self.fires = 0  #: how many actions it has sent
         self.timers: list[Timer] = []
+        self.waits_for: Task | None = None  #: whose point is its end
         self.is_over = False
 
     @property
@@ -44,7 +50,38 @@ class Watch:
 
     def met(self, central: State, _: Task) -> None:
         """The point at which it ends is reached."""
+        self.waits_for = None
         end_watch(central, self, "its end point is reached")
+
+
+def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
+    """Raises RequestError if a monitor can't watch so."""
+    polls = message.message_class is MessageClass.POLLING_MONITOR
+    what = f"{message.message_class} '{message.name}'"
+    checked_seconds(options.duration, f"{what} with a duration")
+    if polls:
+        checked_seconds(options.period, f"{what} with a period")
+    if polls and options.period < SHORTEST_PERIOD:
+        raise RequestError(
+            Refusal.PROTOCOL, f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
+        )
+    if options.fire_every < 1 or options.maximum < 0:
+        text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if options.until is not None:
+        central.agenda.holds.place(options.until)  # raises if there is no such point
+
+
+def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
+    """Whether a monitor has an end of its own: a point monitor tests once."""
+    is_bounded = options.maximum or options.duration or options.until is not None
+    return bool(is_bounded) or message.message_class is MessageClass.POINT_MONITOR
+
+
+def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
+    """Make a new task the monitor that it is; ``check_options`` has passed."""
+    parts = [central.registry.messages.get(part) for part in task.message.parts]
+    task.more.watch = Watch(task, options, parts)
 
 
 def stop(central: State, watch: Watch, why: str) -> None:
@@ -54,6 +91,9 @@ def stop(central: State, watch: Watch, why: str) -> None:
     watch.is_over = True
     for timer in watch.timers:
         central.clock.cancel(timer)
+    if watch.waits_for is not None:
+        central.agenda.stop_waiting(watch.waits_for, watch)
+        watch.waits_for = None
     if (condition := watch.condition) is not None:
         watch.condition = None
         if condition.queues is not None:

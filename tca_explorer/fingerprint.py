@@ -52,6 +52,7 @@ IGNORED = {
     "Module": {"process"},
     "Delivery": {"ticket"},  # marks void entries of the queue, which are left out
     "Task": {"parent"},  # met as a child of it
+    "Rare": {"void_followers"},  # when to look through them
     "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
     "Claim": {"id", "number", "ticket", "arrival", "timer"},  # its place in the queue shows
@@ -267,7 +268,6 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Delivery", "arrival"): _Walk.add_rank,
     ("Rare", "fired"): _Walk.add_fired,
     ("Rare", "listeners"): _Walk.add_living,
-    ("Rare", "timers"): _Walk.add_timers,
     ("Recovery", "failure"): _Walk.add_failure,
     ("Recovery", "attached"): _Walk.add_attachment,
     ("Ending", "why"): _Walk.add_text,

@@ -4,14 +4,14 @@ from typing import Any, Generic, TypeVar
 
 from tca_module.arguments import name_of
 from tca_module.connection import Connection
-from tca_module.errors import MisuseError, Refused
+from tca_module.errors import MisuseError
 from tca_module.failing import Reissued
 from tca_module.task_handle import TaskHandle
 from tca_wire import parts
 from tca_wire.declarations import NOTHING, D, Message
 from tca_wire.headers import Deliver, EndMonitor, Fire
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import Condition, Refusal
+from tca_wire.vocabulary import Condition
 
 A = TypeVar("A")
 
@@ -67,20 +67,14 @@ class MonitorHandle(TaskHandle, Generic[D]):
         if action is not None:
             body = action.encode_data(data)
             self._connection.declare(action)
-        try:
-            return bool(self._call(Fire(0, self.id), f"firing {self}", body))
-        except Refused as refused:
-            if refused.refusal is not Refusal.TOO_LATE:
-                raise
-            return False
+        name = action.name if action is not None else ""
+        return bool(self._call(Fire(0, self.id, name), f"firing {self}", body))
 
     def end(self) -> None:
-        """Watch no longer; what the monitor has sent comes to its own end. One that has ended already stays so."""
-        try:
-            self._call(EndMonitor(0, self.id), f"ending {self}")
-        except Refused as refused:
-            if refused.refusal is not Refusal.TOO_LATE or self._watches_later():
-                raise
+        """Watch no longer, or not at all if it has not begun; what the monitor has sent comes to its own end. One that
+        has ended already stays so.
+        """
+        self._call(EndMonitor(0, self.id), f"ending {self}")
 
     def _check_action(self, action: Any) -> None:
         if action is None and not self.action:
@@ -92,11 +86,6 @@ class MonitorHandle(TaskHandle, Generic[D]):
             given = name_of(action) if isinstance(action, Message) else repr(action)
             msg = f"{self} can't be fired with {given:.60}: {wanted}"
             raise MisuseError(msg)
-
-    def _watches_later(self) -> bool:
-        """Whether it has yet to begin."""
-        info = self.info()
-        return info is not None and not (info.killed or info.outcome or "start handling" in info.reached)
 
 
 def context_of(connection: Connection, delivery: Deliver) -> "Trouble | Heard | MonitorHandle[Any] | None":

@@ -11,6 +11,7 @@ from tca_module.arguments import (
     name_of,
 )
 from tca_module.context import MonitorHandle
+from tca_module.errors import MisuseError
 from tca_module.knowledge import Knowledge
 from tca_module.ordering import Ordering
 from tca_module.task_handle import Attached, TaskHandle, attachment
@@ -23,7 +24,7 @@ from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import Condition
 
 
-class MonitorOptions(TypedDict, total=False):
+class Watched(TypedDict, total=False):
     """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
 
     period: float
@@ -40,6 +41,11 @@ class MonitorOptions(TypedDict, total=False):
     """It ends when this point is reached."""
     for_ever: bool
     """It does not end with what it watches over: the other tasks under its parent."""
+
+
+class MonitorOptions(Watched, total=False):
+    """How a monitor watches, and when."""
+
     sequential: bool
     """Of a point monitor: it tests after the sibling before it has been achieved; True unless said otherwise."""
     constraints: list[Constraint]
@@ -88,19 +94,36 @@ class Control(Knowledge):
         return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"))
 
     def tap(
-        self, condition: Condition, tapped: Message[Any, Any] | TaskHandle, listener: Message[Any, Any]
+        self,
+        condition: Condition,
+        tapped: Message[Any, Any] | TaskHandle,
+        listener: Message[Any, Any],
+        **options: Unpack[Watched],
     ) -> Attached:
         """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
 
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
-        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A listener that nobody handles at that
-        moment is passed over, and holds nothing.
+        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
+        *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
+        something is done to a task ends by itself, when that is over. A
+        listener that nobody handles at that moment is passed over, and holds nothing.
         """
+        parts: list[Message[Any, Any]] = []
+        watch = None
+        if isinstance(listener, Monitor):
+            check_known(name_of(listener), options, Watched.__annotations__)
+            check_monitor_options(listener, options)
+            parts = [part for part in listener.parts if part is not None]
+            watch = _watch_options(options)
+        elif options:
+            msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
+            raise MisuseError(msg)
         if isinstance(tapped, TaskHandle):
-            connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
+            connection, name, task_id, where = self._declare(*parts, listener), "", tapped.id, str(tapped)
         else:
-            connection, name, task_id, where = self._declare(listener, tapped), tapped.name, ROOT, f"'{tapped.name}'"
-        header = Tap(0, condition, listener.name, name, task_id)
+            connection = self._declare(*parts, listener, tapped)
+            name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
+        header = Tap(0, condition, listener.name, name, task_id, watch)
         return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"))
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
@@ -110,15 +133,10 @@ class Control(Knowledge):
         check_class(monitor, Monitor, call="monitor()")
         check_known(name_of(monitor), options, MonitorOptions.__annotations__)
         check_monitor_options(monitor, options)
-        body = monitor.encode_data(data)
+        watch, body = _watch_options(options), monitor.encode_data(data)
         connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
         flags, constraints = self._ordering.place(is_goal=False, sequential=sequential) if is_task else (Flags.NONE, [])
-        watch = WatchOptions(
-            options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
-            options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
-            options.get("for_ever", False),
-        )  # fmt: skip
         header = Send(
             0,
             monitor.name,
@@ -133,3 +151,11 @@ class Control(Knowledge):
             self._ordering.add(task_id, sequential=sequential)
         action = monitor.parts[1]
         return MonitorHandle(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
+
+
+def _watch_options(options: Watched | MonitorOptions) -> WatchOptions:
+    return WatchOptions(
+        options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
+        options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
+        options.get("for_ever", False),
+    )  # fmt: skip

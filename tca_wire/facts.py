@@ -366,10 +366,17 @@ class RequestRefused(_Fact, frozen=True, tag="refused"):
     text: str
 
 
+class Ignored(_Fact, frozen=True, tag="ignored"):
+    """A request of a module changed nothing: what it asked for was no longer possible, and it could not know that."""
+
+    sender: str
+    text: str
+
+
 Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
-    | WaitBegan | WaitEnded | RequestRefused | HandledDirectly | LostDirectly
+    | WaitBegan | WaitEnded | RequestRefused | Ignored | HandledDirectly | LostDirectly
     | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Claimed | Granted | ClaimEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut

@@ -254,13 +254,20 @@ class Tap(_Header, frozen=True, tag=64):
     message: str = ""
     task: TaskId = TaskId(0)
     """The task that is tapped, where *message* is ""."""
+    watch: WatchOptions | None = None
+    """How a listener that is a monitor watches."""
 
 
 class Fire(_Header, frozen=True, tag=65):
-    """What a demon monitor watches for has happened; the body is the data of its action."""
+    """What a demon monitor watches for has happened; the body is the data of its action.
+
+    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done.
+    """
 
     number: int
     monitor: TaskId
+    action: str = ""
+    """The message that the data are for; refused if that is not the monitor's action ("": it is not asked)."""
 
 
 class EndMonitor(_Header, frozen=True, tag=66):

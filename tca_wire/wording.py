@@ -183,6 +183,9 @@ class Wording:
     def _refused(self, fact: facts.RequestRefused) -> str:
         return f"{fact.sender}: {fact.refusal}: {fact.text}"
 
+    def _ignored(self, fact: facts.Ignored) -> str:
+        return f"{fact.sender}: {fact.text}"
+
 
 def fields_of(fact: facts.Fact) -> dict[str, object]:
     """A fact as a dictionary for text forms: moments as words, bodies left out."""
@@ -253,4 +256,5 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Kept: Wording._kept,
     facts.Released: Wording._kept,
     facts.RequestRefused: Wording._refused,
+    facts.Ignored: Wording._ignored,
 }

@@ -69,8 +69,8 @@ CENTRAL: dict[str, set[str]] = {
     "notices": {"making", "state"},
     "availability": {"errors", "notices", "registry", "state"},
     "direct": {"errors", "registry", "resources", "state"},
-    "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree"},
-    "watching": {"clock", "intervals", "making", "registry", "state", "task_tree"},
+    "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree", "watching"},
+    "watching": {"clock", "errors", "intervals", "making", "registry", "state", "task_tree"},
     "failures": {"claims", "errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
     "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},
@@ -96,6 +96,7 @@ CENTRAL: dict[str, set[str]] = {
         "taps",
         "task_tree",
         "waits",
+        "watching",
     },
     "waits": {"errors", "intervals", "registry", "state", "task_tree"},
     "needs": {"cycles", "intervals", "registry", "resources", "state", "task_tree", "waits"},
@@ -140,7 +141,18 @@ CENTRAL: dict[str, set[str]] = {
     "journal_writer": {"errors"},
     "server": {"core", "errors", "events", "journal_writer"},
     "__main__": {"core", "errors", "journal_writer", "server"},
-    "invariants": {"availability", "clock", "direct", "holds", "intervals", "registry", "state", "task_tree"},
+    "invariants": {
+        "availability",
+        "clock",
+        "control",
+        "direct",
+        "holds",
+        "intervals",
+        "registry",
+        "state",
+        "task_tree",
+        "watching",
+    },
 }
 
 

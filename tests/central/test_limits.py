@@ -9,7 +9,7 @@ from tca_wire import headers
 from tca_wire.constraints import Flags
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Limit, MessageClass, Refusal
+from tca_wire.vocabulary import Limit, MessageClass, Refusal, Scope
 
 
 def test_a_request_holds_so_many_constraints_and_no_more() -> None:
@@ -167,4 +167,24 @@ def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
     check_invariants(player.central)
     player.receive("user", headers.Keep(player.number("user"), TaskId(1), release=True))
     assert not player.central.kept
+    check_invariants(player.central)
+
+
+def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
+    player = Player(check=False)
+    player.module("legs", "command move", capacity=2)
+    player.module("user")
+    player.declare("user", "command move")
+    task, other = player.task("user", "move"), player.task("user", "move", flags=Flags.NONE)
+    end = point(task, Moment.END_ACHIEVING)
+    for _ in range(500):
+        player.receive("user", headers.Deadline(player.number("user"), end, 1e6))
+        player.receive("user", headers.Kill(player.number("user"), TaskId(task), "", Scope.TASK, None, 1e6))
+    text = f"1000 kills, deadlines and delays lie ahead of task {task} 'move' already"
+    for header in (headers.Deadline(0, end, 1.0), headers.Kill(0, TaskId(task), "", Scope.TASK, None, 1.0)):
+        (refused,) = player.receive("user", header)
+        assert refused.text == text
+    player.reply("legs/1")
+    assert not player.central.clock.pending()
+    assert player.central.tree.tasks.keys() == {other}
     check_invariants(player.central)

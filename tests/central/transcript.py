@@ -10,7 +10,7 @@
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
-    NAME: tap CONDITION of TASK or MESSAGE with LISTENER | fire TASK | end monitor TASK
+    NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK [with ACTION] | end monitor TASK
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await MESSAGE, ... | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
@@ -110,13 +110,14 @@ class Transcript:
         declared = MessageFormat(message, MessageClass(message_class), ANY, reply, names)
         return self.player.receive(name, headers.Register(self.player.number(name), [declared]))
 
-    def tap(self, name: str, condition: str, place: str, listener: str) -> list[Any]:
-        where = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
-        header = headers.Tap(self.player.number(name), Condition(condition), listener, **where)
-        return self.player.receive(name, header)
+    def tap(self, name: str, condition: str, place: str, listener: str, options: str) -> list[Any]:
+        where: dict[str, Any] = {"task": TaskId(int(place))} if place.isdigit() else {"message": place}
+        where["watch"] = read_watch(options)
+        return self.player.receive(name, headers.Tap(self.player.number(name), Condition(condition), listener, **where))
 
-    def fire(self, name: str, task: str) -> list[Any]:
-        return self.player.receive(name, headers.Fire(self.player.number(name), TaskId(int(task))), b"\x05")
+    def fire(self, name: str, task: str, action: str) -> list[Any]:
+        header = headers.Fire(self.player.number(name), TaskId(int(task)), action or "")
+        return self.player.receive(name, header, b"\x05")
 
     def end_monitor(self, name: str, task: str) -> list[Any]:
         return self.player.receive(name, headers.EndMonitor(self.player.number(name), TaskId(int(task))))
@@ -244,8 +245,8 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
     (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),
-    (rf"{NAME}: tap (?P<condition>[\w ]+) of (?P<place>\w+) with (?P<listener>\w+)", Transcript.tap),
-    (rf"{NAME}: fire (?P<task>\d+)", Transcript.fire),
+    (rf"{NAME}: tap (?P<condition>[\w ]+) of (?P<place>\w+) with (?P<listener>\w+)(?P<options>.*)", Transcript.tap),
+    (rf"{NAME}: fire (?P<task>\d+)(?: with (?P<action>\w+))?", Transcript.fire),
     (rf"{NAME}: end monitor (?P<task>\d+)", Transcript.end_monitor),
     (rf"{NAME}: fail (?P<failure>\D+?)(?: (?P<delivery>\d+))?", Transcript.fail),
     (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),
@@ -314,9 +315,8 @@ def describe(fact: facts.Fact) -> str:
             held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
             role = f" ({fact.role})" if fact.role else ""
             told = f": {msgspec.msgpack.decode(fact.body)}" if fact.message in NOTICES else ""
-            return (
-                f"received {fact.message_class} {fact.message} as {fact.id} from {fact.sender}{under}{role}{told}{held}"
-            )
+            what = f"{fact.message_class} {fact.message} as {fact.id}"
+            return f"received {what} from {fact.sender}{under}{role}{told}{held}"
         case facts.Constrained():
             return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
         case facts.Reached():

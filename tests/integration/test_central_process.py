@@ -24,11 +24,12 @@ from tca_module import (
     QueryFailed,
     Task,
     TaskFailed,
+    Variable,
     connect,
 )
 from tca_tools.history import History
 from tca_tools.logs import newest_journal, open_log
-from tca_wire import codec, headers
+from tca_wire import codec, facts, headers
 
 pytestmark = pytest.mark.slow
 
@@ -326,3 +327,38 @@ def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
             assert legs.wait(timeout=10) == 0
             legs = successor
         assert "its connection closed" not in daemon.stop()
+
+
+BROKEN = """
+    from tca_central import core
+    from tca_central.__main__ import central
+    from tca_wire import headers
+    def broken(*_):
+        assert False, "the cat is both dead and alive"
+    core.HANDLERS[headers.GetVariable] = broken
+    print("ready", flush=True)
+    central(["--journal", {journal!r}])
+"""
+
+
+def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    address, journal = f"ipc://{tmp_path}/central.sock", tmp_path / "journal"
+    with program(BROKEN.format(journal=str(journal)), address) as daemon:
+        with connect("user", address) as user:
+            user.goal(WALK, 1)
+            with pytest.raises(CentralLost):
+                user.get_variable(Variable("mode", int))
+        said = daemon.communicate(timeout=10)[1]
+    assert daemon.returncode == 1
+    assert "central ends: internal error: AssertionError in event" in caplog.text
+    assert "the cat is both dead and alive" in said
+    assert "GetVariable of module 'user'; this is a bug in central, please report it with the journal" in said
+    log = open_log(journal)
+    entries = list(log)
+    log.check()
+    assert any(isinstance(fact, facts.Received) and fact.message == "walk" for entry in entries for fact in entry.facts)
+    (closed,) = entries[-1].facts
+    assert isinstance(closed, facts.Closed)
+    assert closed.why.startswith("internal error: AssertionError in event")

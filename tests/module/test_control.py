@@ -212,6 +212,52 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
+def test_what_comes_too_late_for_a_task_is_no_error(robot: tuple[Robot, Client]) -> None:
+    _, user = robot
+    ref = user.command(MOVE, 0.5)
+    ref.result(timeout=5)
+    ref.suspend()
+    ref.resume()
+    ref.fail(COLLISION(0.1))
+    ref.retry()
+    ref.deadline(1.0)
+    ref.kill()
+    assert ref.result(timeout=5) == 0.5
+
+
+def test_monitors_listen_to_wiretaps(robot: tuple[Robot, Client]) -> None:
+    them, user = robot
+    asked = threading.Semaphore(0)
+    eye = Module("eye", central=them.legs.central)
+
+    @eye.handles(IS_FREE)
+    def look(_: Task) -> None:
+        them.said.append("look")
+        asked.release()
+
+    watch = PollingMonitor("watch", condition=IS_FREE)
+    with eye.running():
+        before = user.tap(Condition.BEFORE_HANDLING, MOVE, AT_ONCE)
+        user.command(MOVE, 0.5).result(timeout=5)
+        before.remove()
+        assert them.said == ["look", "move 0.5"]
+        user.tap(Condition.WHILE_HANDLING, REST, watch, period=0.01)
+        resting = user.command(REST)
+        for _ in range(3):
+            assert asked.acquire(timeout=5)
+        (watching,) = user.tasks(watch)
+        them.go_on.release()
+        resting.result(timeout=5)
+        user.command(MOVE, 0.6).result(timeout=5)
+        assert watching.info() is None
+        with pytest.raises(Refused, match="would never end"):
+            user.tap(Condition.AFTER_ACHIEVED, MOVE, watch, period=1.0)
+        with pytest.raises(MisuseError, match="takes period= for monitors"):
+            user.tap(Condition.AFTER_ACHIEVED, MOVE, REST, period=1.0)
+        with pytest.raises(MisuseError, match="the options are"):
+            user.tap(Condition.WHILE_HANDLING, REST, watch, sequential=False)  # type: ignore[call-arg]
+
+
 @contextmanager
 def walking(central: LocalCentral) -> Iterator[None]:
     planner = Module("planner", central=central)

@@ -15,7 +15,7 @@ from tca_wire.facts import Delivered, Received
 from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
 from tca_wire.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Scope
+from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
 
 MODULES = {
     "planner": ("goal walk", "goal step", "query where", f"broadcast {HANDLERS_CHANGED.name}"),
@@ -157,7 +157,10 @@ class Life:
         self.player.receive("user", header(self.player.number("user"), *fields), b"\x08")
 
     def task(self, a: int) -> TaskId | None:
+        """A living task, or now and then what may have been one."""
         tasks = list(self.central.tree.tasks)
+        if a % 13 == 12:
+            return TaskId(max(1, self.central.tree.newest - a % 5))
         return TaskId(tasks[a % len(tasks)]) if tasks else None
 
     def kill_(self, a: int, b: int, c: int, d: int) -> None:
@@ -180,8 +183,11 @@ class Life:
             self.request(headers.Raise, task, FAILURES[b % 2])
 
     def retry_(self, a: int, b: int, *_: int) -> None:
+        handlers = [one for one in self.central.dispatcher.attended.values() if one.role is Role.EXCEPTION]
+        slot = handlers[a % len(handlers)].slot if handlers and b % 3 else None
+        name = slot.id.decode() if slot is not None else "user"
         if task := self.task(a):
-            self.request(headers.Retry, task, b % 2 == 0)
+            self.player.receive(name, headers.Retry(self.player.number(name), task, b % 2 == 0), b"\x08")
 
     def suspend_(self, a: int, b: int, *_: int) -> None:
         if task := self.task(a):
@@ -194,24 +200,29 @@ class Life:
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
         conditions = list(Condition)
         message = ("", "move", "walk", "where", "lift", "watch")[c % 6]
-        listener = ("note", "lift", "step", "pose")[b % 4]
-        if message or self.task(d):
-            self.request(headers.Tap, conditions[a % len(conditions)], listener, message, self.task(d) or TaskId(0))
+        listeners = ["note", "lift", "step", "pose"] * 2 + [*MONITORS] * 2 + ["recover", "where", "all"]
+        watch = self.watch_options(d, b, c) if d % 3 else None
+        task, condition = self.task(d) or TaskId(0), conditions[a % len(conditions)]
+        if message or task:
+            self.request(headers.Tap, condition, listeners[b % len(listeners)], message, task, watch)
 
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
-        until = point(tasks[-1], list(Moment)[c % 6]) if b % 7 == 0 and len(tasks) > 1 else None
-        period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
-        options = WatchOptions(period, d % 3, 1 + a % 2, b % 2 == 0, duration, until, d % 5 == 0)
-        name = list(MONITORS)[a % 3]
+        options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
         self.player.send("user", name, under=tasks[c % len(tasks)], flags=Flags(d % 2), watch=options)
+
+    def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:
+        tasks = list(self.central.tree.tasks)
+        until = point(tasks[-1 - a % 2 * (len(tasks) - 1)], list(Moment)[c % 6]) if b % 5 == 0 and tasks else None
+        period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
+        return WatchOptions(period, c % 3, 1 + a % 2, b % 2 == 0, duration, until, for_ever)
 
     def watchers(self) -> list[Task]:
         return [task for task in self.central.tree.tasks.values() if task.message.message_class.is_monitor]
 
-    def fire_(self, a: int, *_: int) -> None:
+    def fire_(self, a: int, b: int, *_: int) -> None:
         if watchers := self.watchers():
-            self.request(headers.Fire, TaskId(watchers[a % len(watchers)].id))
+            self.request(headers.Fire, TaskId(watchers[a % len(watchers)].id), ("", "step", "lift")[b % 7 % 3])
 
     def end_monitor_(self, a: int, *_: int) -> None:
         if watchers := self.watchers():

@@ -25,9 +25,6 @@ from typing import Any
 from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_rules, oracle_slots, oracle_taps
 from properties.oracle_records import (
     EA,
-    EP,
-    SA,
-    SP,
     Attachment,
     Collector,
     Disagreement,
@@ -42,7 +39,6 @@ from properties.oracle_records import (
 
 from tca_central.events import ConnectionLost, Effect, Event, Received
 from tca_wire import facts, headers
-from tca_wire.constraints import Flags
 from tca_wire.points import THIS, Moment
 from tca_wire.vocabulary import Condition, MessageClass
 
@@ -219,7 +215,7 @@ class Oracle:
             oracle_monitors.born(node, header.watch)
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
-        for one, other in _from_flags(header.flags, node, last):
+        for one, other in oracle_rules.from_flags(header.flags, node, last):
             if other[1] not in node.past:
                 oracle_rules.constrain(world, one, other, 0)
         for wanted in header.constraints:
@@ -317,24 +313,35 @@ class Oracle:
         oracle_taps.forget(world, header.id)
 
     def raise_(self, _: str, header: headers.Raise, _body: bytes) -> None:
-        oracle_failures.raise_beside(self.world, self.world.nodes[header.task], (header.failure, *header.kinds))
+        if (node := self._unkilled(header.task)) is not None:
+            oracle_failures.raise_beside(self.world, node, (header.failure, *header.kinds))
 
     def retry(self, _: str, header: headers.Retry, _body: bytes) -> None:
-        oracle_failures.retry_now(self.world, self.world.nodes[header.task])
+        if (node := self._unkilled(header.task)) is not None:
+            oracle_failures.retry_now(self.world, node)
+
+    def _unkilled(self, task: int) -> Node | None:
+        """A task for which it is not too late."""
+        node = self.world.nodes.get(task)
+        return node if node is not None and not node.killed else None
 
     def suspend(self, _: str, header: headers.Suspend, _body: bytes) -> None:
-        oracle_failures.suspend(self.world, self.world.nodes[header.task], resume=header.resume)
+        if (node := self.world.nodes.get(header.task)) is not None:
+            oracle_failures.suspend(self.world, node, resume=header.resume)
 
     def deadline(self, _: str, header: headers.Deadline, _body: bytes) -> None:
-        node, moment = self.world.nodes.get(header.point.task), Moment(header.point.moment)
+        node, moment = self._unkilled(header.point.task), Moment(header.point.moment)
         if node is not None and moment not in node.past:
             oracle_rules.set_alarm(self.world, header.seconds, node, moment=moment)
 
     def fire(self, _: str, header: headers.Fire, _body: bytes) -> None:
-        oracle_monitors.fire(self.world, self.world.nodes[header.monitor])
+        node = self.world.nodes.get(header.monitor)
+        if node is not None and node.watch.is_on:
+            oracle_monitors.fire(self.world, node)
 
     def end_monitor(self, _: str, header: headers.EndMonitor, _body: bytes) -> None:
-        oracle_monitors.end(self.world, self.world.nodes[header.monitor])
+        if (node := self.world.nodes.get(header.monitor)) is not None:
+            oracle_monitors.end(self.world, node)
 
     def lock(self, connection: str, header: headers.Lock, _: bytes) -> None:
         oracle_locks.lock(self.world, connection, header)
@@ -345,23 +352,12 @@ class Oracle:
     def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
         world = self.world
         taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
-        if all((one.condition, one.listener) != (header.condition, header.listener) for one in taps):
-            added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
-            taps.append(Tap(added.id, header.condition, header.listener))
-
-
-def _from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:
-    """The pairs that flags stand for."""
-    pairs = []
-    if last is not None and flags & Flags.SEQ_ACH:
-        pairs.append(((last, EA), (node, SA)))
-    if last is not None and flags & Flags.SEQ_PLANNING:
-        pairs.append(((last, EP), (node, SP)))
-    if flags & Flags.DELAY_PLANNING:
-        pairs.append(((node, SA), (node, SP)))
-    if flags & Flags.PLAN_FIRST:
-        pairs.append(((node, EP), (node, SA)))
-    return pairs
+        for one in taps:
+            if (one.condition, one.listener) == (header.condition, header.listener):
+                one.watch = header.watch
+                return
+        added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
+        taps.append(Tap(added.id, header.condition, header.listener, header.watch))
 
 
 def _words(moments: int) -> str:

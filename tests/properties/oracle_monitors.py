@@ -82,7 +82,8 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
         oracle_rules.make(world, message, role, node, node.id)
     else:
         made = world.seen.take_made(message, role, 0, node.id)
-        oracle_slots.send_statement(world, Job(made, message, kind, role=role))
+        job = Job(made, message, kind, role=role, sent_for_listener=node.role is Role.LISTENER)
+        oracle_slots.send_statement(world, job)
 
 
 # --- testing ---------------------------------------------------------------------------------------------------------
@@ -115,7 +116,8 @@ def _test(world: World, node: Node) -> None:
         _test_later(world, node)
     query = world.parts[node.message][0]
     made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
-    node.watch.condition = Job(made, query, world.kinds[query], role=Role.CONDITION)
+    is_listener = node.role is Role.LISTENER
+    node.watch.condition = Job(made, query, world.kinds[query], role=Role.CONDITION, sent_for_listener=is_listener)
     oracle_slots.wait(world, node.watch.condition)
 
 

@@ -28,6 +28,7 @@ class Job:
     number: int = 0  # of the sender's request, if an answer is due
     priority: int = 0
     role: Role = Role.NONE
+    sent_for_listener: bool = False  # by a monitor that was sent for a wiretap
     target: tuple[str, str] | None = None  # a copy's resource; others go to whoever handles their message
     wanted: bool = True  # it shall be given to a handler
     waiting: bool = False  # nothing but the want of a slot keeps it from that
@@ -60,6 +61,7 @@ class Node(Job):
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
     listeners: list["Node"] = field(default_factory=list)  # that die with it
+    tap: "Tap | None" = None  # for which it was sent
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent
     had_others: bool = False  # has had children that could be watched over
@@ -166,6 +168,7 @@ class Tap:
     id: int
     condition: Condition
     listener: str
+    watch: Any = None  # how it watches, if it is a monitor
 
 
 @dataclass(eq=False)
@@ -211,10 +214,12 @@ class Seen:
     def is_accepted_as(self, number: int) -> bool:
         return any(isinstance(header, headers.Accepted) and header.id == number for _, header in self.told)
 
-    def take_made(self, message: str, role: Role, parent: int, about: int) -> int:
-        """The id of a message that central must have made."""
+    def take_made(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
+        """The id of a message that central must have made, for a wiretap."""
+        fired = [fact.listener for fact in self.facts if isinstance(fact, facts.TapFired) and fact.tap == tap]
         for birth in self.made:
-            if (birth.message, birth.role, birth.parent, birth.about) == (message, role, parent, about):
+            is_it = (birth.message, birth.role, birth.parent, birth.about) == (message, role, parent, about)
+            if is_it and (birth.id in fired or not tap):
                 self.made.remove(birth)
                 return birth.id
         raise Disagreement(f"central made no {role} '{message}' under {parent} about {about}: {self.made}")

@@ -11,6 +11,7 @@ from typing import Any
 from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Node, Pair, World
 
+from tca_wire.constraints import Flags
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Role
 
@@ -57,6 +58,20 @@ def constrain(world: World, one: tuple[Node, Moment] | None, other: tuple[Node, 
     world.pairs.append(Pair(one, other, delay))
     if one[0].killed:
         _inherit(world, one, other)
+
+
+def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, Any]]:
+    """The pairs that flags stand for."""
+    pairs = []
+    if last is not None and flags & Flags.SEQ_ACH:
+        pairs.append(((last, EA), (node, SA)))
+    if last is not None and flags & Flags.SEQ_PLANNING:
+        pairs.append(((last, EP), (node, SP)))
+    if flags & Flags.DELAY_PLANNING:
+        pairs.append(((node, SA), (node, SP)))
+    if flags & Flags.PLAN_FIRST:
+        pairs.append(((node, EP), (node, SA)))
+    return pairs
 
 
 def bequeath(world: World, killed: Node) -> None:
@@ -107,11 +122,12 @@ def add(world: World, node: Node, parent: Node) -> None:
         oracle_failures.kill(world, node)
 
 
-def make(world: World, message: str, role: Role, parent: Node, about: int) -> Node:
+def make(world: World, message: str, role: Role, parent: Node, about: int, tap: int = 0) -> Node:
     """A task that central makes itself: it waits for nothing above it."""
-    task = world.seen.take_made(message, role, parent.id, about)
+    task = world.seen.take_made(message, role, parent.id, about, tap)
     node = Node(task, message, world.kinds[message], role=role, free=True)
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+    node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
     add(world, node, parent)
     return node
 

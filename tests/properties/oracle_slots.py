@@ -154,7 +154,16 @@ def copies(world: World, job: Job) -> list[Job]:
         resource = (handler.module, handler.resource)
         if resource in world.slots.values():
             copy = Job(
-                job.id, job.message, job.kind, job.sender, job.module, job.number, job.priority, job.role, resource
+                job.id,
+                job.message,
+                job.kind,
+                job.sender,
+                job.module,
+                job.number,
+                job.priority,
+                job.role,
+                job.sent_for_listener,
+                resource,
             )
             wait(world, copy)
             made.append(copy)

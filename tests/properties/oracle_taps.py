@@ -1,9 +1,11 @@
 """The rules of wiretaps: what is sent when, and what it holds back."""
 
-from properties import oracle_rules, oracle_slots
+from msgspec.structs import replace
+from properties import oracle_monitors, oracle_rules, oracle_slots
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, Job, Node, Pair, Tap, World
 
-from tca_wire.points import Moment
+from tca_wire.parts import WatchOptions
+from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
 BEFORE = {
@@ -27,12 +29,12 @@ AT = {
 CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
 """Their listeners hang under the tapped task."""
 
-WHILE = {Condition.WHILE_HANDLING, Condition.WHILE_PLANNING, Condition.WHILE_ACHIEVING}
-"""Their listeners die with the tapped task."""
+WHILE = {Condition.WHILE_HANDLING: EH, Condition.WHILE_PLANNING: EP, Condition.WHILE_ACHIEVING: EA}
+"""Their listeners die with the tapped task; a monitor without an end of its own watches until this moment of it."""
 
 
 def taps_of(world: World, job: Job) -> list[Tap]:
-    if job.role is Role.LISTENER:
+    if job.role is Role.LISTENER or job.sent_for_listener:
         return []
     own = job.taps if isinstance(job, Node) else []
     return [*own, *world.taps.get(job.message, [])]
@@ -99,13 +101,23 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     if not world.handlers.get(tap.listener) and not kind.is_monitor:
         return None
     if not kind.is_task:
-        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about)
+        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about, tap.id)
         oracle_slots.send_statement(world, Job(made, tap.listener, kind, role=Role.LISTENER))
         return None
     parent = job if isinstance(job, Node) and tap.condition in CHILDREN else world.root
-    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, about)
+    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, about, tap.id)
+    listener.tap = tap
+    options = tap.watch or WatchOptions()
     if isinstance(job, Node) and tap.condition in WHILE:
+        for other in job.listeners:
+            if other.tap is tap and other.watch and other.id in world.nodes:
+                oracle_monitors.end(world, other)
         job.listeners.append(listener)
+        is_bounded = options.maximum or options.duration or options.until or kind is MessageClass.POINT_MONITOR
+        if not (is_bounded or options.for_ever):
+            options = replace(options, until=Point(TaskId(job.id), WHILE[tap.condition]))
+    if kind.is_monitor:
+        oracle_monitors.born(listener, options)
     return listener
 
 

@@ -26,7 +26,7 @@ def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[t
 def test_invariants_hold_in_lives_of_thousands_of_events_and_everything_ends(seed: int) -> None:
     life = Life()
     life.go_on(seed, 4_000)
-    _end(life)
+    end_life(life)
 
 
 @pytest.mark.soak
@@ -42,7 +42,7 @@ def test_many_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
 def test_many_long_lives(seed: int) -> None:
     life = Life()
     life.go_on(seed, 10_000)
-    _end(life)
+    end_life(life)
 
 
 def live(operations: list[tuple[str, int, int, int, int]]) -> None:
@@ -50,10 +50,10 @@ def live(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life()
     for name, *numbers in operations:
         life.do(name, *numbers)
-    _end(life)
+    end_life(life)
 
 
-def _end(life: Life) -> None:
+def end_life(life: Life) -> None:
     _end_everything(life)
     assert not life.central.tree.tasks
     assert not life.central.dispatcher.attended

@@ -1,12 +1,11 @@
 """A robot that does everything there is, again and again, against the pure core: twenty seconds of its time a round."""
 
-import gc
 import sys
 from collections import deque
-from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 from central.player import ANY, Player, before, point
+from central.reachable import reachable
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Tick, Transmit
@@ -14,7 +13,7 @@ from tca_wire import headers
 from tca_wire.constraints import Flags
 from tca_wire.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Condition, MessageClass
+from tca_wire.vocabulary import Condition, MessageClass, Scope
 
 ROUND = 20.0
 """Seconds."""
@@ -26,6 +25,7 @@ MODULES = {
     "legs": ("command move", "command halt", "command adjust", "query stance"),
     "eye": ("query seen", "multi-query health", "broadcast pose"),
     "expert": ("exception handler recover", "command check"),
+    "keeper": ("command stand",),
     "recorder": (
         "inform note",
         "variable mode",
@@ -61,6 +61,15 @@ class Robot:
         self.ask("user", headers.Attach, Attachment("", "recover", 0), TaskId(0), "move")
         self.ask("user", headers.Tap, Condition.BEFORE_HANDLING, "check", "move")
         self.ask("user", headers.Tap, Condition.WHEN_KILLED, "note", "walk")
+        self.ask("user", headers.Tap, Condition.WHILE_ACHIEVING, "watch", "step", watch=WatchOptions(period=3.0))
+        keeper = self.connections["keeper"][0]
+        self.standing = self.ask(keeper, headers.Send, "stand", TaskId(0))  # goes on all the time
+        self.handle_all()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether there are tasks but the one that goes on."""
+        return len(self.central.tree.tasks) > 1
 
     # --- talking to central ------------------------------------------------------------------------------------
 
@@ -130,6 +139,8 @@ class Robot:
             connection, header = self.inbox.popleft()
             if header.message == "walk":
                 self.walk(header.task)
+            if header.message == "stand":
+                continue
             if header.message in ("move", "step"):
                 self.waiting.append((connection, header))
             elif header.message == "recover":
@@ -201,7 +212,7 @@ class Robot:
             self.ask("user", headers.Kill, TaskId(walk), "enough", delay=1.0)
         if kind % 11 == 0 and walk in self.central.tree.tasks:
             self.ask("user", headers.Raise, TaskId(walk), "fatal")
-        while self.central.tree.tasks and self.time < end + 60:
+        while self.is_busy and self.time < end + 60:
             self.let_pass(1.0)
             self.return_from_moves()
         self.let_pass(max(0.0, end - self.time))
@@ -220,6 +231,22 @@ class Robot:
         self.handle_all()
         for aside in (tap, attached):
             self.ask("user", headers.Remove, aside)
+        self.lean_on_what_goes_on()
+
+    def lean_on_what_goes_on(self) -> None:
+        """What hangs on the end of a task that does not end, and is itself over soon."""
+        end = point(self.standing, Moment.END_ACHIEVING)
+        adjust = self.send("adjust", flags=Flags.NONE)
+        self.ask("user", headers.Kill, TaskId(adjust), after=end)
+        self.ask("user", headers.Kill, TaskId(self.standing), scope=Scope.DESCENDANTS, delay=1.0)
+        behind = self.send("adjust", flags=Flags.NONE, constraints=[before(end, point(-1, Moment.START_ACHIEVING))])
+        delayed = before(point(0, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 1e6)
+        waiting = self.send("adjust", flags=Flags.NONE, constraints=[delayed], deadline=1e6)
+        guard = self.send("guard", flags=Flags.NONE, watch=WatchOptions(duration=1e6, until=end))
+        for task in (behind, waiting, guard):
+            self.ask("user", headers.Kill, TaskId(task))
+        self.ask("user", headers.Suspend, TaskId(waiting))  # too late
+        self.handle_all()
 
     def restart(self, module: str) -> None:
         """A module dies in the middle of a walk, and returns."""
@@ -229,7 +256,7 @@ class Robot:
         self.handle_all()
         self.let_pass(1.0)
         self.join(module)
-        while self.central.tree.tasks:
+        while self.is_busy:
             self.let_pass(1.0)
             self.return_from_moves()
 
@@ -245,12 +272,8 @@ class Robot:
 
 def size_of(central: Central) -> tuple[int, int]:
     """How many objects central holds, everything that can be reached from it but code; and how many bytes they are."""
-    code = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType)
-    seen, frontier, size = {id(central)}, [central], 0
-    while frontier:
-        for one in gc.get_referents(frontier.pop()):
-            if not isinstance(one, code) and id(one) not in seen:
-                seen.add(id(one))
-                frontier.append(one)
-                size += sys.getsizeof(one)
-    return len(seen), size
+    count = size = 0
+    for one in reachable(central):
+        count += 1
+        size += sys.getsizeof(one)
+    return count, size

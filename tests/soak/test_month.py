@@ -14,7 +14,7 @@ def check_that_it_does_not_grow(hours: list[int], restart_after: int, slack: int
     robot, sizes = Robot(), []
     for more in hours:
         robot.live(more, restart_after)
-        assert not robot.central.tree.tasks
+        assert not robot.is_busy
         assert len(robot.central.outcomes) == REMEMBERED_OUTCOMES
         assert len(robot.central.registry.lost) == REMEMBERED_CONNECTIONS
         sizes.append(size_of(robot.central))

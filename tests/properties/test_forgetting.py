@@ -1,0 +1,163 @@
+"""What has ended is forgotten: nothing of it can be reached from central any more, whatever still goes on."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+from central.player import ANY, Player, before, point
+from central.reachable import reachable
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life, operation
+from properties.test_central_properties import end_life
+
+from tca_central.clock import Timer
+from tca_central.control import Bound, Ending
+from tca_central.core import Central
+from tca_central.holds import Release
+from tca_central.registry import Delivery
+from tca_central.taps import Listening
+from tca_central.task_tree import Rare
+from tca_central.watching import Watch
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.parts import MessageFormat, WatchOptions
+from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Scope
+
+END = Moment.END_ACHIEVING
+PASSING = (Delivery, Rare, Watch, Ending, Bound, Release, Timer, Listening)
+"""What is only there for tasks and messages that have not ended."""
+
+
+def held(central: Central) -> Counter[str]:
+    """How many objects of those classes can be reached from central; its root, which never ends, is not counted."""
+    found = Counter[str]()
+    for one in reachable(central):
+        if isinstance(one, PASSING) and one not in (central.tree.root, central.tree.root.rare):
+            found[type(one).__name__] += not (isinstance(one, Timer) and one.is_cancelled)
+    return +found
+
+
+@given(st.lists(operation, max_size=60))
+@settings(max_examples=100, deadline=None)
+def test_when_everything_has_ended_central_holds_nothing_of_it(
+    operations: list[tuple[str, int, int, int, int]],
+) -> None:
+    life = Life()
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    end_life(life)
+    assert not held(life.central)
+
+
+class Long:
+    """A task that goes on for weeks, and what others do meanwhile."""
+
+    def __init__(self) -> None:
+        self.player = Player(check=False)
+        self.player.module("legs", "command move", "query clear", "inform note", capacity=3)
+        self.player.module("user")
+        self.player.declare("user", "command move")
+        guard = MessageFormat("guard", MessageClass.DEMON_MONITOR, ANY, "", ["", "note", ""])
+        self.ask(headers.Register, [guard])
+        self.task = self.player.task("user", "move")
+
+    @property
+    def end(self) -> Point:
+        return point(self.task, END)
+
+    def ask(self, kind: type, *fields: object) -> None:
+        answers = self.player.receive("user", kind(self.player.number("user"), *fields), b"\x07")
+        assert not any(isinstance(answer, headers.Refused) for answer in answers), answers
+
+    def move(self, **options: object) -> int:
+        return self.player.task("user", "move", **{"flags": Flags.NONE, **options})
+
+    def returns(self, task: int) -> None:
+        (slot,) = (d.slot for d in self.player.central.dispatcher.attended.values() if d.id == task and d.slot)
+        self.player.reply(slot.id.decode(), task)
+
+    def guard(self, duration: float = 0) -> int:
+        """A monitor until the long task ends."""
+        watch = WatchOptions(duration=duration, until=self.end)
+        return self.player.task("user", "guard", flags=Flags.NONE, watch=watch)
+
+
+def killed_after_it(long: Long) -> None:
+    task = long.move()
+    long.ask(headers.Kill, TaskId(task), "", Scope.TASK, long.end)
+    long.returns(task)
+
+
+def killed_some_time_after_it(long: Long) -> None:
+    task = long.move()
+    long.ask(headers.Kill, TaskId(task), "", Scope.TASK, point(task, END), 1e6)
+    long.ask(headers.Kill, TaskId(task), "", Scope.DESCENDANTS, None, 1e6)
+    long.returns(task)
+
+
+def with_deadlines(long: Long) -> None:
+    task = long.move(deadline=1e6)
+    long.ask(headers.Deadline, point(task, END), 1e5)
+    long.returns(task)
+
+
+def monitors_until_its_end(long: Long) -> None:
+    monitor = long.guard()
+    long.ask(headers.EndMonitor, TaskId(monitor))
+
+
+def killed_monitors_until_its_end(long: Long) -> None:
+    monitor = long.guard(duration=1e6)
+    long.ask(headers.Kill, TaskId(monitor))
+
+
+def killed_behind_it(long: Long) -> None:
+    task = long.move(constraints=(before(long.end, point(-1, Moment.START_ACHIEVING)),))
+    long.ask(headers.Kill, TaskId(task))
+
+
+def killed_while_delayed(long: Long) -> None:
+    later = before(point(0, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 1e6)
+    task = long.move(constraints=(later,))
+    long.ask(headers.Kill, TaskId(task))
+
+
+def holding_its_end_one_after_the_other(long: Long) -> None:
+    """There is always one that it waits for."""
+    task = long.move(constraints=(before(point(-1, END), long.end),))
+    older = [other for other in long.player.central.tree.tasks if long.task < other < task]
+    for other in older:
+        long.returns(other)
+
+
+def waited_for_in_vain(long: Long) -> None:
+    long.ask(headers.WaitFor, long.end)
+    long.player.receive("user", headers.GiveUp(long.player.numbers["user"]))
+
+
+def its_own_kills_and_deadlines_over(long: Long) -> None:
+    """What was asked for has happened: nothing under it to kill, a deadline of a point that is past."""
+    long.ask(headers.Kill, TaskId(long.task), "", Scope.DESCENDANTS, None, 1.0)
+    long.ask(headers.Deadline, point(long.task, Moment.START_HANDLING), 1.0)
+    long.player.tick(2.0)
+
+
+@pytest.mark.parametrize(
+    "meanwhile",
+    [
+        killed_after_it, killed_some_time_after_it, with_deadlines, monitors_until_its_end, killed_monitors_until_its_end,
+        killed_behind_it, killed_while_delayed, holding_its_end_one_after_the_other, waited_for_in_vain,
+        its_own_kills_and_deadlines_over,
+    ],
+    ids=lambda meanwhile: meanwhile.__name__,
+)  # fmt: skip
+def test_beside_a_task_that_goes_on_nothing_piles_up(meanwhile: Callable[[Long], None]) -> None:
+    long = Long()
+    for _ in range(300):
+        meanwhile(long)
+    few = 100  # what is void is taken out together
+    task = long.player.central.tree.tasks[TaskId(long.task)]
+    assert held(long.player.central).total() < few, held(long.player.central)
+    assert len(task.leaders or ()) + len(task.followers or ()) + len(task.waiters or ()) < few
