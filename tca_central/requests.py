@@ -225,7 +225,9 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     delivery = _attended(central, connection, header.delivery)
     is_exception = isinstance(delivery, Task) and delivery.role is Role.EXCEPTION
     if header.reissue and not is_exception:
-        raise RequestError(Refusal.PROTOCOL, f"{delivery} handles no failure, so there is none to be reissued")
+        raise RequestError(
+            Refusal.PROTOCOL, f"message {delivery.message_id} handles no failure, so there is none to be reissued"
+        )
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
     central.facts.append(facts.Returned(delivery.given_as, outcome, body))
     central.dispatcher.complete(delivery)

@@ -1,7 +1,7 @@
 """Outcome, failures, waits and resources of a run, each worked out by hand."""
 
 import pytest
-from tools.robots import caught, commanding, fail, near, recovering, stepping
+from tools.made_robots import caught, commanding, fail, near, recovering, stepping
 from tools.story import Story, stumbling, walking
 
 from tca_tools.analysis import words

@@ -1,7 +1,7 @@
 """Planning that could have been done while something was acted, and what that saves at most: worked out by hand."""
 
 import pytest
-from tools.robots import commanding, looking_ahead, near, recovering, stepping
+from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
 from tools.story import THIS, Story, walking
 
 from tca_tools.analysis.advice import Advice, Topic, advice

@@ -4,7 +4,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from tools.robots import commanding, looking_ahead, near, recovering, stepping
+from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
 from tools.story import Story, stumbling, walking
 
 from tca_tools.analysis.causes import Causes, Doing

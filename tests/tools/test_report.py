@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tools.robots import recovering, stepping
+from tools.made_robots import recovering, stepping
 from tools.story import Story, stumbling, walking
 from tools.test_history import FACTS
 
