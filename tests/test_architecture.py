@@ -13,7 +13,7 @@ MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
-    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz"},
+    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz", "vl_convert"},
     "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
