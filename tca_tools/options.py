@@ -50,7 +50,7 @@ def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def check_output(output: Path | None, kinds: tuple[str, ...]) -> None:
     """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not."""
     if output and output.suffix not in kinds:
-        known = f"{', '.join(kinds[:-1])} or {kinds[-1]}"
+        known = " or ".join(filter(None, [", ".join(kinds[:-1]), kinds[-1]]))
         raise click.BadParameter(f"{printable(str(output))}: its name must end in {known}", param_hint="'-o'")
 
 

@@ -1,17 +1,17 @@
 """Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure; draws nothing."""
 
 from bisect import bisect_right
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from math import inf
 from operator import attrgetter
+from typing import Protocol
 
 from tca_tools.errors import NotInLog
 from tca_tools.past import Past
 from tca_tools.records import Claim, Message, Queueing, Task
 from tca_tools.terminal import printable
-from tca_tools.then import Then
+from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, TaskId
 
 _GRANTED = attrgetter("granted")
@@ -19,12 +19,34 @@ _NAMED = 5
 """How many tasks of one name an error lists."""
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Some tasks of a run, oldest first, each with what it hangs under."""
+class Forest(Protocol):
+    """Tasks as they were at a moment, oldest first, each under its parent."""
 
-    top: list[TaskId]
-    tasks: dict[int, None]
+    @property
+    def tasks(self) -> Mapping[int, TaskThen]:
+        """By number."""
+
+    @property
+    def time(self) -> float:
+        """What the clock of the entries showed."""
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+
+
+class Part:
+    """Some tasks of a run, as they were. Those whose parents are not among them stand at the top."""
+
+    def __init__(self, then: Then, chosen: Collection[int]) -> None:
+        self.tasks = {number: then.tasks[number] for number in then.tasks if number in chosen}
+        self.time = then.time
+        self._top = [TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen]
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+        if task == ROOT:
+            return self._top
+        return [child for child in self.tasks[task].children if child in self.tasks]
 
 
 def tasks_called(past: Past, text: str) -> list[TaskId]:
@@ -88,9 +110,7 @@ def part_of(
         while parent != ROOT and parent not in chosen and (under is None or parent in under):
             chosen.add(parent)
             parent = past.tasks[parent].parent
-    tasks = dict.fromkeys(number for number in then.tasks if number in chosen)
-    top = [TaskId(number) for number in tasks if past.tasks[number].parent not in chosen]
-    return Part(top, tasks)
+    return Part(then, chosen)
 
 
 def subtree(past: Past, roots: Iterable[TaskId]) -> set[int]:

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 
+from tca_tools.drawing import rectangle, text
 from tca_tools.gantt.bars import Bar, Chart, Row
 from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
 from tca_tools.gantt.colours import dark, light
-from tca_tools.gantt.shapes import CHARACTER, rectangle, row_label, text
+from tca_tools.gantt.shapes import CHARACTER, row_label
 from tca_tools.terminal import columns_of
 
 _LANE, _QUEUE_LANE = 24.0, 9.0

@@ -4,11 +4,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median
 
+from tca_tools.drawing import document, text
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.bars import Chart
 from tca_tools.gantt.legend import legend, patterns
 from tca_tools.gantt.rows import Painter, Scale
-from tca_tools.gantt.shapes import CHARACTER, MARGIN, STYLE, row_label, text
+from tca_tools.gantt.shapes import CHARACTER, MARGIN, OWN_STYLE, row_label
 from tca_tools.terminal import columns_of
 
 _NARROWEST, _WIDEST = 1100.0, 1700.0
@@ -44,19 +45,12 @@ def svg_text(chart: Chart, title: str) -> str:
     pieces = pieces_of(chart, title)
     left, top = MARGIN + pieces.label_width, pieces.head_height
     width, height = left + pieces.plot_width + MARGIN, top + pieces.height + MARGIN / 2
-    size = f'width="{width:.0f}" height="{height:.0f}"'
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">',
-            f"<title>{text(title)}</title>",
-            f"<style>{STYLE}</style>",
-            f'<rect {size} fill="#ffffff"/>',
-            pieces.head,
-            f'<g transform="translate({MARGIN:.0f} {top:.1f})">{pieces.labels}</g>',
-            f'<g transform="translate({left:.1f} {top:.1f})">{pieces.plot}</g>',
-            "</svg>\n",
-        ]
-    )
+    body = [
+        pieces.head,
+        f'<g transform="translate({MARGIN:.0f} {top:.1f})">{pieces.labels}</g>',
+        f'<g transform="translate({left:.1f} {top:.1f})">{pieces.plot}</g>',
+    ]
+    return document(width, height, title, OWN_STYLE, body)
 
 
 def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False) -> Pieces:
