@@ -12,6 +12,7 @@ from typing import Any
 from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.resources import Claim
 from tca_central.state import State
+from tca_wire.points import Moment, describe_moments
 
 SHOWN_WAITS = 50
 
@@ -106,7 +107,9 @@ def _awaited(central: State, connection: Connection, number: int) -> str:
     if isinstance(due, Claim):
         return f"resource '{due.resource.name}' of '{due.resource.module}'"
     task = central.tree.tasks.get(getattr(due, "task_id", 0))
-    return f"{_named(task)}" if task is not None else "an answer"
+    if task is None:
+        return "an answer"
+    return f"{', '.join(describe_moments(Moment(getattr(due, 'moment', 0))))} of {_named(task)}"
 
 
 def _named(delivery: Delivery) -> str:

@@ -81,7 +81,7 @@ _RESOURCES: Sequence[Column] = (
 )  # fmt: skip
 _MESSAGES: Sequence[Column] = (
     ("message", {**_WORDS, "ratio": 2}), ("class", {**_WORDS, "ratio": 1}), ("msg/s", _NUMBER), ("delivered", _NUMBER),
-    ("failed", _NUMBER), ("waiting for a handler", _NUMBER),
+    ("failed", _NUMBER), ("no handler", _NUMBER),
 )  # fmt: skip
 _WAITS: Sequence[Column] = (
     ("waits", _NUMBER),

@@ -33,7 +33,8 @@ class Block:
     @property
     def busy(self) -> float:
         """Which part of its span is filled, from 0 to 1."""
-        return min(sum(bar.end - bar.start for bar in self.bars) / (self.end - self.start), 1.0)
+        span = self.end - self.start
+        return min(sum(bar.end - bar.start for bar in self.bars) / span, 1.0) if span > 0 else 1.0
 
     @property
     def is_waiting(self) -> bool:
@@ -58,9 +59,7 @@ class Block:
         parts = [f"{number} {name}" for name, number in numbers.most_common(_NAMED)]
         parts += [f"{len(numbers) - _NAMED} others"] * (len(numbers) > _NAMED)
         failed = sum(bar.has_failed for bar in self.bars)
-        where = (
-            f"from {self.bars[0].start:.3f} s to {max(bar.end for bar in self.bars):.3f} s, {self.busy:.0%} of the time"
-        )
+        where = f"from {self.start:.3f} s to {self.end:.3f} s, {self.busy:.0%} of the time"
         return f"{len(self.bars)} messages {where}: {', '.join(parts)}" + (f"; {failed} failed" if failed else "")
 
 
@@ -78,9 +77,9 @@ def in_blocks(bars: Iterable[Bar], start: float, column: float, narrow: float) -
         number = int((max(bar.start, start) - start) / column)
         block = blocks.get((bar.lane, number))
         if block is None:
-            left = start + number * column
-            blocks[bar.lane, number] = block = Block(bar.lane, left, left + column)
+            blocks[bar.lane, number] = block = Block(bar.lane, bar.start, bar.end)
         block.bars.append(bar)
+        block.end = max(block.end, bar.end)
     wide += [block.bars[0] for block in blocks.values() if len(block.bars) == 1]
     return wide, [block for block in blocks.values() if len(block.bars) > 1]
 

@@ -20,7 +20,7 @@ _QUEUE_HEIGHT = 30.0
 _NARROW, _COLUMN = 1.5, 4.0
 """Pixels: of a bar that is not drawn alone if it has neighbours, and of the column in which those are put together."""
 _SMALLEST = 1.0
-_PALEST = 0.3
+_PALEST = 0.45
 _START = attrgetter("start")
 _FRAMED = 6.0
 """Pixels: a narrower bar that failed gets no frame."""
@@ -126,7 +126,8 @@ class Painter:
         yield f'<text class="faint" x="3" y="{top + 10:.1f}" pointer-events="none">up to {most} wait</text>'
 
     def _block(self, block: Block, top: float) -> Iterator[str]:
-        left, right = self._scale.x(block.start), self._scale.x(block.end)
+        left = self._scale.x(block.start)
+        right = max(self._scale.x(block.end), left + self._scale.finest)
         colour = (light if block.is_waiting else dark)(self._numbers[block.name])
         shade = (_PALEST + (1 - _PALEST) * block.busy) * (0.4 if block.is_beside else 1.0)
         yield rectangle(f'fill="{colour}" fill-opacity="{shade:.2f}"', left, top + 2, right, _LANE - 4, block.title)

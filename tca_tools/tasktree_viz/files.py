@@ -20,8 +20,8 @@ KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 LAYOUTS = ("auto", "figure", "outline")
 _MOST_DRAWN = 3000
 """Beyond that many boxes nobody could read the picture."""
-_FIGURE, _FIGURE_WIDE = 60, 9
-"""A figure has at most so many boxes, and so many beside each other: a wider one can't be read on a screen."""
+_FIGURE, _FIGURE_WIDE = 14, 9
+"""A figure has at most so many leaves, and so many boxes at one depth: a wider one can't be read on a screen."""
 
 
 def write_tree(
@@ -47,7 +47,8 @@ def write_tree(
 def is_figure(rows: list[Row]) -> bool:
     """Whether the tree is small enough for a figure."""
     beside = Counter(row.depth for row in rows)
-    return len(rows) <= _FIGURE and max(beside.values(), default=0) <= _FIGURE_WIDE
+    leaves = len(rows) - len({row.parent for row in rows if row.parent >= 0})
+    return leaves <= _FIGURE and max(beside.values(), default=0) <= _FIGURE_WIDE
 
 
 def _picture(kind: str, then: Then, rows: list[Row], title: str, layout: str, *, with_data: bool) -> bytes:

@@ -130,7 +130,7 @@ def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str]) -> tupl
     lines = [f'<text class="title" x="{_MARGIN:.0f}" y="{_MARGIN + 6:.0f}">{text(title)}</text>']
     states = {row.task.state if row.task else row.state for row in rows}
     items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in State if state in states]
-    items.append(('class="planning"', "planning"))
+    items.append(('class="planning"', "when it was planned"))
     borders = {looks for row in rows if row.task and (looks := looks_of(row.task))}
     items += [
         (f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', meaning)

@@ -114,7 +114,7 @@ def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
     robot.receive("planner/1", headers.WaitFor(robot.number("planner/1"), end, walk, blocking=True))
     robot.tick(1.0)
     told = load(robot.central)
-    assert ("'planner' in 'walk' {1}", "'dance' {2}", 1.0) in waits(told)
+    assert ("'planner' in 'walk' {1}", "end achieving of 'dance' {2}", 1.0) in waits(told)
     assert resource(told, "planner")["blocked"] == 1
 
 
