@@ -3,6 +3,7 @@
 A chart is made wider only, with its labels in sight; any other picture is made larger as a whole.
 """
 
+import re
 from html import escape
 
 _STYLE = """\
@@ -54,8 +55,9 @@ wheel: zoom, drag: move, hover: details</nav>"""
 
 def zoomed_page(title: str, svg: str) -> str:
     """A page with one picture; *svg* is a document that begins with ``<svg ``."""
-    start = svg.index("<svg ")
-    return _page(title, f'<main><svg class="zoomed" {svg[start + 5 :]}</main>')
+    start = svg.index("<svg ") + len("<svg ")
+    in_pixels = re.sub(r'((?:width|height)="[0-9.]+)pt"', r'\1"', svg[start:], count=2)
+    return _page(title, f'<main><svg class="zoomed" {in_pixels}</main>')
 
 
 def wide_page(title: str, head: str, labels: str, plot: str) -> str:

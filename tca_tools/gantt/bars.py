@@ -143,7 +143,8 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
     start, end = _span_of(bars, past.time, start, end)
     for row in rows.values():
         row.handled, row.queued = (_in_lanes(bars, start, end) for bars in (row.handled, row.queued))
-    shown = [row for row in rows.values() if pick.messages is None or row.handled or row.queued]
+    with_empty = pick.messages is None
+    shown = [row for row in rows.values() if row.handled or row.queued or (with_empty and row.connected)]
     return Chart(start, end, shown, list(names))
 
 

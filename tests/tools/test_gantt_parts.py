@@ -10,7 +10,7 @@ import pytest
 from click.testing import Result
 from tools.story import COMMAND, Story, locking, stumbling, walking
 
-from tca_tools.gantt.bars import Chart, Pick, chart
+from tca_tools.gantt.bars import NO_HANDLER, Chart, Pick, chart
 from tca_tools.gantt.blocks import in_blocks, queue_lengths
 from tca_tools.gantt.svg import svg_text
 from tca_wire import facts
@@ -68,6 +68,13 @@ def test_a_suspended_task_shows_where_it_would_be_handled() -> None:
     bar = chart(story.fold()).rows[0].queued[0]
     assert (bar.is_suspended, bar.start, bar.end, bar.is_open) == (True, 1.0, 2.0, True)
     assert bar.title == "walk {1} suspended from 1.000 s on, 1.000 s"
+
+
+def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
+    story = Story().module("legs", "walk")
+    story.queued(story.goal("dance", "x")).at(1.0).delivered(1, "legs").at(9.0)
+    assert labels(chart(story.fold())) == ["legs", NO_HANDLER]
+    assert labels(chart(story.fold(), start=2.0)) == ["legs"]
 
 
 def test_a_wait_for_a_lock_is_a_wait_of_its_handler() -> None:
