@@ -33,7 +33,7 @@ class History(Past):
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
         """What was known at *time* (None: at the end)."""
         history = cls()
-        with no_garbage():
+        with _no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
                     history.time = time
@@ -337,10 +337,8 @@ def _outlives(task: Task) -> bool:
 
 
 @contextmanager
-def no_garbage() -> Iterator[None]:
-    """For what only adds to what there is, such as a fold: Python would look through all of it for garbage, again and
-    again, and take twice the time.
-    """
+def _no_garbage() -> Iterator[None]:
+    """A fold only adds: Python would look through all of it for garbage, again and again, and take twice the time."""
     was_on = gc.isenabled()
     gc.disable()
     try:

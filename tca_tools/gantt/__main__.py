@@ -7,7 +7,8 @@ import click
 from tca_tools.gantt.bars import Pick, chart
 from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
-from tca_tools.history import History, no_garbage
+from tca_tools.garbage import no_garbage
+from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.past import Past
