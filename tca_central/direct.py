@@ -10,13 +10,13 @@ import math
 from collections.abc import Iterable
 
 from tca_central.errors import RequestError
-from tca_central.registry import Connection, Delivery, MessageType
+from tca_central.registry import Connection, Delivery, MessageType, ModuleResource
 from tca_central.resources import Resource
 from tca_central.state import State
 from tca_wire import facts
 from tca_wire.parts import HandlerFormat
-from tca_wire.routes import MOST_NOTES, Entrance, EntranceGone, Noted, Route, WatchEntrance
-from tca_wire.vocabulary import Limit, MessageClass, Refusal
+from tca_wire.routes import MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
+from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
 
 DIRECT = frozenset({MessageClass.INFORM, MessageClass.QUERY})
 """Classes of messages that may go directly: tasks belong into the tree, and the others go to many."""
@@ -157,7 +157,19 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
             note.failure,
         )  # fmt: skip
         central.facts.append(fact)
+        _count(central, connection.resource, note)
     central.facts.extend(facts.LostDirectly(module, loss.message, loss.number) for loss in header.losses)
+
+
+def _count(central: State, resource: ModuleResource | None, note: Note) -> None:
+    """A direct message counts like one that central delivered."""
+    has_failed = note.outcome is Outcome.FAILED
+    if (message := central.registry.messages.get(note.message)) is not None:
+        message.delivered += 1
+        message.failed += has_failed
+    if resource is not None:
+        resource.delivered += 1
+        resource.busy += note.seconds
 
 
 def _is_time(seconds: float) -> bool:

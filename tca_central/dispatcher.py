@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from tca_central.clock import Clock
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.resources import Claim, PendingLimit, Resource
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
@@ -21,8 +22,13 @@ class Dispatcher:
     """Every delivery between its start and its handler's return."""
 
     def __init__(
-        self, facts: list[object], deliver: Callable[[Delivery, Connection], None], suspects: deque[Any]
+        self,
+        facts: list[object],
+        deliver: Callable[[Delivery, Connection], None],
+        suspects: deque[Any],
+        clock: Clock,
     ) -> None:
+        self._clock = clock
         self._facts = facts
         self._deliver = deliver
         self._suspects = suspects
@@ -62,6 +68,7 @@ class Dispatcher:
 
     def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         delivery.queues = resources
+        delivery.since = self._clock.now
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
             self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
@@ -128,6 +135,7 @@ class Dispatcher:
         if delivery.nested:
             delivery.nested = False
         elif slot.resource is not None:
+            slot.resource.busy += self._clock.now - delivery.since
             self.freed.append((slot.resource, slot))
 
     def give_freed_slot(self) -> None:
@@ -159,6 +167,7 @@ class Dispatcher:
     def claim(self, claim: Claim[Connection]) -> None:
         """Let a claim wait for its turn."""
         self._arrive(claim)
+        claim.since = self._clock.now
         claim.resource.add_claim(claim)
         self.freed.append((claim.resource, None))
 
@@ -212,6 +221,8 @@ class Dispatcher:
         orphans, slot.handling = list(slot.handling), {}
         for delivery in orphans:
             del self.attended[delivery.given_as]
+            if slot.resource is not None and not delivery.nested:
+                slot.resource.busy += self._clock.now - delivery.since
             delivery.slot, delivery.nested = None, False
         return orphans
 

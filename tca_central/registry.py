@@ -30,6 +30,8 @@ class ModuleResource(Resource["Connection", "Delivery"]):
     def __init__(self, module: str, name: str) -> None:
         super().__init__(module, name)
         self.limits: dict[str, PendingLimit[Delivery]] = {}  #: by message name, of handlers that have one
+        self.delivered = 0  #: number of messages that were given to it
+        self.busy = 0.0  #: seconds in which they were handled, added up over its slots
 
 
 class Blocking(NamedTuple):
@@ -37,6 +39,7 @@ class Blocking(NamedTuple):
 
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which that began
+    at: float  #: and its time
 
 
 class Connection:
@@ -113,6 +116,8 @@ class MessageType:
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
         self.handlers: list[Handler] = []  #: newest last
         self.serving = 0  #: number of handlers that have a slot to be called in
+        self.delivered = 0  #: how often a handler got it
+        self.failed = 0  #: how often one failed
         self.awaited_by: dict[Any, None] = {}  #: waits until it is handled
         self.waiting: dict[int, Delivery] = {}  #: deliveries that no handler is there for, oldest first
         self.attached: list[Attached] = []  #: exception handlers of each of its tasks, newest last
@@ -178,7 +183,7 @@ class Delivery:
     """One message on its way to one handler."""
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
-                 "priority", "queues", "role", "sender", "slot", "ticket")  # fmt: skip
+                 "priority", "queues", "role", "sender", "since", "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
@@ -192,6 +197,7 @@ class Delivery:
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again
+        self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled
         self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
         self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it

@@ -245,6 +245,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
 
 def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
     """Raise a failure on a delivery that no handler has any more."""
+    delivery.message.failed += 1
     if isinstance(delivery, Task):
         fail_task(central, delivery, failure)
     else:

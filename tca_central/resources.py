@@ -89,7 +89,7 @@ class Queue(Generic[Q]):
 class Claim(Generic[S]):
     """That somebody wants a resource for himself, or has it: a lock, or a reservation."""
 
-    __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource", "slot",
+    __slots__ = ("admits_owner", "arrival", "holder", "id", "number", "owner", "priority", "resource", "since", "slot",
                  "ticket", "timer")  # fmt: skip
 
     def __init__(self, resource: "Resource[S, Any]", slot: S, owner: object, *, admits_owner: bool) -> None:
@@ -104,6 +104,7 @@ class Claim(Generic[S]):
         self.priority = 0
         self.arrival = 0
         self.ticket = 0
+        self.since = 0.0  #: when it began to wait
 
     @property
     def sent_by(self) -> object:

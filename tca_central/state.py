@@ -99,7 +99,7 @@ class State:
         self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
         self.look_effort = 1  #: how many times longer than usual that takes, and may
         self.next_look: Timer | None = None
-        self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects)
+        self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects, self.clock)
         self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by who asked, and the request's number
         self.claimed_for: dict[Delivery, list[Claim[Connection]]] = {}  #: claims that end with a task or message
@@ -118,6 +118,9 @@ class State:
         slot.handling[delivery] = self.events
         resource = slot.resource
         assert resource is not None
+        delivery.since = self.clock.now
+        delivery.message.delivered += 1
+        resource.delivered += 1
         self.facts.append(facts.Delivered(delivery.given_as, delivery.message_id, resource.module, resource.name))
         if delivery.message.taps or isinstance(delivery, Task):
             self.agenda.happened.append((delivery, DELIVERED))
@@ -152,7 +155,7 @@ class State:
 
     def block(self, connection: Connection, number: int, origin: int) -> None:
         """A connection does nothing until the answer to this request is there."""
-        connection.waits[number] = Blocking(origin, self.events)
+        connection.waits[number] = Blocking(origin, self.events, self.clock.now)
         self.blocked[connection] = None
         self.suspects.append((connection, number))
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from tca_central.holds import held_counts
+from tca_central.load import load
 from tca_central.registry import Handler, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Kept, Task
@@ -198,5 +199,12 @@ def variables(central: State) -> list[dict[str, Any]]:
     return found
 
 
-TOPICS = {"status": overview, "modules": modules, "messages": messages, "tree": tree, "variables": variables}
+TOPICS = {
+    "status": overview,
+    "modules": modules,
+    "messages": messages,
+    "tree": tree,
+    "variables": variables,
+    "load": load,
+}
 """One row per topic that can be asked for."""

@@ -48,17 +48,24 @@ IGNORED = {
         "id", "session", "answers", "last_number", "orphans",  # addresses; scripts repeat nothing
         "handling", "waits",  # met as what is handled and asked
     },
-    "MessageType": {"format", "first_declared_by", "declarers"},  # all modules of a scenario declare the same
+    "MessageType": {
+        "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
+        "delivered", "failed",  # only counted, for people
+    },
+    "ModuleResource": {"delivered", "busy"},  # likewise
     "Module": {"process"},
-    "Delivery": {"ticket"},  # marks void entries of the queue, which are left out
+    "Delivery": {
+        "ticket",  # marks void entries of the queue, which are left out
+        "since",  # for people
+    },
     "Task": {"parent"},  # met as a child of it
     "Rare": {"void_followers"},  # when to look through them
     "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
-    "Claim": {"id", "number", "ticket", "arrival", "timer"},  # its place in the queue shows
+    "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
     "Release": {"constraint"},  # as it is recorded
-    "Dispatcher": {"_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
+    "Dispatcher": {"_clock", "_facts", "_deliver", "_arrivals"},  # arrivals are compared, not counted: see add_rank
 }  # fmt: skip
 """By class: attributes that cannot influence what happens next."""
 

@@ -3,6 +3,7 @@
 ToolError           base: the answer is no (exit code 1)
 ├── DamagedLog      a journal can't be read to its end; what comes before the damage was shown
 ├── NoPicture       a picture can't be drawn here
+├── NotInLog        the journal has no such task or module
 └── UnusableLog     LOG is no journal that can be read at all: wrong usage (exit code 2)
 """
 
@@ -21,6 +22,10 @@ class DamagedLog(ToolError):
 
 class NoPicture(ToolError):
     """A picture can't be drawn here."""
+
+
+class NotInLog(ToolError):
+    """The journal has no such task or module."""
 
 
 class UnusableLog(ToolError):

@@ -144,7 +144,7 @@ class Ask(_Header, frozen=True, tag=11):
     """What central knows of a topic; answered with a MessagePack map as body."""
 
     number: int
-    topic: Literal["status", "modules", "messages", "tree", "variables"]
+    topic: Literal["status", "modules", "messages", "tree", "variables", "load"]
 
 
 class Bye(_Header, frozen=True, tag=12):

@@ -12,7 +12,7 @@ OURS = set(PACKAGES)
 MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
-    "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
+    "tca_module": {"tca_wire", "msgspec", "zmq", "click", "rich"},
     "tca_tools": {
         "tca_wire",
         "msgspec",
@@ -23,6 +23,7 @@ MAY_IMPORT = {
         "markupsafe",
         "starlette",
         "uvicorn",
+        "vl_convert",
     },
     "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
@@ -51,7 +52,7 @@ CENTRAL: dict[str, set[str]] = {
     "cycles": {"intervals", "task_tree"},
     "holds": {"clock", "cycles", "errors", "intervals", "task_tree"},
     "agenda": {"clock", "errors", "holds", "intervals", "registry", "task_tree"},
-    "dispatcher": {"registry", "resources"},
+    "dispatcher": {"clock", "registry", "resources"},
     "variables": {"errors"},
     "state": {
         "agenda",
@@ -75,7 +76,8 @@ CENTRAL: dict[str, set[str]] = {
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
     "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},
     "keeping": {"errors", "registry", "state", "task_tree"},
-    "status": {"holds", "registry", "state", "task_tree"},
+    "load": {"registry", "resources", "state"},
+    "status": {"holds", "load", "registry", "state", "task_tree"},
     "requests": {
         "availability",
         "claims",
@@ -203,6 +205,12 @@ def test_the_explorer_knows_what_handlers_see_of_the_module_library() -> None:
     for path in files("tca_explorer"):
         of_module = {dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_module.")}
         assert of_module <= seen, f"{path.name} imports {of_module - seen}"
+
+
+def test_modules_need_no_rich() -> None:
+    """Only the screen of one command does; it is an extra."""
+    using = {path.name for path in files("tca_module") if any(name.startswith("rich") for name in imports(path))}
+    assert using == {"top_screen.py"}
 
 
 def test_init_files_hold_only_imports() -> None:

@@ -141,9 +141,8 @@ class Walk:
             path = self.folder / name
             command = [sys.executable, "-m", f"tca_tools.{tool}", journal, "-o", str(path)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
-            written = path if path.exists() else path.with_suffix(".txt")
-            if written.exists():
-                self.outputs.append((title, written))
+            if path.exists():
+                self.outputs.append((title, path))
             if done.returncode:
                 console.print(done.stderr.strip(), style="yellow")
         self.outputs.append(("journal", self.folder / "journal"))

@@ -4,46 +4,58 @@ from pathlib import Path
 
 import click
 
-from tca_tools.gantt.bars import chart
-from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.bars import Pick, chart
+from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
+from tca_tools.garbage import no_garbage
 from tca_tools.history import History
 from tca_tools.logs import open_log
-from tca_tools.output import write_output
+from tca_tools.options import Asked, check_output, check_span, shared_options
+from tca_tools.past import Past
+from tca_tools.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
 from tca_tools.terminal import can_show, cut, line_width, printable
-
-_WIDTH_OF_FILE = 120
 
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help=".svg or .txt")
-@click.option("--from", "start", metavar="SECONDS", type=float, help="Begin the chart there.")
-@click.option("--to", "end", metavar="SECONDS", type=float, help="End the chart there.")
+@shared_options
+@click.option("--story", metavar="TASK", help="Only this task, what is under it and, paler, what it waited for.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help=".svg, .png, .pdf, .html or .txt")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw bars with ASCII characters.")
-def gantt(log_path: Path | None, output: Path | None, start: float | None, end: float | None, as_ascii: bool) -> None:
+def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: bool) -> None:
     """Show what every module did when.
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
-    if output and output.suffix not in (".svg", ".txt"):
-        raise click.BadParameter(f"{output}: its name must end in .svg or .txt", param_hint="'-o'")
-    journal = open_log(log_path)
-    history = History.until(journal, end)
-    if (start or 0.0) >= (history.time if end is None else end) and start is not None:
-        raise click.BadParameter(f"{start:g} is not before the end, {history.time:g}", param_hint="'--from'")
-    drawing = chart(history, start, end)
-    title = f"{printable(journal.name)}: {drawing.start:.2f} to {drawing.end:.2f} s"
+    check_output(output, KINDS)
+    if asked.task and story:
+        raise click.UsageError("--task and --story exclude each other: ask for one of them")
+    journal = open_log(asked.log_path)
+    history = History.until(journal, asked.at)
+    check_span(asked.start, history.time if asked.end is None else asked.end)
+    with no_garbage():
+        drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))
+    what = f", task {printable(asked.task)}" if asked.task else f", story of {printable(story)}" if story else ""
+    title = f"{printable(journal.name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s"
+    blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE))) else UNICODE
     if output is None:
-        blocks = ASCII if as_ascii or not can_show("█▉▒░╵") else UNICODE
-        width = line_width() or _WIDTH_OF_FILE
+        width = line_width() or WIDTH_OF_TEXT
         click.echo("\n".join([cut(title, width), *chart_lines(drawing, width, blocks)]))
-    elif output.suffix == ".svg":
-        write_output(output, svg_text(drawing, title))
     else:
-        lines = chart_lines(drawing, _WIDTH_OF_FILE, ASCII if as_ascii else UNICODE)
-        write_output(output, click.unstyle("\n".join([title, *lines])) + "\n")
+        write_chart(output, drawing, title, blocks)
     journal.check()
+
+
+def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
+    """The bars that the options ask for. Raises NotInLog."""
+    check_modules(past, asked.modules)
+    rows = frozenset(asked.modules) if asked.modules else None
+    if story:
+        one = one_task(past, story)
+        wanted = messages_of(past, subtree(past, [one]))
+        return Pick(rows, wanted, waited_for(past, one, wanted))
+    if asked.task:
+        return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
+    return Pick(rows)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,16 @@
 """From a history to rows of bars: what every resource did, waited for and kept waiting. Pure; draws nothing."""
 
 import heapq
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from functools import partial
+from itertools import chain, pairwise
+from math import inf
+from typing import Any
 
-from tca_tools.history import History
-from tca_tools.records import Handling, ModuleRecord, Queueing, Wait
+from tca_tools.gantt import titles
+from tca_tools.past import Past
+from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
@@ -21,24 +26,52 @@ class Part:
 
     start: float
     end: float
-    title: str
+    tell: Callable[[], str]
+
+    @property
+    def title(self) -> str:
+        """All there is to say about it."""
+        return self.tell()
 
 
 @dataclass(slots=True)
 class Bar:
-    """A message in a resource: handled, waited for outside of a handler, or queued."""
+    """A message in a resource: handled, waited for outside of a handler, queued or suspended."""
 
     name: str
-    title: str
-    """All there is to say about it."""
+    tell: Callable[[], str]
     start: float
     end: float
     is_open: bool
     """Whether it went on when the journal ended."""
     has_failed: bool = False
     waits: list[Part] = field(default_factory=list)
+    is_suspended: bool = False
+    is_beside: bool = False
+    """Whether it is not what was asked for, but what that waited for."""
     lane: int = 0
     """Bars of one lane do not overlap."""
+
+    @property
+    def title(self) -> str:
+        """All there is to say about it."""
+        return self.tell()
+
+
+@dataclass(slots=True)
+class Held:
+    """Somebody has a resource for himself."""
+
+    start: float
+    end: float
+    is_reserved: bool
+    owner: str
+    tell: Callable[[], str]
+
+    @property
+    def title(self) -> str:
+        """All there is to say about it."""
+        return self.tell()
 
 
 @dataclass(slots=True)
@@ -49,11 +82,14 @@ class Row:
     connected: list[tuple[float, float]] = field(default_factory=list)
     handled: list[Bar] = field(default_factory=list)
     queued: list[Bar] = field(default_factory=list)
+    """What waits for the resource, or is suspended and would be handled there."""
+    held: list[Held] = field(default_factory=list)
+    """Its locks and reservations."""
 
     @property
     def lanes(self) -> int:
         """How many lanes the handled bars need."""
-        return max((bar.lane + 1 for bar in self.handled), default=1 if self.connected else 0)
+        return max((bar.lane + 1 for bar in self.handled), default=1 if self.connected or self.held else 0)
 
     @property
     def queue_lanes(self) -> int:
@@ -72,21 +108,44 @@ class Chart:
     """Messages in the order in which they were first sent, whatever the span: a name's place tells its colour."""
 
 
-def chart(history: History, start: float | None = None, end: float | None = None) -> Chart:
+@dataclass(frozen=True, slots=True)
+class Pick:
+    """Which bars are asked for."""
+
+    modules: Container[str] | None = None
+    """Only in the rows of these modules."""
+    messages: Container[int] | None = None
+    """Only of these messages ..."""
+    beside: Container[int] = ()
+    """... and, paler, of these."""
+
+    def row(self, module: str) -> bool:
+        """Whether a module has rows."""
+        return self.modules is None or module in self.modules
+
+    def message(self, number: int) -> bool:
+        """Whether a message has bars."""
+        return self.messages is None or number in self.messages or number in self.beside
+
+
+ALL = Pick()
+
+
+def chart(past: Past, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
     """What happened between *start* and *end*, a row for each resource; by default from the first bar to the last."""
     rows: dict[tuple[str, str], Row] = {}
-    for module in history.modules.values():
-        _add_rows(rows, history, module)
-    for handling in history.handlings:
-        rows[handling.module, handling.resource].handled.append(_handled(history, handling))
-    for queueing in history.queueings:
-        _queue_row(rows, queueing).queued.append(_queued(history, queueing))
+    for module in past.modules.values():
+        if pick.row(module.name):
+            _add_rows(rows, past, module)
+    _Filler(past, pick, rows, start, end).fill()
     bars = [bar for row in rows.values() for bar in (*row.handled, *row.queued)]
-    names = dict.fromkeys(chain((message.name for message in history.messages.values()), (bar.name for bar in bars)))
-    start, end = _span_of(bars, history.time, start, end)
+    names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
+    start, end = _span_of(bars, past.time, start, end)
     for row in rows.values():
         row.handled, row.queued = (_in_lanes(bars, start, end) for bars in (row.handled, row.queued))
-    return Chart(start, end, list(rows.values()), list(names))
+    with_empty = pick.messages is None
+    shown = [row for row in rows.values() if row.handled or row.queued or (with_empty and row.connected)]
+    return Chart(start, end, shown, list(names))
 
 
 def _span_of(bars: list[Bar], now: float, start: float | None, end: float | None) -> tuple[float, float]:
@@ -99,64 +158,122 @@ def _span_of(bars: list[Bar], now: float, start: float | None, end: float | None
     return start, max(end, start)
 
 
-def _add_rows(rows: dict[tuple[str, str], Row], history: History, module: ModuleRecord) -> None:
-    """A row for each resource of a module; the first shows what the module waits for outside of handlers."""
-    connected = [(start, history.time if end is None else end) for start, end in module.joined]
-    resources = sorted(module.resources, key=lambda resource: resource not in ("", module.name)) or [""]
-    for resource in resources:
+def _add_rows(rows: dict[tuple[str, str], Row], past: Past, module: ModuleRecord) -> None:
+    """A row for each resource of a module."""
+    connected = [(start, past.time if end is None else end) for start, end in module.joined]
+    for resource in _resources(module):
         rows[module.name, resource] = Row(place(module.name, resource), connected)
-    rows[module.name, resources[0]].handled += [_waited(history, module.name, wait) for wait in module.waits]
 
 
-def _queue_row(rows: dict[tuple[str, str], Row], queueing: Queueing) -> Row:
-    key = (queueing.module, queueing.resource)
-    if key not in rows:
-        rows[key] = Row(place(*key) if queueing.module else NO_HANDLER)
-    return rows[key]
+def _resources(module: ModuleRecord) -> list[str]:
+    """Its resources; the first shows what the module waits for outside of handlers."""
+    return sorted(module.resources, key=lambda resource: resource not in ("", module.name)) or [""]
 
 
-def _handled(history: History, handling: Handling) -> Bar:
-    end = history.time if handling.end is None else handling.end
-    where, message = place(handling.module, handling.resource), _described(history, handling)
-    title = f"{message} handled by {where} {_span(handling.start, handling.end, end)}"
-    if handling.outcome and handling.outcome is not Outcome.DONE:
-        title += f": {handling.outcome}"
-    waits = [
-        Part(wait.start, end if wait.end is None else min(wait.end, end), f"{message} {_waits_for(history, wait)}")
-        for wait in handling.waits
-    ]
-    has_failed = handling.outcome is Outcome.FAILED
-    return Bar(handling.name, title, handling.start, end, handling.end is None, has_failed, waits)
+class _Filler:
+    """Puts bars into rows."""
+
+    def __init__(
+        self, past: Past, pick: Pick, rows: dict[tuple[str, str], Row], start: float | None, end: float | None
+    ) -> None:
+        self.past = past
+        self.pick = pick
+        self.rows = rows
+        self.start = start
+        self.end = end
+
+    def fill(self) -> None:
+        """Make the bars of everything that is asked for and shows."""
+        for handling in self._showing(self.past.handlings):
+            if self._wants(handling):
+                self._row(handling.module, handling.resource).handled.append(self._handled(handling))
+        for module in filter(self.pick.row, self.past.modules):
+            self._add_waits(self.past.modules[module])
+        for queueing in self._showing(self.past.queueings):
+            if self._wants(queueing):
+                self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
+        for task in self.past.tasks.values():
+            self._add_suspended(task)
+        for key, claims in self.past.grants.items():
+            if self.pick.row(key[0]):
+                self._row(*key).held += [self._held(claim) for claim in claims]
+
+    def _wants(self, one: Handling | Queueing) -> bool:
+        return self.pick.row(one.module) and self.pick.message(one.message_id)
+
+    def _add_waits(self, module: ModuleRecord) -> None:
+        """What a module waits for outside of handlers."""
+        waits = [wait for wait in self._showing(module.waits) if self.pick.message(wait.awaited)]
+        self.rows[module.name, _resources(module)[0]].handled += [self._waited(module.name, wait) for wait in waits]
+
+    def _showing(self, spans: Iterable[Any]) -> Iterator[Any]:
+        """Those of some spans that lie between start and end."""
+        start = -inf if self.start is None else self.start
+        end = inf if self.end is None else self.end
+        return (one for one in spans if one.start <= end and (one.end is None or one.end >= start))
+
+    def _row(self, module: str, resource: str) -> Row:
+        key = (module, resource)
+        if key not in self.rows:
+            self.rows[key] = Row(place(*key) if module else NO_HANDLER)
+        return self.rows[key]
+
+    def _until(self, end: float | None) -> float:
+        return self.past.time if end is None else end
+
+    def _is_beside(self, number: int) -> bool:
+        return self.pick.messages is not None and number not in self.pick.messages
+
+    def _handled(self, handling: Handling) -> Bar:
+        past, end = self.past, self._until(handling.end)
+        bar = Bar(handling.name, partial(titles.handled, past, handling), handling.start, end, handling.end is None)
+        bar.has_failed = handling.outcome is Outcome.FAILED
+        bar.is_beside = self._is_beside(handling.message_id)
+        for wait in handling.waits:
+            until = end if wait.end is None else min(wait.end, end)
+            bar.waits.append(Part(wait.start, until, partial(titles.handler_waits, past, handling, wait)))
+        return bar
+
+    def _waited(self, module: str, wait: Wait) -> Bar:
+        end, tell = self._until(wait.end), partial(titles.module_waits, self.past, module, wait)
+        part = Part(wait.start, end, tell)
+        return Bar(titles.awaited_name(self.past, wait), tell, wait.start, end, wait.end is None, waits=[part])
+
+    def _queued(self, queueing: Queueing) -> Bar:
+        tell = partial(titles.queued, self.past, queueing)
+        bar = Bar(
+            self.past.name(queueing.message_id), tell, queueing.start, self._until(queueing.end), queueing.end is None
+        )
+        bar.is_beside = self._is_beside(queueing.message_id)
+        return bar
+
+    def _add_suspended(self, task: Task) -> None:
+        """The spans in which a task was suspended, in the row where it was or would be handled."""
+        if not any(state is State.SUSPENDED for _, state in task.states):
+            return
+        ends = [*task.states[1:], (None, State.SUSPENDED)]
+        for (start, state), (end, _) in zip(task.states, ends, strict=True):
+            if state is not State.SUSPENDED or not self.pick.message(task.id):
+                continue
+            where = _home(self.past, task)
+            if self.pick.row(where[0]):
+                tell = partial(titles.suspended, self.past, task, start, end)
+                bar = Bar(task.name, tell, start, self._until(end), end is None, is_suspended=True)
+                bar.is_beside = self._is_beside(task.id)
+                self._row(*where).queued.append(bar)
+
+    def _held(self, claim: Claim) -> Held:
+        start = claim.start if claim.granted is None else claim.granted
+        tell = partial(titles.held, self.past, claim)
+        return Held(start, self._until(claim.end), claim.is_reserved, claim.sender, tell)
 
 
-def _described(history: History, handling: Handling) -> str:
-    if handling.direct_from:
-        return f"{handling.name}, directly from {handling.direct_from},"
-    return history.describe(handling.message_id)
-
-
-def _waited(history: History, module: str, wait: Wait) -> Bar:
-    end = history.time if wait.end is None else wait.end
-    title = f"{module} {_waits_for(history, wait)}"
-    part = Part(wait.start, end, title)
-    return Bar(history.name(wait.awaited), title, wait.start, end, wait.end is None, waits=[part])
-
-
-def _queued(history: History, queueing: Queueing) -> Bar:
-    end = history.time if queueing.end is None else queueing.end
-    where = place(queueing.module, queueing.resource) or "a handler"
-    title = f"{history.describe(queueing.message_id)} queued for {where} {_span(queueing.start, queueing.end, end)}"
-    return Bar(history.name(queueing.message_id), title, queueing.start, end, queueing.end is None)
-
-
-def _waits_for(history: History, wait: Wait) -> str:
-    what = history.describe(wait.awaited)
-    until = history.time if wait.end is None else wait.end
-    return f"waits for {what} {_span(wait.start, wait.end, until)}"
-
-
-def _span(start: float, end: float | None, until: float) -> str:
-    return f"from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s") + f", {until - start:.3f} s"
+def _home(past: Past, task: Task) -> tuple[str, str]:
+    """Where a task was handled or, if it was not, would be."""
+    spans: list[Handling | Queueing] = [*task.handlings[:1], *task.queueings[:1]]
+    if spans:
+        return spans[0].module, spans[0].resource
+    return next(reversed(past.handlers.get(task.name, {}).items()), ("", ""))
 
 
 def _in_lanes(bars: list[Bar], start: float, end: float) -> list[Bar]:
@@ -170,3 +287,15 @@ def _in_lanes(bars: list[Bar], start: float, end: float) -> list[Bar]:
         bar.lane = heapq.heappop(free) if free else len(busy)
         heapq.heappush(busy, (bar.end, bar.lane))
     return bars
+
+
+def longest_queue(bars: Iterable[Bar]) -> list[tuple[float, float, int]]:
+    """How many of the bars there are at a time, as steps: from, to, number."""
+    changes = sorted(chain(((bar.start, 1) for bar in bars), ((bar.end, -1) for bar in bars)))
+    steps: list[tuple[float, float, int]] = []
+    number = 0
+    for (start, change), (end, _) in pairwise(changes):
+        number += change
+        if end > start and number:
+            steps.append((start, end, number))
+    return steps

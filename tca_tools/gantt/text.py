@@ -2,15 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import click
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.bars import Bar, Chart, Row
+from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.terminal import columns_of, padded, printable
 
 _WIDEST_LABEL = 32
 _MOST_LANES = 8
+_MOST_QUEUE_LANES = 4
+"""Of a longer queue only the length is shown."""
 _FAILED = "!"
 _COLOURS = (
     "blue",
@@ -25,18 +29,20 @@ _COLOURS = (
 )
 
 
-@dataclass(frozen=True)
-class Blocks:
+class Blocks(NamedTuple):
     """The characters of bars."""
 
     handled: str = "█"
     end: str = "▉"
     waiting: str = "▒"
     queued: str = "░"
+    suspended: str = "┄"
+    locked: str = "╳"  # noqa: RUF001 - looks like no letter where it is a long line
+    reserved: str = "╱"  # noqa: RUF001
     axis: str = "╵"
 
 
-UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "'")
+UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", "x", "/", "'")
 
 
 @dataclass(slots=True)
@@ -69,11 +75,21 @@ def chart_lines(chart: Chart, width: int, blocks: Blocks = UNICODE) -> Iterator[
         for number, cells in enumerate(_row_cells(row, chart, columns, blocks, colours)):
             yield f"{padded('' if number else label, label_width)}  {cells.line()}".rstrip()
     yield ""
-    words = (
-        f"{blocks.handled * 2} handling  {blocks.waiting * 2} waiting for a reply or task  {blocks.queued * 2} queued"
-    )
+    yield _legend(chart, blocks)
+
+
+def _legend(chart: Chart, blocks: Blocks) -> str:
+    """What the characters that may be seen mean."""
+    queued = [bar for row in chart.rows for bar in row.queued]
+    held = [one for row in chart.rows for one in row.held]
+    items = [(blocks.handled, "handling"), (blocks.waiting, "waiting for a reply, task or lock")]
+    items += [(blocks.queued, "queued")]
+    items += [(blocks.suspended, "suspended")] * any(bar.is_suspended for bar in queued)
+    items += [(blocks.locked, "locked")] * any(not one.is_reserved for one in held)
+    items += [(blocks.reserved, "reserved")] * any(one.is_reserved for one in held)
+    words = "  ".join(f"{character * 2} {meaning}" for character, meaning in items)
     has_failed = any(bar.has_failed for row in chart.rows for bar in row.handled)
-    yield words + (f"  {blocks.handled}{_FAILED} failed" if has_failed else "")
+    return words + (f"  {blocks.handled}{_FAILED} failed" if has_failed else "")
 
 
 def _axis(chart: Chart, label_width: int, columns: int, blocks: Blocks) -> Iterator[str]:
@@ -94,16 +110,35 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
     for bar in row.handled:
         _paint(handled[min(bar.lane, _MOST_LANES - 1)], bar, chart, blocks, colours[bar.name])
     yield from handled
-    queued = [_Cells([" "] * columns, [None] * columns) for _ in range(min(row.queue_lanes, _MOST_LANES))]
-    for bar in row.queued:
-        _paint_queued(queued[min(bar.lane, _MOST_LANES - 1)], bar, chart, blocks, colours[bar.name])
-    yield from queued
+    if row.queue_lanes > _MOST_QUEUE_LANES:
+        yield _long_queue(row, chart, columns, blocks)
+    else:
+        queued = [_Cells([" "] * columns, [None] * columns) for _ in range(row.queue_lanes)]
+        for bar in row.queued:
+            character = blocks.suspended if bar.is_suspended else blocks.queued
+            _paint_run(queued[bar.lane], bar.start, bar.end, chart, character, bar.name, colours[bar.name])
+        yield from queued
+    held = [one for one in row.held if one.end >= chart.start and one.start <= chart.end]
+    if held:
+        cells = _Cells([" "] * columns, [None] * columns)
+        for one in held:
+            character = blocks.reserved if one.is_reserved else blocks.locked
+            _paint_run(cells, one.start, one.end, chart, character, f"by {one.owner}", "red")
+        yield cells
+
+
+def _long_queue(row: Row, chart: Chart, columns: int, blocks: Blocks) -> _Cells:
+    """How many wait, as numbers where they change."""
+    cells = _Cells([" "] * columns, [None] * columns)
+    for start, end, number in queue_lengths(row.queued, chart.start, _length(chart) / columns):
+        _paint_run(cells, start, end, chart, blocks.queued, str(number), None)
+    return cells
 
 
 def _paint(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -> None:
     first, behind = _columns(bar.start, bar.end, chart, len(cells.characters))
     line = [blocks.handled] * (behind - first)
-    if len(line) > 1 and not bar.is_open:
+    if len(line) > 1 and not bar.is_open and bar.end <= chart.end:
         line[-1] = blocks.end  # a hair's breadth to the next bar
     for wait in bar.waits:
         start, end = (_column(time, chart, len(cells.characters)) for time in (wait.start, wait.end))
@@ -116,10 +151,13 @@ def _paint(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -
     cells.colours[first:behind] = ["red" if bar.has_failed else colour] * len(line)
 
 
-def _paint_queued(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -> None:
-    first, behind = _columns(bar.start, bar.end, chart, len(cells.characters))
-    line = [blocks.queued] * (behind - first)
-    _write_name(line, bar.name)
+def _paint_run(
+    cells: _Cells, start: float, end: float, chart: Chart, character: str, name: str, colour: str | None
+) -> None:
+    """A span of one character, with its name if that has room."""
+    first, behind = _columns(start, end, chart, len(cells.characters))
+    line = [character] * (behind - first)
+    _write_name(line, name)
     cells.characters[first:behind] = line
     cells.colours[first:behind] = [colour] * len(line)
 
@@ -142,7 +180,7 @@ def _length(chart: Chart) -> float:
 
 
 def _column(time: float, chart: Chart, columns: int) -> int:
-    return min(max(round(columns * (time - chart.start) / _length(chart)), 0), columns)
+    return round(columns * (min(max(time, chart.start), chart.end) - chart.start) / _length(chart))
 
 
 def _columns(start: float, end: float, chart: Chart, columns: int) -> tuple[int, int]:

@@ -4,75 +4,86 @@ from pathlib import Path
 
 import click
 
-from tca_tools.errors import NoPicture
 from tca_tools.history import History
 from tca_tools.logs import open_log
+from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output
+from tca_tools.selection import Forest, check_modules, one_task, part_of, tasks_called
 from tca_tools.tasktree_viz import words
-from tca_tools.tasktree_viz.dot import dot_source
+from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, outline, whole_outline
-from tca_tools.tasktree_viz.picture import PICTURES, drawn
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
+from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.terminal import can_show, cut, line_width, printable
 from tca_tools.then import Then
 
-_MOST_DRAWN = 3000
-"""Beyond that many boxes Graphviz takes minutes, and nobody could read the picture."""
-
 
 @click.command()
-@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
-@click.option("--at", metavar="SECONDS", type=float, help="The tree as it was then (default: at the end).")
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help=".svg, .png, .pdf, .dot or .txt")
+@shared_options
+@click.option("--story", metavar="TASK", help="What happened to this task, in sentences, and how its failure went on.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help=".svg, .png, .pdf, .html, .dot or .txt",
+)
+@click.option("--layout", type=click.Choice(LAYOUTS), default="auto", help="How pictures look [auto: by their size].")
 @click.option("--data", is_flag=True, help="Show the tasks' data and results, too.")
 @click.option("--all", "everything", is_flag=True, help="Fold up nothing of a large tree.")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw guides with ASCII characters.")
 def tree(
-    log_path: Path | None, at: float | None, output: Path | None, data: bool, everything: bool, as_ascii: bool
+    asked: Asked, story: str | None, output: Path | None, layout: str, *, data: bool, everything: bool, as_ascii: bool
 ) -> None:
     """Show the task tree of a run.
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
-    if output and output.suffix not in (".txt", ".dot", *PICTURES):
-        raise click.BadParameter(f"{output}: its name must end in .svg, .png, .pdf, .dot or .txt", param_hint="'-o'")
-    journal = open_log(log_path)
-    then = Then.by_clock(History.until(journal), at)
-    rows = _chosen_rows(then, everything, is_picture=output is not None and output.suffix != ".txt")
-    title = f"{printable(journal.name)}: {words.summary(then)}"
-    if output is None:
-        guides = ASCII if as_ascii or not can_show("├─└│…") else UNICODE
-        width = line_width()
-        click.echo(cut(title, width))
-        click.echo("\n".join(tree_lines(then, rows, guides=guides, width=width, with_data=data)))
+    check_output(output, (".txt",) if story else KINDS)
+    journal = open_log(asked.log_path)
+    history = History.until(journal, asked.at if story else None)
+    if story:
+        _tell(history, story, output)
     else:
-        text = [title, *tree_lines(then, rows, guides=ASCII if as_ascii else UNICODE, with_data=data)]
-        if output.suffix in PICTURES and len(rows) > _MOST_DRAWN:
-            raise NoPicture(
-                f"{len(rows)} tasks are too many for a picture: ask for a .txt, or for an earlier time --at"
-            )
-        _write(output, dot_source(then, rows, title, with_data=data), click.unstyle("\n".join(text)) + "\n")
+        then = Then.by_clock(history, asked.at)
+        forest = _forest(then, asked)
+        rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
+        what = f", task {printable(asked.task)}" if asked.task else ""
+        title = f"{printable(journal.name)}{what}: {words.summary(forest)}"
+        guides = ASCII if as_ascii or (output is None and not can_show("├─└│…")) else UNICODE
+        if output is None:
+            width = line_width()
+            click.echo(cut(title, width))
+            click.echo("\n".join(tree_lines(then, rows, guides=guides, width=width, with_data=data)))
+        else:
+            write_tree(output, then, rows, title, guides, layout=layout, with_data=data)
     journal.check()
 
 
-def _chosen_rows(then: Then, everything: bool, *, is_picture: bool) -> list[Row]:
+def _tell(history: History, story: str, output: Path | None) -> None:
+    """Print or write the story of a task."""
+    lines = story_lines(history, one_task(history, story), None if output else line_width())
+    text = "\n".join(lines)
+    if output is None:
+        click.echo(text)
+    else:
+        write_output(output, click.unstyle(text) + "\n")
+
+
+def _forest(then: Then, asked: Asked) -> Forest:
+    """The tasks that the options ask for. Raises NotInLog."""
+    check_modules(then.past, asked.modules)
+    check_span(asked.start, then.time if asked.end is None else asked.end)
+    if (asked.task, asked.modules, asked.start, asked.end) == (None, (), None, None):
+        return then
+    roots = tasks_called(then.past, asked.task) if asked.task else None
+    return part_of(then, roots=roots, modules=asked.modules, start=asked.start, end=asked.end)
+
+
+def _chosen_rows(forest: Forest, everything: bool, *, is_picture: bool) -> list[Row]:
     """A text scrolls, so it is folded only when it is long; a picture also when it is wide."""
-    if everything or (len(then.tasks) <= SHOWN_AT_MOST and not is_picture):
-        return whole_outline(then)
-    return outline(then)
-
-
-def _write(output: Path, dot: str, text: str) -> None:
-    """Write the kind of file that its name asks for; where no picture can be drawn, a text instead."""
-    if output.suffix not in PICTURES:
-        write_output(output, dot if output.suffix == ".dot" else text)
-        return
-    try:
-        write_output(output, drawn(dot, output.suffix[1:]))
-    except NoPicture as error:
-        instead = output.with_suffix(".txt")
-        write_output(instead, text)
-        raise NoPicture(f"{error.message}; wrote {instead} instead") from None
+    if everything or (len(forest.tasks) <= SHOWN_AT_MOST and not is_picture):
+        return whole_outline(forest)
+    return outline(forest)
 
 
 if __name__ == "__main__":

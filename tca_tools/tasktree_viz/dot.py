@@ -106,12 +106,12 @@ def _node(then: Then, row: Row, found: Arrows, with_data: bool) -> str:
     style += ",dashed" if state is State.HELD else ""
     tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(then, task), words.data(task)]))
     label = "<br/>".join(_label_lines(then, task, found.own.get(task.id, []), with_data))
-    border = f', color="{looks[0]}", penwidth=2.2' if (looks := _looks_of(task)) else ""
+    border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
     return f"{_id(row)} [label=<{label}>, {rest}];"
 
 
-def _looks_of(task: TaskThen) -> tuple[str, str] | None:
+def looks_of(task: TaskThen) -> tuple[str, str] | None:
     """The border of a task that no module sent, or that no module handles; and what it is."""
     return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role)
 
@@ -155,7 +155,7 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
         looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
         lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
     meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
-    borders = {border for row in rows if row.task and (border := _looks_of(row.task))}
+    borders = {border for row in rows if row.task and (border := looks_of(row.task))}
     meanings += [(colour, "border", meaning) for colour, meaning in sorted(borders, key=itemgetter(1))]
     if meanings:
         size = f'fixedsize="true" width="360" height="{_LEGEND_LINE * len(meanings)}"'

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from tca_tools.records import State
-from tca_tools.then import TaskThen, Then
+from tca_tools.selection import Forest
+from tca_tools.then import TaskThen
 from tca_wire.points import ROOT
 
 SHOWN_AT_MOST = 300
@@ -37,18 +38,18 @@ class Row:
     """Its place among all rows."""
 
 
-def outline(then: Then, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST) -> list[Row]:
+def outline(then: Forest, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST) -> list[Row]:
     """The rows of the tree. Beyond *shown_at_most*, subtrees that are achieved are folded, those deep down first."""
     is_large = len(then.tasks) > shown_at_most
     return _rows(then, _choose(then, shown_at_most) if is_large else None, beside_at_most)
 
 
-def whole_outline(then: Then) -> list[Row]:
+def whole_outline(then: Forest) -> list[Row]:
     """A row for every task."""
     return _rows(then, None, len(then.tasks))
 
 
-def _choose(then: Then, budget: int) -> set[int]:
+def _choose(then: Forest, budget: int) -> set[int]:
     """The tasks to show: all that are not achieved with what they hang under, then achieved ones from the top down."""
     shown = {0}
     for task_id in sorted(then.tasks, reverse=True):  # children have larger ids than their parents
@@ -63,17 +64,17 @@ def _choose(then: Then, budget: int) -> set[int]:
     return shown
 
 
-def _sizes(then: Then) -> dict[int, int]:
+def _sizes(then: Forest) -> dict[int, int]:
     """How many tasks each subtree has."""
     sizes = dict.fromkeys(then.tasks, 1)
     for task_id in sorted(then.tasks, reverse=True):
         parent = then.tasks[task_id].parent
-        if parent != ROOT:
+        if parent in sizes:  # not the root, and not above the part that is shown
             sizes[parent] += sizes[task_id]
     return sizes
 
 
-def _rows(then: Then, shown: set[int] | None, beside_at_most: int) -> list[Row]:
+def _rows(then: Forest, shown: set[int] | None, beside_at_most: int) -> list[Row]:
     sizes = _sizes(then)
     rows: list[Row] = []
     waiting = [Row(None, -1, -1)]  # a stack: the last goes first
@@ -91,7 +92,7 @@ def _rows(then: Then, shown: set[int] | None, beside_at_most: int) -> list[Row]:
     return rows
 
 
-def _below(then: Then, shown: set[int] | None, sizes: dict[int, int], row: Row) -> list[Row]:
+def _below(then: Forest, shown: set[int] | None, sizes: dict[int, int], row: Row) -> list[Row]:
     """The rows right under one; tasks that are not shown and stand side by side share one."""
     found: list[Row] = []
     for child in then.children(row.task.id if row.task else ROOT):

@@ -25,9 +25,12 @@ COLOURS = {
     State.FAILED: "red",
     State.KILLED: "red",
 }
-_WIDEST_NAME = 48
-_LEVELS = 8
-"""After so many levels indentation begins anew, behind the depth as a number: names must stay in sight."""
+_WIDEST_NAME, _WIDEST_WITHOUT_END = 48, 64
+"""Columns that guides and name may take: of a terminal, and where lines have no end."""
+_SHORTEST_NAME = 20
+"""Columns that guides must leave for a name."""
+_WIDE = 8
+"""Levels whose guides have room."""
 _STATE_WIDTH = max(map(len, State))
 _TIMES_WIDTH = 13
 
@@ -52,9 +55,10 @@ def tree_lines(
     if not rows:
         yield "(no task was sent)"
         return
-    prefixes = _prefixes(rows, guides)
+    widest = _WIDEST_WITHOUT_END if width is None else max(_WIDEST_NAME, width - 60)
+    prefixes = _prefixes(rows, guides, _levels(widest))
     labels = [before + _name(row) for row, (before, _) in zip(rows, prefixes, strict=True)]
-    name_width = min(max(map(columns_of, labels)), max(_WIDEST_NAME, (width or 0) - 60))
+    name_width = min(max(map(columns_of, labels)), widest)
     heading = f"{'task':{name_width}}  {'state':{_STATE_WIDTH}}  {'planning':{_TIMES_WIDTH}}  achieving"
     yield click.style(cut(heading, width), dim=True)
     for row, label, (_, below) in zip(rows, labels, prefixes, strict=True):
@@ -88,18 +92,29 @@ def _rest_of(width: int | None, label: str) -> int | None:
     return None if width is None else max(width - columns_of(label) - 2, 0)
 
 
-def _prefixes(rows: list[Row], guides: Guides) -> list[tuple[str, str]]:
-    """What stands before each row's name, and before lines below it that belong to it."""
+def _prefixes(rows: list[Row], guides: Guides, levels: int) -> list[tuple[str, str]]:
+    """What stands before each row's name, and before lines below it that belong to it.
+
+    Down to _WIDE levels guides are three columns wide, further down two; after so many *levels* indentation begins
+    anew, behind the depth as a number.
+    """
     prefixes: list[tuple[str, str]] = []
     inner: list[str] = []  # for each row, what stands before its children's guides
     for row in rows:
         before = inner[row.parent] if row.parent >= 0 else ""
-        if row.depth and row.depth % _LEVELS == 0:
+        if row.depth and row.depth % levels == 0:
             before = f"[{row.depth}] "
         child, beside = (guides.last_child, guides.empty) if row.is_last else (guides.child, guides.beside)
         if row.depth == 0:
             child = beside = ""
+        if row.depth % levels > _WIDE:
+            child, beside = child[0] + child[2], beside[:2]
         beside = (" " * len(before) if before.startswith("[") else before) + beside
         inner.append(beside)
         prefixes.append((before + child, beside + guides.empty))
     return prefixes
+
+
+def _levels(name_width: int) -> int:
+    """How many levels leave room for a name."""
+    return max(_WIDE, _WIDE + (name_width - _SHORTEST_NAME - 3 * _WIDE) // 2)

@@ -4,11 +4,14 @@ from collections import Counter
 
 from tca_tools.data import data_text
 from tca_tools.records import State
+from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import printable
+from tca_tools.terminal import cut, printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.waiting import why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
+
+_LONGEST_FAILURE = 200
 
 
 def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | None:
@@ -24,7 +27,7 @@ def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | Non
 def note(then: Then, task: TaskThen) -> str:
     """What keeps it waiting, or how it ended if not well."""
     if task.failure:
-        return printable(task.failure)
+        return failure_line(task.failure)
     if task.killed is not None:
         above = then.tasks.get(task.parent)
         return "" if above and above.killed == task.killed else printable(task.killed)
@@ -32,6 +35,12 @@ def note(then: Then, task: TaskThen) -> str:
         return ""  # for them, and they are shown
     reasons = why_waiting(then, TaskId(task.id))
     return printable(f"waits {', and '.join(reasons)}") if reasons else ""
+
+
+def failure_line(text: str) -> str:
+    """A failure in one line: of a traceback, what comes before it."""
+    first, *rest = text.strip().splitlines() or [""]
+    return cut(printable(first), _LONGEST_FAILURE) + (" ..." if any(map(str.strip, rest)) else "")
 
 
 def data(task: TaskThen) -> str:
@@ -44,7 +53,7 @@ def folded(row: Row) -> str:
     return f"+ {row.folded} task{'s' * (row.folded != 1)} {row.state}"
 
 
-def summary(then: Then) -> str:
+def summary(then: Forest) -> str:
     """``4.00 s, 8 tasks: 2 held, 1 achieving``."""
     counts = Counter(task.state for task in then.tasks.values())
     states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])

@@ -207,3 +207,28 @@ def arcs() -> Story:
         arc = TaskId(story.goal("traverse arc", "planner", walk, *before))
         before = [sequential_achievement(arc, THIS), delay_planning(THIS)]
     return story.returned(walk)
+
+
+def locking() -> Story:
+    """While eyes looks, it locks the legs: a move queues; another is suspended, and handled when the planner has
+    reserved the legs.
+    """
+    story = Story().module("planner", "walk").module("legs", "move", "adjust").module("eyes", "look").at(0.5)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    first, look = story.command("move", "planner", walk), story.command("look", "planner", walk)
+    story.delivered(first, "legs").at(0.8).delivered(look, "eyes")
+    story.at(1.0).say(facts.Claimed(90, "legs", "legs", False, "eyes", look))
+    second, adjust = story.command("move", "planner", walk), story.command("adjust", "planner", walk)
+    story.queued(second, "legs").say(facts.SuspendedOrResumed(TaskId(adjust), True))
+    story.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING).say(facts.Granted(90))
+    story.at(3.0).say(facts.ClaimEnded(90, "released")).delivered(second, "legs").at(3.2).returned(look).reached(
+        look, Moment.END_ACHIEVING
+    )
+    story.at(3.5).say(
+        facts.SuspendedOrResumed(TaskId(adjust), False), facts.Claimed(91, "legs", "legs", True, "planner", walk)
+    )
+    story.at(4.0).returned(second).reached(second, Moment.END_ACHIEVING).say(facts.Granted(91)).delivered(
+        adjust, "legs"
+    )
+    return story.at(5.0).say(facts.Closed("interrupted"))

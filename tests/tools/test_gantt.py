@@ -4,7 +4,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from click.testing import Result
-from tools.story import COMMAND, QUERY, Story, stumbling, walking
+from tools.story import QUERY, Story, stumbling, walking
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.bars import NO_HANDLER, Chart, chart
@@ -143,17 +143,6 @@ def test_names_stand_in_bars_that_have_room() -> None:
     assert "gait planner" in texts
 
 
-def test_a_long_run_is_a_picture_of_bounded_size() -> None:
-    story = Story().module("legs", "step")
-    for number in range(12_000):
-        command = story.at(float(number)).received("step", COMMAND, "x")
-        story.delivered(command, "legs").at(number + 0.01).returned(command)
-    picture = svg_text(chart(story.fold()), "long")
-    assert ET.fromstring(picture).get("width", "").isdecimal()
-    assert float(ET.fromstring(picture).get("width", 0)) <= 6_500
-    assert picture.count("<rect") < 5_100
-
-
 def test_hostile_names_are_escaped() -> None:
     story = Story().module("<&>\x1b\x00", 'a "b"')
     goal = story.goal("</svg>\x07", "x")
@@ -173,14 +162,6 @@ def test_broadcasts_are_told_apart_by_receiver() -> None:
     pose = story.received("pose", MessageClass.BROADCAST, "legs")
     story.say(facts.Delivered(2, pose, "map", "map"), facts.Delivered(3, pose, "screen", "screen")).at(1.0)
     assert handled(chart(story.fold()), "screen") == [("pose", 0.0, 1.0)]
-
-
-def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
-    for name in ("chart.svg", "chart.txt"):
-        assert tca("gantt", run, "-o", tmp_path / name).exit_code == 0
-    assert (tmp_path / "chart.svg").read_text().startswith("<svg")
-    assert "move leg" in (tmp_path / "chart.txt").read_text()
-    assert "must end in .svg or .txt" in tca("gantt", run, "-o", tmp_path / "chart.png").stderr
 
 
 def test_a_span_that_is_none(tca: Tca, run: Path) -> None:

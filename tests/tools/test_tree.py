@@ -1,11 +1,7 @@
-import builtins
 import re
 import shutil
-import sys
-import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import msgspec
@@ -268,67 +264,10 @@ def test_files_that_need_no_graphviz(tca: Tca, run: Path, tmp_path: Path, suffix
 
 
 def test_wrong_names_of_files(tca: Tca, run: Path, tmp_path: Path) -> None:
-    assert "must end in .svg, .png, .pdf, .dot or .txt" in tca("tree", run, "-o", tmp_path / "tree.gif").stderr
+    assert "must end in .svg, .png, .pdf, .html, .dot or .txt" in tca("tree", run, "-o", tmp_path / "tree.gif").stderr
     result = tca("tree", run, "-o", tmp_path / "no" / "such" / "folder.txt")
     assert result.exit_code == 1
     assert result.stderr.endswith("folder.txt: can't be written: No such file or directory\n")
-
-
-def without(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """Make these packages impossible to import."""
-    real = builtins.__import__
-
-    def fake(name: str, *rest: Any, **more: Any) -> Any:
-        if name in names:
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", fake)
-
-
-def test_without_graphviz_a_text_is_written_instead(
-    tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    without(monkeypatch, "graphviz", "pygraphviz")
-    result = tca("tree", run, "-o", tmp_path / "tree.svg")
-    assert result.exit_code == 1
-    assert result.stderr == (
-        "tca: no picture can be drawn: the Python package 'graphviz' is missing (pip install 'tca[pictures]'),"
-        f" and so is the package 'pygraphviz'; wrote {tmp_path}/tree.txt instead\n"
-    )
-    assert (tmp_path / "tree.txt").read_text() == tca("tree", run).stdout
-    assert not (tmp_path / "tree.svg").exists()
-
-
-def test_without_dot_pygraphviz_draws(tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    graphviz = pytest.importorskip("graphviz")
-
-    def no_dot(*_: Any, **__: Any) -> bytes:
-        raise graphviz.ExecutableNotFound(["dot"])
-
-    class Graph:
-        def __init__(self, string: str) -> None:
-            assert string.startswith("digraph")
-
-        def draw(self, **how: str) -> bytes:
-            assert how == {"format": "svg", "prog": "dot"}
-            return b"<svg/>"
-
-    monkeypatch.setattr(graphviz.Source, "pipe", no_dot)
-    fake = types.ModuleType("pygraphviz")
-    fake.AGraph = Graph  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "pygraphviz", fake)
-    assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
-    assert (tmp_path / "tree.svg").read_bytes() == b"<svg/>"
-
-
-def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
-    story, parent = Story(), 0
-    for _ in range(3_100):
-        parent = story.goal("take steps", "planner", parent)
-    result = tca("tree", story.write(tmp_path / "run"), "-o", tmp_path / "tree.png")
-    assert result.exit_code == 1
-    assert "3100 tasks are too many for a picture" in result.stderr
 
 
 def test_wide_characters_keep_the_columns() -> None:

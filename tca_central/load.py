@@ -1,0 +1,116 @@
+"""How busy everything is, and who waits longest: what ``tca top`` shows. Changes nothing.
+
+Numbers go up from the beginning of the run (a resource's, of its module's): who asks twice learns the rates. Times are
+seconds of central's clock.
+"""
+
+import heapq
+from collections.abc import Iterable, Iterator
+from operator import itemgetter
+from typing import Any
+
+from tca_central.registry import Connection, Delivery, ModuleResource
+from tca_central.resources import Claim
+from tca_central.state import State
+from tca_wire.points import Moment, describe_moments
+
+SHOWN_WAITS = 50
+
+Waiting = tuple[float, str, str]
+"""Since when, who, and what for."""
+
+
+def load(central: State) -> dict[str, Any]:
+    """Numbers of everything, and the longest waits, the longest first."""
+    now, registry = central.clock.now, central.registry
+    longest = heapq.nsmallest(SHOWN_WAITS, _waits(central), key=itemgetter(0))
+    return {
+        "epoch": central.epoch,
+        "time": now,
+        "events": central.events,
+        "connections": len(registry.connections),
+        "tasks": len(central.tree.tasks),
+        "modules": [
+            {
+                "module": module.name,
+                "process": module.process,
+                "resources": [_resource(resource, now) for resource in module.resources.values()],
+            }
+            for module in registry.modules.values()
+        ],
+        "messages": [
+            {
+                "message": message.name,
+                "class": str(message.message_class),
+                "delivered": message.delivered,
+                "failed": message.failed,
+                "waiting": len(message.waiting),
+            }
+            for message in registry.messages.values()
+        ],
+        "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
+    }
+
+
+def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
+    inside = [(one, slot) for slot in resource.slots for one in slot.handling]
+    first = _oldest(resource.queued())
+    held_by = resource.held_by
+    return {
+        "resource": resource.name,
+        "capacity": resource.capacity,
+        "handling": [{"id": one.id, "message": one.message.name, "seconds": now - one.since} for one, _ in inside],
+        "blocked": sum(bool(slot.waits) for slot in resource.slots),
+        "waiting": resource.waiting,
+        "oldest": now - first.since if first else 0.0,
+        "delivered": resource.delivered,
+        "busy": resource.busy + sum(now - one.since for one, _ in inside if not one.nested),
+        "held_by": held_by.slot.module.name if held_by else "",
+        "is_reserved": bool(held_by and held_by.admits_owner),
+        "claims": len(resource.claims),
+    }
+
+
+def _oldest(waiting: Iterable[Delivery]) -> Delivery | None:
+    """Which has waited longest."""
+    return min(waiting, key=lambda one: one.since, default=None)
+
+
+def _waits(central: State) -> Iterator[Waiting]:
+    """The oldest message in each queue, those that wait for a handler, claims, and handlers that wait."""
+    for module in central.registry.modules.values():
+        for resource in module.resources.values():
+            first = _oldest(resource.queued())
+            where = f"resource '{resource.name}' of '{module.name}'"
+            if first is not None:
+                more = f" (and {resource.waiting - 1} more)" if resource.waiting > 1 else ""
+                yield first.since, f"{_named(first)}{more}", where
+            for claim in resource.claims:
+                yield claim.since, f"a claim of '{claim.slot.module.name}'", where
+    for message in central.registry.messages.values():
+        first = next(iter(message.waiting.values()), None)
+        if first is not None:
+            more = f" (and {len(message.waiting) - 1} more)" if len(message.waiting) > 1 else ""
+            yield first.since, f"{_named(first)}{more}", "a module that handles it"
+    for connection in central.blocked:
+        for number, wait in connection.waits.items():
+            handled = central.dispatcher.attended.get(wait.origin)
+            inside = f" in {_named(handled)}" if handled is not None else ""
+            yield wait.at, f"'{connection.module.name}'{inside}", _awaited(central, connection, number)
+
+
+def _awaited(central: State, connection: Connection, number: int) -> str:
+    """What a connection that blocks waits for."""
+    due = connection.outstanding.get(number)
+    if isinstance(due, Delivery):
+        return f"the reply to {_named(due)}"
+    if isinstance(due, Claim):
+        return f"resource '{due.resource.name}' of '{due.resource.module}'"
+    task = central.tree.tasks.get(getattr(due, "task_id", 0))
+    if task is None:
+        return "an answer"
+    return f"{', '.join(describe_moments(Moment(getattr(due, 'moment', 0))))} of {_named(task)}"
+
+
+def _named(delivery: Delivery) -> str:
+    return f"'{delivery.message.name}' {{{delivery.id}}}"

@@ -1,0 +1,123 @@
+"""What ``tca top`` shows at a moment: rates from two answers of central. Pure; knows no screen."""
+
+from typing import Any, NamedTuple
+
+Answer = dict[str, Any]
+"""What central tells of its load."""
+
+
+class ResourceLine(NamedTuple):
+    """A resource; rates are of the time between two answers."""
+
+    module: str
+    resource: str
+    capacity: int
+    busy: float
+    """Which part of its time it handled messages: 1 is all of it, in all slots."""
+    rate: float
+    """Messages a second."""
+    handling: str
+    seconds: float
+    """How long the oldest of those has been handled."""
+    blocked: int
+    """How many of its slots wait for somebody else."""
+    waiting: int
+    oldest: float
+    """Seconds that the oldest of those has waited."""
+    held: str
+    """Who has it for himself."""
+
+
+class MessageLine(NamedTuple):
+    """A message."""
+
+    message: str
+    message_class: str
+    rate: float
+    delivered: int
+    failed: int
+    waiting: int
+    """How many wait because nobody handles it."""
+
+
+class WaitLine(NamedTuple):
+    """Somebody waits."""
+
+    seconds: float
+    what: str
+    why: str
+
+
+class Frame(NamedTuple):
+    """All that is shown at once."""
+
+    epoch: str
+    time: float
+    """Central's clock, in seconds since it began."""
+    span: float
+    """Seconds over which rates were taken."""
+    events: float
+    """Of central, a second."""
+    tasks: int
+    modules: int
+    resources: list[ResourceLine]
+    messages: list[MessageLine]
+    """Those that were sent most often lately come first."""
+    waits: list[WaitLine]
+    """The longest come first."""
+
+
+def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
+    """What to show of an answer. Rates are those since the answer *before*, or of the whole run; *hidden* is a module
+    that is left out.
+    """
+    if before is None or before["epoch"] != now["epoch"] or before["time"] >= now["time"]:
+        before = {"time": 0.0, "events": 0, "modules": [], "messages": []}
+    span = max(now["time"] - before["time"], 1e-9)
+    modules = [module for module in now["modules"] if module["module"] != hidden]
+    known = {(module["module"], one["resource"]): one for module in before["modules"] for one in module["resources"]}
+    resources = [
+        _resource(module["module"], one, known.get((module["module"], one["resource"]), {}), span)
+        for module in modules
+        for one in module["resources"]
+        if one["capacity"] or one["delivered"]
+    ]
+    delivered = {one["message"]: one["delivered"] for one in before["messages"]}
+    messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
+    messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))
+    waits = [WaitLine(one["seconds"], one["what"], one["for"]) for one in now["waits"]]
+    events = (now["events"] - before["events"]) / span
+    return Frame(
+        now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits
+    )  # fmt: skip
+
+
+def _resource(module: str, now: dict[str, Any], before: dict[str, Any], span: float) -> ResourceLine:
+    # a module that was started anew counts from 0 again
+    if before.get("delivered", 0) > now["delivered"]:
+        before = {}
+    handling = now["handling"]
+    what = ", ".join(f"{one['message']} {{{one['id']}}}" for one in handling)
+    busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))
+    rate = (now["delivered"] - before.get("delivered", 0)) / span
+    held = f"{'reserved' if now['is_reserved'] else 'locked'} by {now['held_by']}" if now["held_by"] else ""
+    seconds = max((one["seconds"] for one in handling), default=0.0)
+    return ResourceLine(
+        module, now["resource"], now["capacity"], min(max(busy, 0.0), 1.0), rate, what, seconds, now["blocked"],
+        now["waiting"], now["oldest"], held,
+    )  # fmt: skip
+
+
+def _message(now: dict[str, Any], before: int, span: float) -> MessageLine:
+    rate = max(now["delivered"] - before, 0) / span
+    return MessageLine(now["message"], now["class"], rate, now["delivered"], now["failed"], now["waiting"])
+
+
+def plain_frame(shown: Frame) -> dict[str, Any]:
+    """The frame as JSON has it."""
+    lists = {
+        "resources": [line._asdict() for line in shown.resources],
+        "messages": [line._asdict() for line in shown.messages],
+        "waits": [line._asdict() for line in shown.waits],
+    }
+    return {**shown._asdict(), **lists}

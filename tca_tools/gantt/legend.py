@@ -1,0 +1,73 @@
+"""What the colours and hatchings of a chart mean."""
+
+from collections.abc import Iterator
+from html import escape
+
+from tca_tools.gantt.bars import Chart
+from tca_tools.gantt.colours import dark
+from tca_tools.gantt.shapes import CHARACTER, LONGEST_LABEL, MARGIN
+from tca_tools.terminal import columns_of, cut, printable
+
+_LINE = 24.0
+_MOST_NAMES = 40
+"""A robot has so many messages at most whose colours can be told apart."""
+_GREY = "#52606d"
+
+
+def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
+    """Squares with their meanings, in as many lines as they need; and where what follows may begin."""
+    bars = [bar for row in chart.rows for bar in (*row.handled, *row.queued)]
+    held = [one for row in chart.rows for one in row.held if one.end >= chart.start and one.start <= chart.end]
+    shown = {bar.name for bar in bars}
+    items = [('fill="#3e4c59"', "handling"), ('fill="#c5cbd3"', "waiting for a reply, task or lock")]
+    items += [('fill="url(#queued)"', "queued")]
+    items += [('fill="url(#suspended)"', "suspended")] * any(bar.is_suspended for bar in bars)
+    items += [('class="locked"', "locked")] * any(not one.is_reserved for one in held)
+    items += [('class="reserved"', "reserved")] * any(one.is_reserved for one in held)
+    items += [('class="failed"', "failed")] * any(bar.has_failed for bar in bars)
+    names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
+    items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
+    items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
+    return _in_lines(items, width, top)
+
+
+def _in_lines(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
+    lines: list[str] = []
+    x, y = MARGIN, top
+    for look, words in items:
+        needed = columns_of(words) * CHARACTER + 36
+        if x + needed > width and x > MARGIN:
+            x, y = MARGIN, y + _LINE
+        lines.append(f'<rect {look} x="{x:.1f}" y="{y:.1f}" width="14" height="12"/>')
+        lines.append(f'<text x="{x + 20:.1f}" y="{y + 10:.1f}">{escape(words)}</text>')
+        x += needed
+    return lines, y + _LINE + 4
+
+
+def patterns(chart: Chart, *, of_names: bool = True) -> str:
+    """The hatchings: of what queues, leaning to one side, and of what is suspended, to the other."""
+    return f"<defs>{''.join(_of_names(chart) if of_names else _of_legend())}</defs>"
+
+
+def _of_legend() -> Iterator[str]:
+    yield _pattern("queued", _GREY, 45)
+    yield _pattern("suspended", _GREY, -45, gap=9)
+
+
+def _of_names(chart: Chart) -> Iterator[str]:
+    bars = [bar for row in chart.rows for bar in row.queued]
+    queued = {bar.name for bar in bars if not bar.is_suspended}
+    suspended = {bar.name for bar in bars if bar.is_suspended}
+    for number, name in enumerate(chart.names):
+        if name in queued:
+            yield _pattern(f"queued{number}", dark(number), 45)
+        if name in suspended:
+            yield _pattern(f"suspended{number}", dark(number), -45, gap=9)
+
+
+def _pattern(name: str, colour: str, angle: int, gap: int = 5) -> str:
+    return (
+        f'<pattern id="{name}" width="{gap}" height="5" patternUnits="userSpaceOnUse" data-lean="rotate({angle})" '
+        f'patternTransform="rotate({angle})"><rect width="{gap}" height="5" fill="#ffffff"/>'
+        f'<rect width="2" height="5" fill="{colour}"/></pattern>'
+    )

@@ -1,0 +1,183 @@
+"""Draws the rows of a chart: its band, who has it for himself, its bars, and what waits below them."""
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from dataclasses import dataclass
+from operator import attrgetter
+
+from tca_tools.drawing import rectangle, text
+from tca_tools.gantt.bars import Bar, Chart, Row
+from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
+from tca_tools.gantt.colours import dark, light
+from tca_tools.gantt.shapes import CHARACTER, row_label
+from tca_tools.terminal import columns_of
+
+_LANE, _QUEUE_LANE = 24.0, 9.0
+_MOST_LANES = 12
+_MOST_QUEUE_LANES = 6
+"""Of a longer queue only the length is drawn."""
+_QUEUE_HEIGHT = 30.0
+_NARROW, _COLUMN = 1.5, 4.0
+"""Pixels: of a bar that is not drawn alone if it has neighbours, and of the column in which those are put together."""
+_SMALLEST = 1.0
+_PALEST = 0.45
+_START = attrgetter("start")
+_FRAMED = 6.0
+"""Pixels: a narrower bar that failed gets no frame."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Where a time stands in the plot. *depths*: how many times wider it can be made."""
+
+    width: float
+    start: float
+    end: float
+    depths: tuple[int, ...] = (1,)
+
+    @property
+    def finest(self) -> float:
+        """The finest detail, in pixels of the plot as it is at first."""
+        return 1.0 / self.depths[-1]
+
+    @property
+    def pixel(self) -> float:
+        """How many seconds the finest detail is."""
+        return self.finest * (self.end - self.start) / self.width
+
+    def x(self, time: float) -> float:
+        """Where *time* is; at the edge, if it is beyond."""
+        time, span = min(max(time, self.start), self.end), self.end - self.start
+        return self.width * ((time - self.start) / span) if span > 0 else 0.0
+
+    def depth_for(self, needed: float, width: float) -> int | None:
+        """How many times wider the plot must be for what is *width* to be as wide as *needed*."""
+        return next((depth for depth in self.depths if width * depth > needed), None)
+
+
+class Painter:
+    """Draws rows, on one scale and in the colours of one chart."""
+
+    def __init__(self, chart: Chart, scale: Scale) -> None:
+        self._numbers = {name: number for number, name in enumerate(chart.names)}
+        self._scale = scale
+        self._narrow, self._column = _NARROW * scale.pixel, _COLUMN * scale.pixel
+
+    def height(self, row: Row) -> float:
+        """How high a row is."""
+        return min(row.lanes, _MOST_LANES) * _LANE + self._queue_height(row)
+
+    def _queue_height(self, row: Row) -> float:
+        return _QUEUE_HEIGHT if row.queue_lanes > _MOST_QUEUE_LANES else row.queue_lanes * _QUEUE_LANE
+
+    def label(self, row: Row, right: float, top: float) -> str:
+        """The row's name."""
+        y = top + min(_LANE, self.height(row)) / 2 + 4
+        return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(row_label(row))}</text>'
+
+    def band(self, row: Row, top: float) -> Iterator[str]:
+        """When its module was connected, and when somebody had the resource for himself."""
+        scale, height = self._scale, self.height(row)
+        for start, end in row.connected:
+            if end >= scale.start and start <= scale.end:
+                yield rectangle('class="connected"', scale.x(start), top - 3, scale.x(end), height + 6)
+        for one in row.held:
+            if one.end >= scale.start and one.start <= scale.end:
+                left, right = scale.x(one.start), max(scale.x(one.end), scale.x(one.start) + _SMALLEST)
+                how = "reserved" if one.is_reserved else "locked"
+                yield rectangle(f'class="{how}"', left, top - 5, right, height + 10, one.title)
+                free = row.handled[bisect_left(row.handled, one.start, key=_START) :][:1]
+                room = min(right, scale.x(free[0].start)) if free else right
+                yield from self._words(f"{how} by {one.owner}", "in", left, room, top + _LANE / 2 + 4)
+
+    def bars(self, row: Row, top: float) -> Iterator[str]:
+        """Its bars, and below them what waits."""
+        wide, blocks = in_blocks(row.handled, self._scale.start, self._column, self._narrow)
+        for block in blocks:
+            yield from self._block(block, top + min(block.lane, _MOST_LANES - 1) * _LANE)
+        for bar in wide:
+            yield from self._handled(bar, top + min(bar.lane, _MOST_LANES - 1) * _LANE)
+        below = top + min(row.lanes, _MOST_LANES) * _LANE
+        if row.queue_lanes > _MOST_QUEUE_LANES:
+            yield from self._long_queue(row.queued, below)
+        else:
+            yield from self._queue(row.queued, below)
+
+    def _queue(self, bars: list[Bar], top: float) -> Iterator[str]:
+        wide, blocks = in_blocks(bars, self._scale.start, self._column, self._narrow)
+        everything: list[Bar | Block] = [*blocks, *wide]
+        for one in everything:
+            number = self._numbers[one.name]
+            kind = "suspended" if isinstance(one, Bar) and one.is_suspended else "queued"
+            look = f'fill="url(#{kind}{number})" stroke="{dark(number)}" stroke-width="0.6"{_paled(one)}'
+            left, right = self._scale.x(one.start), self._scale.x(one.end)
+            y = top + one.lane * _QUEUE_LANE + 1
+            yield rectangle(look, left, y, max(right, left + self._scale.finest), _QUEUE_LANE - 2, one.title)
+
+    def _long_queue(self, bars: list[Bar], top: float) -> Iterator[str]:
+        """How many wait, as a line of steps."""
+        steps = [one for one in queue_lengths(bars, self._scale.start, self._column) if one[0] <= self._scale.end]
+        most = max((number for *_, number in steps), default=1)
+        for start, end, number in steps:
+            height = max((_QUEUE_HEIGHT - 4) * number / most, 1.0)
+            left, right, y = self._scale.x(start), self._scale.x(end), top + _QUEUE_HEIGHT - 2 - height
+            title = f"at most {number} queued or suspended from {start:.3f} s to {end:.3f} s"
+            yield rectangle('fill="#7b8794"', left, y, right, height, title)
+        yield f'<text class="faint" x="3" y="{top + 10:.1f}" pointer-events="none">up to {most} wait</text>'
+
+    def _block(self, block: Block, top: float) -> Iterator[str]:
+        left = self._scale.x(block.start)
+        right = max(self._scale.x(block.end), left + self._scale.finest)
+        colour = (light if block.is_waiting else dark)(self._numbers[block.name])
+        shade = (_PALEST + (1 - _PALEST) * block.busy) * (0.4 if block.is_beside else 1.0)
+        yield rectangle(f'fill="{colour}" fill-opacity="{shade:.2f}"', left, top + 2, right, _LANE - 4, block.title)
+        if block.has_failed:
+            yield _failed(left, right, top + 2, self._scale.finest)
+
+    def _handled(self, bar: Bar, top: float) -> Iterator[str]:
+        scale, number, paled = self._scale, self._numbers[bar.name], _paled(bar)
+        left, right = scale.x(bar.start), scale.x(bar.end)
+        right = max(right, left + scale.finest)
+        y, height = top + 2, _LANE - 4
+        gap = 0.8 * scale.finest if right - left > 4 and not bar.is_open else 0.0  # to tell neighbours apart
+        seen = f' stroke="{dark(number)}" stroke-width="0.8"' if right - left < _SMALLEST else ""
+        yield rectangle(f'fill="{dark(number)}"{seen}{paled}', left, y, right - gap, height, bar.title)
+        waits = [(max(scale.x(wait.start), left), min(scale.x(wait.end), right), wait) for wait in bar.waits]
+        for start, end, wait in waits:
+            if end - start > _SMALLEST * scale.finest:
+                look = f'fill="{light(number)}" stroke="{dark(number)}" stroke-width="0.6"{paled}'
+                yield rectangle(look, start, y, end, height, wait.title)
+        if bar.is_open and bar.end <= scale.end:
+            colour = light(number) if waits and waits[-1][1] >= right else dark(number)
+            yield f'<path fill="{colour}" d="M{right:.1f} {y:.1f} l7 {height / 2:.1f} l-7 {height / 2:.1f} z"/>'
+        if bar.has_failed:
+            yield _failed(left, right, y, scale.finest)
+        yield from self._bar_label(bar.name, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4)
+
+    def _bar_label(
+        self, name: str, left: float, right: float, waits: list[tuple[float, float]], y: float
+    ) -> Iterator[str]:
+        """The name, in the widest part of the bar, if it has room there."""
+        edges = [left, *(edge for wait in sorted(waits) for edge in wait), right]
+        parts = [(edges[i + 1] - edges[i], edges[i], i % 2) for i in range(len(edges) - 1)]
+        width, start, is_light = max(parts)
+        yield from self._words(name, "in" if is_light else "on", start, start + width, y)
+
+    def _words(self, words: str, kind: str, left: float, right: float, y: float) -> Iterator[str]:
+        """Words where they have room, or will have it."""
+        depth = self._scale.depth_for(columns_of(words) * CHARACTER + 6, right - left)
+        if depth:
+            kind += "" if depth == 1 else f" z{depth}"
+            x = left + 4 / depth
+            yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}" pointer-events="none">{text(words)}</text>'
+
+
+def _failed(left: float, right: float, top: float, finest: float) -> str:
+    """A red frame or, where that would hide all that is in it, a red foot."""
+    if right - left > _FRAMED:
+        return rectangle('class="failed"', left, top, right, _LANE - 4)
+    return rectangle('fill="#c81e1e"', left, top + _LANE - 9, max(right, left + 1.5 * finest), 5)
+
+
+def _paled(one: Bar | Block) -> str:
+    return ' class="beside"' if one.is_beside else ""

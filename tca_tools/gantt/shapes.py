@@ -1,0 +1,20 @@
+"""What the parts of a chart's SVG have in common: sizes, looks and labels."""
+
+from tca_tools import drawing
+from tca_tools.gantt.bars import Row
+from tca_tools.terminal import cut, printable
+
+MARGIN = 24.0
+CHARACTER = 6.5
+"""Mean width of a character of the labels; a guess that must not be too small."""
+LONGEST_LABEL = 40
+OWN_STYLE = """\
+.on { fill: #ffffff; font-size: 11px; } .connected { fill: #f1f3f5; } .in { font-size: 11px; }
+.failed { fill: none; stroke: #c81e1e; stroke-width: 2; } .label { text-anchor: end; } .beside { opacity: 0.4; }
+.locked { fill: #f6c9c5; } .reserved { fill: #f9e3b4; }"""
+STYLE = drawing.STYLE + OWN_STYLE
+
+
+def row_label(row: Row) -> str:
+    """The row's name as it is shown."""
+    return cut(printable(row.label), LONGEST_LABEL)

@@ -1,0 +1,67 @@
+"""What a bar says when it is asked: which message, where, when, for how long. Pure."""
+
+from tca_tools.past import Past
+from tca_tools.records import Claim, Handling, Queueing, Task, Wait
+from tca_wire.vocabulary import Outcome
+from tca_wire.wording import place
+
+
+def handled(past: Past, handling: Handling) -> str:
+    """``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
+    where = place(handling.module, handling.resource)
+    title = f"{_described(past, handling)} handled by {where} {_span(past, handling.start, handling.end)}"
+    if handling.outcome and handling.outcome is not Outcome.DONE:
+        title += f": {handling.outcome}"
+    return title
+
+
+def handler_waits(past: Past, handling: Handling, wait: Wait) -> str:
+    """``take steps {2} waits for elevation map {5} from ...``."""
+    return f"{_described(past, handling)} {_waits_for(past, wait)}"
+
+
+def module_waits(past: Past, module: str, wait: Wait) -> str:
+    """``user interface waits for traverse arc {1} from ...``."""
+    return f"{module} {_waits_for(past, wait)}"
+
+
+def queued(past: Past, queueing: Queueing) -> str:
+    """``take steps {2} queued for gait planner from ...``."""
+    where = place(queueing.module, queueing.resource) or "a handler"
+    return f"{past.describe(queueing.message_id)} queued for {where} {_span(past, queueing.start, queueing.end)}"
+
+
+def suspended(past: Past, task: Task, start: float, end: float | None) -> str:
+    """``take steps {2} suspended from ...``."""
+    return f"{task} suspended {_span(past, start, end)}"
+
+
+def held(past: Past, claim: Claim) -> str:
+    """``controller locked by scanner from ...``."""
+    where, how = place(claim.module, claim.resource), "reserved" if claim.is_reserved else "locked"
+    start = claim.start if claim.granted is None else claim.granted
+    why = f": {claim.ended}" if claim.ended else ""
+    return f"{where} {how} by {claim.sender} {_span(past, start, claim.end)}{why}"
+
+
+def awaited_name(past: Past, wait: Wait) -> str:
+    """The name of what is waited for: of a message, or what kind of claim it is."""
+    claim = past.claims.get(wait.awaited)
+    if claim is None:
+        return past.name(wait.awaited)
+    return "reservation" if claim.is_reserved else "lock"
+
+
+def _described(past: Past, handling: Handling) -> str:
+    if handling.direct_from:
+        return f"{handling.name}, directly from {handling.direct_from},"
+    return past.describe(handling.message_id)
+
+
+def _waits_for(past: Past, wait: Wait) -> str:
+    return f"waits for {past.describe(wait.awaited)} {_span(past, wait.start, wait.end)}"
+
+
+def _span(past: Past, start: float, end: float | None) -> str:
+    until = past.time if end is None else end
+    return f"from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s") + f", {until - start:.3f} s"

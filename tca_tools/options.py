@@ -1,0 +1,60 @@
+"""The options that ``tca gantt`` and ``tca tree`` share: which log, which part of it, which file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tca_tools.terminal import printable
+
+_SHARED = (
+    click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)),
+    click.option("--from", "start", metavar="SECONDS", type=float, help="Only what went on from then on."),
+    click.option("--to", "end", metavar="SECONDS", type=float, help="Only what went on until then."),
+    click.option("--at", metavar="SECONDS", type=float, help="As it was then, when nothing later was known."),
+    click.option("--module", "modules", metavar="NAME", multiple=True, help="Only this module's (repeatable)."),
+    click.option(
+        "--task", metavar="TASK", help="Only this task and what is under it: its number, or a message's name."
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What these options ask for."""
+
+    log_path: Path | None
+    start: float | None
+    end: float | None
+    at: float | None
+    modules: tuple[str, ...]
+    task: str | None
+
+
+def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command these options; it is called with an Asked, then with its own."""
+
+    @wraps(command)
+    def asked(**given: Any) -> Any:
+        own = {name: value for name, value in given.items() if name not in Asked.__slots__}
+        return command(Asked(**{name: given[name] for name in Asked.__slots__}), **own)
+
+    for option in reversed(_SHARED):
+        asked = option(asked)
+    return asked
+
+
+def check_output(output: Path | None, kinds: tuple[str, ...]) -> None:
+    """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not."""
+    if output and output.suffix not in kinds:
+        known = " or ".join(filter(None, [", ".join(kinds[:-1]), kinds[-1]]))
+        raise click.BadParameter(f"{printable(str(output))}: its name must end in {known}", param_hint="'-o'")
+
+
+def check_span(start: float | None, end: float) -> None:
+    """Raise BadParameter if a span ends before it begins."""
+    if start is not None and start >= end:
+        raise click.BadParameter(f"{start:g} is not before the end, {end:g}", param_hint="'--from'")

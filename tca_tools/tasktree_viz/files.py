@@ -1,0 +1,66 @@
+"""A tree as a file: a figure or an outline, a page or text, as its name and its size ask for."""
+
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from tca_tools.errors import NoPicture
+from tca_tools.output import write_output
+from tca_tools.page import zoomed_page
+from tca_tools.pictures import converted
+from tca_tools.tasktree_viz.dot import dot_source
+from tca_tools.tasktree_viz.outline import Row
+from tca_tools.tasktree_viz.outline_svg import outline_svg
+from tca_tools.tasktree_viz.picture import drawn
+from tca_tools.tasktree_viz.text import Guides, tree_lines
+from tca_tools.then import Then
+
+KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
+LAYOUTS = ("auto", "figure", "outline")
+_MOST_DRAWN = 3000
+"""Beyond that many boxes nobody could read the picture."""
+_FIGURE, _FIGURE_WIDE = 14, 9
+"""A figure has at most so many leaves, and so many boxes at one depth: a wider one can't be read on a screen."""
+
+
+def write_tree(
+    output: Path, then: Then, rows: list[Row], title: str, guides: Guides, *, layout: str = "auto", with_data: bool
+) -> None:
+    """Write the kind of file that its name asks for. Raises ToolError if that can't be done."""
+    kind = output.suffix
+    if kind == ".txt":
+        lines = [title, *tree_lines(then, rows, guides=guides, with_data=with_data)]
+        write_output(output, click.unstyle("\n".join(lines)) + "\n")
+        return
+    if kind == ".dot":
+        write_output(output, dot_source(then, rows, title, with_data=with_data))
+        return
+    if len(rows) > _MOST_DRAWN:
+        raise NoPicture(
+            f"{len(rows)} tasks are too many for a picture: ask for a part with --task, --module, --from and --to,"
+            " or for a .txt"
+        )
+    write_output(output, _picture(kind[1:], then, rows, title, layout, with_data=with_data))
+
+
+def is_figure(rows: list[Row]) -> bool:
+    """Whether the tree is small enough for a figure."""
+    beside = Counter(row.depth for row in rows)
+    leaves = len(rows) - len({row.parent for row in rows if row.parent >= 0})
+    return leaves <= _FIGURE and max(beside.values(), default=0) <= _FIGURE_WIDE
+
+
+def _picture(kind: str, then: Then, rows: list[Row], title: str, layout: str, *, with_data: bool) -> bytes:
+    if layout == "figure" or (layout == "auto" and is_figure(rows)):
+        try:
+            picture = drawn(dot_source(then, rows, title, with_data=with_data), "svg" if kind == "html" else kind)
+            return zoomed_page(title, picture.decode()).encode() if kind == "html" else picture
+        except NoPicture as error:
+            if layout == "figure":
+                raise
+            click.echo(f"{error.message}: drawn as an outline", err=True)
+    svg = outline_svg(then, rows, title, with_data=with_data)
+    if kind == "html":
+        return zoomed_page(title, svg).encode()
+    return svg.encode() if kind == "svg" else converted(svg, kind)

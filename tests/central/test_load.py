@@ -1,0 +1,128 @@
+"""What central tells of its load: counters that only grow, and who waits longest, for what, how long."""
+
+from typing import Any
+
+from central.player import Player
+
+from tca_central.load import load
+from tca_wire import headers
+from tca_wire.points import Moment, Point, TaskId
+from tca_wire.routes import Note, Noted
+from tca_wire.vocabulary import Outcome
+
+
+def resource(told: dict[str, Any], module: str) -> dict[str, Any]:
+    (found,) = [one for one in told["modules"] if one["module"] == module]
+    first: dict[str, Any] = found["resources"][0]
+    return first
+
+
+def message(told: dict[str, Any], name: str) -> dict[str, Any]:
+    (found,) = [one for one in told["messages"] if one["message"] == name]
+    return dict(found)
+
+
+def waits(told: dict[str, Any]) -> list[tuple[str, str, float]]:
+    return [(one["what"], one["for"], one["seconds"]) for one in told["waits"]]
+
+
+def test_messages_are_counted_and_their_time_added_up() -> None:
+    robot = Player()
+    robot.module("legs", "command step")
+    robot.module("user")
+    for fails in (False, True):
+        robot.task("user", "step")
+        robot.tick(4.0)
+        if fails:
+            robot.fail("legs/1", "slip")
+        else:
+            robot.reply("legs/1", value=1)
+    told = load(robot.central)
+    assert message(told, "step") | {"class": ""} == {
+        "message": "step", "class": "", "delivered": 2, "failed": 1, "waiting": 0,
+    }  # fmt: skip
+    assert (resource(told, "legs")["delivered"], resource(told, "legs")["busy"]) == (2, 10.0)  # 4 s, and 1 s to say so
+    assert told["time"] == robot.time
+
+
+def test_what_is_handled_now_counts_until_now() -> None:
+    robot = Player()
+    robot.module("legs", "command step")
+    robot.module("user")
+    step = robot.task("user", "step")
+    robot.tick(2.5)
+    legs = resource(load(robot.central), "legs")
+    assert legs["handling"] == [{"id": step, "message": "step", "seconds": 2.5}]
+    assert legs["busy"] == 2.5
+
+
+def test_the_time_of_a_module_that_is_lost_is_counted() -> None:
+    robot = Player()
+    robot.module("legs", "command step", capacity=2)
+    robot.module("user")
+    robot.task("user", "step")
+    robot.lose("legs/1")
+    assert resource(load(robot.central), "legs")["busy"] == 1.0
+    assert message(load(robot.central), "step")["failed"] == 1
+
+
+def test_the_longest_waits_come_first() -> None:
+    robot = Player()
+    robot.module("legs", "command step")
+    robot.module("user", "query where")
+    robot.send("user", "where")  # its handler does not answer
+    robot.module("other")
+    robot.declare("other", "command dance")
+    robot.task("other", "dance", flags=0)
+    first, *_ = [robot.task("user", "step", flags=0) for _ in range(3)]
+    robot.send("other", "where", origin=0, blocking=True)
+    robot.tick(10.0)
+    told = load(robot.central)
+    assert waits(told) == [
+        ("'dance' {2}", "a module that handles it", 14.0),
+        (f"'step' {{{first + 1}}} (and 1 more)", "resource 'legs' of 'legs'", 12.0),
+        ("'where' {6}", "resource 'user' of 'user'", 10.0),
+        ("'other'", "the reply to 'where' {6}", 10.0),
+    ]
+    assert resource(told, "legs")["oldest"] == 12.0
+
+
+def test_claims_and_who_holds_a_resource() -> None:
+    robot = Player()
+    robot.module("legs", "command step")
+    for name in ("first", "second"):
+        robot.module(name)
+        robot.receive(name, headers.Lock(robot.number(name), "legs", blocking=True))
+    robot.tick(3.0)
+    told = load(robot.central)
+    legs = resource(told, "legs")
+    assert (legs["held_by"], legs["is_reserved"], legs["claims"]) == ("first", False, 1)
+    assert waits(told) == [
+        ("a claim of 'second'", "resource 'legs' of 'legs'", 3.0),
+        ("'second'", "resource 'legs' of 'legs'", 3.0),
+    ]
+
+
+def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
+    robot = Player()
+    robot.module("planner", "goal walk")
+    robot.module("user")
+    walk = robot.task("user", "walk")
+    robot.declare("planner/1", "command dance")
+    dance = robot.task("planner/1", "dance", under=walk)
+    end = Point(TaskId(dance), Moment.END_ACHIEVING)
+    robot.receive("planner/1", headers.WaitFor(robot.number("planner/1"), end, walk, blocking=True))
+    robot.tick(1.0)
+    told = load(robot.central)
+    assert ("'planner' in 'walk' {1}", "end achieving of 'dance' {2}", 1.0) in waits(told)
+    assert resource(told, "planner")["blocked"] == 1
+
+
+def test_direct_messages_count_like_others() -> None:
+    robot = Player()
+    robot.module("map", "query where", direct=True)
+    note = Note("where", "user", 0, 10, 0.0, 0.5, Outcome.DONE)
+    robot.receive("map/1", Noted([note, note]))
+    told = load(robot.central)
+    assert message(told, "where")["delivered"] == 2
+    assert (resource(told, "map")["delivered"], resource(told, "map")["busy"]) == (2, 1.0)

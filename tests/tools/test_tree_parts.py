@@ -1,0 +1,266 @@
+"""Task trees of a part of a run, the story of one task, and pictures of trees that are too wide for a figure."""
+
+import builtins
+import re
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from click.testing import Result
+from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
+
+from tca_tools.history import History
+from tca_tools.tasktree_viz.files import is_figure
+from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.outline_svg import outline_svg
+from tca_tools.tasktree_viz.told import story_lines
+from tca_tools.then import Then
+from tca_wire import facts
+from tca_wire.constraints import sequential_achievement
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome, Role
+
+Tca = Callable[..., Result]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return stumbling().write(tmp_path / "run")
+
+
+def names(shown: str) -> list[str]:
+    """The tasks of a text tree."""
+    return re.findall(r"^[│├└─ ]*([^{\n]*\{\d+\})  ", shown, re.MULTILINE)
+
+
+def wide(children: int = 12) -> Story:
+    """A goal with pairs of commands, of which the second follows the first."""
+    story = Story()
+    walk = story.goal("walk", "x")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    for _ in range(children):
+        step = story.goal("step", "planner", walk)
+        first = story.command("move leg", "planner", step)
+        story.command("move body", "planner", step, sequential_achievement(TaskId(first), THIS))
+    return story
+
+
+def test_only_a_subtree(tca: Tca, run: Path) -> None:
+    shown = tca("tree", run, "--task", 2).stdout
+    assert shown.splitlines()[0] == "run, task 2: 5.00 s, 3 tasks: 1 achieved, 1 failed, 1 killed"
+    assert names(shown) == ["take steps {2}", "move leg {6}", "move body {7}"]
+    assert names(tca("tree", run, "--task", "move leg").stdout) == ["move leg {6}", "move leg {9}"]
+
+
+def test_only_what_a_module_did_with_what_it_hangs_under(tca: Tca, run: Path) -> None:
+    shown = names(tca("tree", run, "--module", "controller").stdout)
+    assert shown == ["traverse arc {1}", "take steps {2}", "move leg {6}", "move body {7}"]
+    assert names(tca("tree", run, "--task", 2, "--module", "controller").stdout) == shown[1:]
+
+
+def test_only_what_lived_in_a_span_of_time(tca: Tca, run: Path) -> None:
+    assert len(names(tca("tree", run, "--to", 1.3).stdout)) == 4  # sent by then
+    shown = names(tca("tree", run, "--from", 3.5).stdout)
+    assert "move leg {6}" not in shown  # achieved before
+    assert "move body {7}" in shown
+    assert tca("tree", run, "--from", 3, "--to", 2).exit_code == 2
+
+
+def test_the_stories_of_tasks(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+    for number in (3, 7, 9):
+        expect(f"tree_story_{number}", tca("tree", run, "--story", number, COLUMNS="90").stdout)
+
+
+def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
+    assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
+    assert (tmp_path / "story.txt").read_text().startswith("move body {7}: failed\nunder traverse arc {1} > ")
+    then = tca("tree", run, "--story", 7, "--at", 4.0).stdout
+    assert then.startswith("move body {7}: handling\n")
+    assert "terrain collision" not in then
+    assert "must end in .txt" in tca("tree", run, "--story", 7, "-o", tmp_path / "story.svg").stderr
+
+
+def _fail_for_a_query(story: Story, asker: int) -> None:
+    where = story.received("where", QUERY, "asker", 0, origin=asker, blocking=True)
+    story.delivered(where, "map").at(asker + 1.0)
+    story.returned(where, Outcome.FAILED).say(facts.Failed(where, "no map", "it is dark"), facts.Answered(where))
+    story.returned(asker, Outcome.FAILED).say(facts.Failed(asker, "no map", "'where' failed: no map: it is dark"))
+
+
+def recovery() -> Story:
+    """A query fails of which a goal fails, and an exception handler that asks the same fails, too."""
+    story = Story().module("planner", "step").module("expert", "replan").module("map", "where")
+    step = story.goal("step", "user")
+    story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING)
+    _fail_for_a_query(story, step)
+    replan = story.goal("replan", "central", step)
+    made: tuple[Any, ...] = (GOAL, "central", TaskId(step), 0, False, b"", [], Role.EXCEPTION, step)
+    story.entries[-1].facts[-1] = facts.Received(replan, "replan", *made)
+    story.say(facts.Caught(TaskId(step), TaskId(replan), TaskId(step), 9)).delivered(replan, "expert")
+    _fail_for_a_query(story, replan)
+    return story.say(facts.Unhandled(TaskId(step)), facts.Killed(TaskId(step), "failure 'no map' was not handled"))
+
+
+def test_a_failure_is_followed_to_where_it_began() -> None:
+    lines = list(story_lines(recovery().fold(), TaskId(1), 100))
+    assert [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]] == [
+        "step {1} failed: no map: 'where' failed: no map: it is dark",
+        "exception handler replan {3} was called, handled by expert: failed",
+        "step {1} was killed: failure 'no map' was not handled",
+        "  where {2} failed: no map: it is dark",
+        "  replan {3} failed: no map: 'where' failed: no map: it is dark",
+        "  replan {3}: nobody dealt with its failure",
+        "    where {4} failed: no map: it is dark",
+    ]
+
+
+def test_who_was_killed_for_another_is_told_for_whom() -> None:
+    lines = list(story_lines(stumbling().fold(), TaskId(9), 200))
+    assert lines[lines.index("its failure, step by step:") + 1 :][:2] == [
+        "    4.500  move leg {9} was killed: failure 'terrain collision' of move body {7} was not handled",
+        "    4.500    move body {7} failed: terrain collision: leg 4 met\\x1b[31m rock",
+    ]
+
+
+def with_traceback() -> History:
+    story = Story().module("legs", "walk")
+    walk = story.goal("walk", "x")
+    story.delivered(walk, "legs").returned(walk, Outcome.FAILED)
+    trace = (
+        "ZeroDivisionError: division by zero\nTraceback (most recent call last):\n  File walk.py, line 3\n    1 / 0\n"
+    )
+    return story.say(facts.Failed(walk, "handler error", trace)).fold()
+
+
+def test_of_a_traceback_a_tree_shows_one_line_and_a_story_all() -> None:
+    from tca_tools.tasktree_viz.text import tree_lines
+
+    history = with_traceback()
+    line = list(tree_lines(Then(history), whole_outline(Then(history))))[-1]
+    assert line.endswith("handler error: ZeroDivisionError: division by zero ...")
+    told = "\n".join(story_lines(history, TaskId(1)))
+    assert "\n" + " " * 23 + "  File walk.py, line 3\n" in told
+
+
+def test_guides_go_on_deep_down(tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+    story, parent = Story(), 0
+    for _ in range(24):
+        parent = story.goal("take steps", "planner", parent)
+        story.goal("look", "planner", parent)
+    folder = story.write(tmp_path / "deep")
+    expect("tree_deep", tca("tree", folder).stdout)
+    lines = tca("tree", folder, COLUMNS="150").stdout.splitlines()
+    assert not [line for line in lines if line.startswith("[")]
+
+
+def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
+    assert is_figure(whole_outline(Then(walking().fold())))
+    assert not is_figure(outline(Then(wide().fold())))
+    assert not is_figure(whole_outline(Then(wide(30).fold())))
+
+
+@pytest.mark.parametrize("kind", ["svg", "png", "pdf", "html"])
+@pytest.mark.parametrize("layout", ["figure", "outline"])
+def test_pictures_of_both_kinds(tca: Tca, run: Path, tmp_path: Path, layout: str, kind: str) -> None:
+    if layout == "figure":
+        pytest.importorskip("graphviz")
+    result = tca("tree", run, "--layout", layout, "-o", tmp_path / f"tree.{kind}")
+    assert (result.exit_code, result.stderr) == (0, "")
+    beginnings = {"svg": b"<", "png": b"\x89PNG", "pdf": b"%PDF", "html": b"<!doctype html>"}
+    assert (tmp_path / f"tree.{kind}").read_bytes().startswith(beginnings[kind])
+
+
+def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
+    then = Then(walking().fold())
+    picture = ET.fromstring(outline_svg(then, whole_outline(then), "walking"))
+    boxes = {
+        text.text: (float(text.get("x", 0)), float(text.get("y", 0)))
+        for text in picture.iter(f"{SVG}text")
+        if text.get("class") == "name" and "{" in (text.text or "")
+    }
+    assert len(boxes) == len(then.tasks)
+    assert sorted(boxes.values(), key=lambda place: place[1]) == list(boxes.values())  # downwards, in their order
+    assert boxes["take steps {2}"][0] == boxes["take steps {3}"][0] < boxes["move leg {6}"][0]
+    heavy = [path for path in picture.iter(f"{SVG}path") if path.get("class") == "heavy"]
+    assert len(heavy) == 4
+    words = [text.text or "" for text in picture.iter(f"{SVG}text")]
+    assert "plan ahead (take steps {3})" in words
+    assert any(word.startswith("held, waits until") for word in words)
+
+
+def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
+    story, parent = Story(), 0
+    for _ in range(1_000):
+        parent = story.goal("take steps", "planner", parent)
+    then = Then(story.fold())
+    picture = ET.fromstring(outline_svg(then, whole_outline(then), "deep"))
+    assert float(picture.get("width", 0)) < 1_600
+
+
+@pytest.mark.parametrize("story", [locking(), wide(), Story(), stumbling()])
+def test_outlines_are_well_formed(story: Story) -> None:
+    then = Then(story.fold())
+    ET.fromstring(outline_svg(then, outline(then), "<&>\x1b", with_data=True))
+
+
+def without(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
+    """Make these packages impossible to import."""
+    real = builtins.__import__
+
+    def fake(name: str, *rest: Any, **more: Any) -> Any:
+        if name in packages:
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", fake)
+
+
+def test_without_graphviz_an_outline_is_drawn(
+    tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without(monkeypatch, "graphviz", "pygraphviz")
+    result = tca("tree", run, "-o", tmp_path / "tree.svg")
+    assert result.exit_code == 0
+    assert result.stderr == (
+        "no picture can be drawn: the Python package 'graphviz' is missing (pip install 'tca[pictures]'),"
+        " and so is the package 'pygraphviz': drawn as an outline\n"
+    )
+    assert (tmp_path / "tree.svg").read_text().startswith("<svg")
+    assert tca("tree", run, "--layout", "figure", "-o", tmp_path / "figure.svg").exit_code == 1
+    assert not (tmp_path / "figure.svg").exists()
+
+
+def test_without_dot_pygraphviz_draws(tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    graphviz = pytest.importorskip("graphviz")
+
+    def no_dot(*_: Any, **__: Any) -> bytes:
+        raise graphviz.ExecutableNotFound(["dot"])
+
+    class Graph:
+        def __init__(self, string: str) -> None:
+            assert string.startswith("digraph")
+
+        def draw(self, **how: str) -> bytes:
+            assert how == {"format": "svg", "prog": "dot"}
+            return b"<svg/>"
+
+    monkeypatch.setattr(graphviz.Source, "pipe", no_dot)
+    fake = types.ModuleType("pygraphviz")
+    fake.AGraph = Graph  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pygraphviz", fake)
+    assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
+    assert (tmp_path / "tree.svg").read_bytes() == b"<svg/>"
+
+
+def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
+    story, parent = Story(), 0
+    for _ in range(3_100):
+        parent = story.goal("take steps", "planner", parent)
+    result = tca("tree", story.write(tmp_path / "run"), "-o", tmp_path / "tree.png")
+    assert result.exit_code == 1
+    assert "3100 tasks are too many for a picture: ask for a part with --task" in result.stderr
