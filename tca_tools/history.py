@@ -91,7 +91,9 @@ class History(Past):
                 self._end(handling)
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
-        self._module(fact.module).resources[fact.resource] = fact.capacity
+        module = self._module(fact.module)
+        module.resources[fact.resource] = fact.capacity
+        module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
 
     def _format(self, fact: facts.FormatDefined) -> None:
         self.formats.setdefault(fact.message, fact)
@@ -156,6 +158,7 @@ class History(Past):
         self._unqueue(fact.id)
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
+        handling.delivery = fact.id
         self.handlings.append(handling)
         self.runs.setdefault((fact.module, fact.resource), []).append(handling)
         self._deliveries[fact.id] = handling
@@ -228,6 +231,8 @@ class History(Past):
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
+        if message := self.messages.get(fact.id):
+            message.answered = self.time
 
     def _caught(self, fact: facts.Caught) -> None:
         if fact.task > 0:

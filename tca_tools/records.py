@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 from typing import Any
 
 from tca_wire.constraints import Constraint
@@ -61,6 +62,8 @@ class Handling:
     waits: list[Wait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
+    delivery: int = 0
+    """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
 
 
 @dataclass(slots=True)
@@ -120,9 +123,16 @@ class Message:
     """Why central made it; NONE if a module sent it."""
     about: int = 0
     """The message that it was made for: the failing, tapped, killed or monitoring one."""
+    answered: float | None = None
+    """When its sender got the (last) answer; of queries only."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
+
+    def became(self, name: str) -> list[tuple[float, Any]]:
+        """What was written over one of its fields, and when, oldest first."""
+        written = [(time, old) for time, field_name, old in self.changes if field_name == name]
+        return [(time, new) for (time, _), (_, new) in pairwise([*written, (0.0, getattr(self, name))])]
 
     @property
     def is_queued(self) -> bool:
@@ -196,6 +206,8 @@ class ModuleRecord:
     left: str = ""
     """Why it left the last time."""
     resources: dict[str, int] = field(default_factory=dict)
-    """Its resources with their capacities."""
+    """Its resources with their capacities (0: its module has left)."""
+    capacities: dict[str, int] = field(default_factory=dict)
+    """The largest capacity that each resource had."""
     waits: list[Wait] = field(default_factory=list)
     """What it waited for outside of any handler."""
