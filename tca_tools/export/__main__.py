@@ -86,7 +86,9 @@ FORMATS = {
 @click.command()
 @click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 @click.option("--to", "name", type=click.Choice(list(FORMATS)), help="The format (default: what the file's name says).")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The file; for tables, the folder.")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The file; for tables, the folder."
+)
 @click.option("--force", is_flag=True, help="Write over what is there.")
 def export(log_path: Path | None, name: str | None, output: Path, force: bool) -> None:
     """Write a run for other tools.

@@ -11,5 +11,4 @@ from tca_wire.facts import Entry
 def write_json_lines(entries: Iterable[Entry], stream: BinaryIO) -> None:
     """Write a line a fact."""
     for entry in entries:
-        for fact in entry.facts:
-            stream.write(json.dumps(fact_row(entry, fact)).encode() + b"\n")
+        stream.writelines(json.dumps(fact_row(entry, fact)).encode() + b"\n" for fact in entry.facts)

@@ -170,7 +170,7 @@ class _Topics:
 
     def finish(self) -> None:
         """Write what readers look for at the end of the file."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _open(self, topic: str, about: str) -> int:
         schema = _SCHEMAS[topic] if topic in _SCHEMAS else self._schema_about(topic, about)

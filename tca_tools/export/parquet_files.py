@@ -24,5 +24,7 @@ def write_parquet(table: Table, past: Past, stream: BinaryIO) -> None:
     schema = pa.schema([(name, _TYPES[kind]) for name, kind in table.columns.items()])
     with parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
         for rows in batches(table, past, _ROWS_IN_A_GROUP):
-            columns = [pa.array(column, kind) for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)]
+            columns = [
+                pa.array(column, kind) for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
+            ]
             writer.write_batch(pa.record_batch(columns, schema=schema))

@@ -40,6 +40,7 @@ class _Plain:
         self._parts = 0
 
     def schema(self, schema: Any, within: tuple[str, ...]) -> Schema | None:
+        """A part made plain; None if it can't be."""
         self._parts += 1
         if not isinstance(schema, dict) or len(within) > _DEEPEST or self._parts > _MOST_PARTS:
             return None
@@ -48,13 +49,16 @@ class _Plain:
             return None if name in within else self.schema(self._definitions.get(name), (*within, name))
         if isinstance(ways := schema.get("anyOf"), list):
             return self._one_of([way for way in ways if way != {"type": "null"}], within)
-        if isinstance(values := schema.get("enum"), list):
+        return self._of_one_kind(schema, (*within, ""))
+
+    def _of_one_kind(self, schema: Schema, within: tuple[str, ...]) -> Schema | None:
+        kind, values = schema.get("type"), schema.get("enum")
+        if isinstance(values, list):
             return _of_values(values)
-        kind = schema.get("type")
         if kind == "object":
-            return self._object(schema, (*within, ""))
+            return self._object(schema, within)
         if kind == "array":
-            return self._array(schema, (*within, ""))
+            return self._array(schema, within)
         if kind == "string":
             return _string(schema)
         return {"type": kind} if kind in _PLAIN else None

@@ -63,7 +63,8 @@ def _tasks(past: Past) -> Iterator[Row]:
     for task in past.tasks.values():
         depths[task.id] = depths.get(task.parent, 0) + 1
         reached = [task.reached.get(moment) for moment in MOMENTS]
-        yield task.id, task.name, task.parent, depths[task.id], str(task.state), *reached, task.killed, task.is_suspended
+        known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
+        yield *known, *reached, task.killed, task.is_suspended
 
 
 def _states(past: Past) -> Iterator[Row]:
@@ -184,5 +185,3 @@ def batches(table: Table, past: Past, size: int) -> Iterator[list[Row]]:
             rows = []
     if rows:
         yield rows
-
-

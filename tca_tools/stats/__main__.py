@@ -64,8 +64,8 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
         click.echo(json.dumps(_plain(journal.name, measured, messages)))
     else:
         width = line_width()
-        click.echo(cut(_title(printable(journal.name), measured), width))
-        click.echo("\n".join(stats_lines(measured, messages, measured.resources, width)))
+        title = cut(_title(printable(journal.name), measured), width)
+        click.echo("\n".join([title, *stats_lines(measured, messages, measured.resources, width)]))
     journal.check()
 
 

@@ -10,6 +10,7 @@ _NO_HANDLER = "(no handler)"
 _WIDTH = 100
 """Where nobody knows how wide the terminal is."""
 _NARROWEST_NAME = 12
+_NO_TIME = 0.5e-6
 _UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
 
 Cells = Sequence[str]
@@ -57,8 +58,8 @@ def _rate(number: int, seconds: float) -> str:
 
 def duration(seconds: float | None) -> str:
     """A time in at most six characters: ``850us``, ``1.25ms``, ``12.5s``, ``3m20s``, ``2h05m``."""
-    if seconds is None:
-        return "-"
+    if seconds is None or seconds < _NO_TIME:
+        return "-" if seconds is None else "0"
     if seconds < 99.95:
         for factor, unit in ((1e6, "us"), (1e3, "ms"), (1.0, "s")):
             if seconds * factor < 999.5 or unit == "s":
@@ -102,5 +103,3 @@ def _starts(groups: Iterable[tuple[str, int]]) -> set[int]:
 
 def _line(name: str, cells: Cells, sizes: list[int], gaps: list[int]) -> str:
     return name + "".join(" " * gap + cell.rjust(size) for cell, size, gap in zip(cells, sizes, gaps, strict=True))
-
-

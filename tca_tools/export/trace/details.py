@@ -42,7 +42,8 @@ def of_handling(past: Past, handling: Handling) -> Details:
     """A run of a handler."""
     message = past.messages.get(handling.message_id)
     told: Details = {"directly from": handling.direct_from or None} | (of_message(past, message) if message else {})
-    result = message.result if message and message.handlings[-1] is handling else b""
+    is_last = message is not None and message.handlings[-1:] == [handling]
+    result = message.result if message and is_last else b""
     return told | {"outcome": handling.outcome and str(handling.outcome), "result": plain_data(result)}
 
 

@@ -165,7 +165,7 @@ def _add_outside(trace: Trace, group: Track, rank: int, sent: list[Message]) -> 
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
     lanes = in_lanes(waits) or ([[]] if sent else [])
     for number, lane in enumerate(lanes):
-        track = trace.add(_OUTSIDE, group, rank)
+        track = trace.add(_OUTSIDE if module else "sent", group, rank)
         waiting = slices(track, _begun(trace, track, lane, _waiting))
         track.events = in_order(_sending(trace, track, sent), waiting) if number == 0 else waiting
 

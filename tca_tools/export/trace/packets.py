@@ -141,9 +141,9 @@ def _is_small(value: Any) -> bool:
     for _ in range(_DEEPEST):
         parts = [part for part in level if isinstance(part, dict | list)]
         leaves += len(level) - len(parts)
-        if not parts:
-            return True
         if leaves + len(parts) > _MOST_LEAVES:
             return False
+        if not parts:
+            return True
         level = [item for part in parts for item in (part.values() if isinstance(part, dict) else part)]
     return False

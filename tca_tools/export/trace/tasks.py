@@ -49,13 +49,13 @@ def _task(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]
 
 def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]:
     """The states that it was in until its end."""
-    stages = [(trace.nanoseconds(time), str(state)) for time, state in task.states]
+    stages: list[tuple[float, str]] = [(trace.nanoseconds(time), str(state)) for time, state in task.states]
     found = []
     for (start, state), (after, _) in pairwise([*stages, (span.last, "")]):
         end = min(after, span.last)
         if start < end:
-            stage = Span(start, None if end == inf else int(end))
-            found.append((stage, Event(start, False, track.uuid, Kind.BEGIN, state, "state")))
+            stage = Span(int(start), None if end == inf else int(end))
+            found.append((stage, Event(stage.start, False, track.uuid, Kind.BEGIN, state, "state")))
     return slices(track, found)
 
 
