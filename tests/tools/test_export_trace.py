@@ -150,6 +150,19 @@ def test_waits_that_overlap_leave_their_handler(tmp_path: Path) -> None:
     assert spans(read.on("planner > further waits of planner"), "waiting") == [("waits for what", 2.0, 4.0)]
 
 
+def test_a_thousand_waits_at_a_time(tmp_path: Path) -> None:
+    """A handler that gathers a thousand answers, the first asked being the last to come."""
+    story = Story().module("planner", "plan")
+    plan = story.goal("plan", "user")
+    story.delivered(plan, "planner")
+    for number in range(1000):
+        story.at(1.0 + number / 1000).received("where", QUERY, "planner", origin=plan, blocking=True)
+    for number in range(1000, 0, -1):
+        story.at(3.0 - number / 1000).say(facts.Answered(1 + number))
+    read = trace_of(story.fold(), tmp_path)
+    assert len([one for one in read.slices if one.category == "waiting"]) == 1000
+
+
 def test_a_broadcast_is_an_arrow_to_each_receiver(tmp_path: Path) -> None:
     story = Story().module("legs", "pose").module("map", "pose").at(1.0)
     pose = story.received("pose", MessageClass.BROADCAST, "legs")
