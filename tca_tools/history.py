@@ -176,7 +176,7 @@ class History(Past):
                 self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
-        start = max(0.0, fact.ended - fact.seconds)
+        start = min(max(0.0, fact.ended - fact.seconds), fact.ended)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
         handling.direct_from = fact.sender
         self.handlings.append(handling)

@@ -6,8 +6,8 @@ from math import isfinite
 
 from tca_tools.past import Past
 
-_LATEST = 1 << 62
-"""About 146 years: what is written later than that is no time."""
+_LATEST = 4e9
+"""More than a century, in seconds: what is written later than that is no time."""
 
 
 class Nanoseconds:
@@ -39,4 +39,4 @@ def since_1970(past: Past) -> int:
 
 
 def _whole(time: float) -> int:
-    return min(max(round(time * 1e9), 0), _LATEST) if isfinite(time) else 0
+    return round(min(max(time, 0.0), _LATEST) * 1e9) if isfinite(time) else 0

@@ -5,13 +5,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from click.testing import CliRunner, Result
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from tools.story import Story, stumbling, walking
+from tools.test_history import FACTS
+from tools.trace_reader import read_trace
 
 from tca_tools.export.__main__ import FORMATS, export
 from tca_tools.log import log
+from tca_tools.stats.__main__ import stats
 from tca_wire import facts
 from tca_wire.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal import record
@@ -81,6 +87,24 @@ def test_of_a_cut_journal_what_is_good_is_exported(tmp_path: Path, name: str) ->
     assert "00000002.tcaj, byte" in result.stderr
     assert "what comes before it is shown" in result.stderr
     assert (tmp_path / "out").exists()
+
+
+@given(st.lists(FACTS, max_size=60))
+@settings(max_examples=40, deadline=None)
+def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
+    """What a foreign program has written as a journal: nonsense perhaps, but exported without a stumble."""
+    opening = facts.Opened(JOURNAL_VERSION, "e", 1, 0.0, "0.1.0")
+    entries = [Entry(0, 0.0, [opening]), *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1))]
+    with TemporaryDirectory() as folder:
+        run = Path(folder) / "00000001.tcaj"
+        try:
+            run.write_bytes(b"".join(map(record, entries)))
+        except OverflowError:
+            assume(False)  # no journal can have such a number
+        for name in FORMATS:
+            assert exported(run, "--to", name, "-o", Path(folder) / name).output == ""
+        assert CliRunner().invoke(stats, [str(run)]).exit_code == 0
+        read_trace(Path(folder) / "perfetto", is_nonsense=True)
 
 
 LATER = record(Entry(1, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")]))

@@ -207,6 +207,21 @@ def test_a_deep_tree_shares_its_last_track(tmp_path: Path) -> None:
     assert len([one for one in read.slices if one.category == "task"]) == 2000
 
 
+def test_a_resource_that_is_named_like_another_track(tmp_path: Path) -> None:
+    story = Story().module("arm", "reach").at(1.0)
+    story.say(facts.ResourceChanged("arm", "", 1), facts.ResourceChanged("arm", "queue of arm", 1))
+    one, two, three = (story.goal("reach", "x") for _ in range(3))
+    story.delivered(one, "arm", "arm").delivered(two, "arm", "queue of arm").queued(three, "arm", "arm")
+    story.say(facts.Delivered(9, 9, "arm", ""))
+    read = trace_of(story.fold(), tmp_path)
+    assert {one.track for one in read.slices if one.category in ("handling", "queued")} == {
+        "arm > arm",
+        "arm > arm (another)",
+        "arm > queue of arm",
+        "arm > queue of arm (another)",
+    }
+
+
 def test_locks_have_a_track(tmp_path: Path) -> None:
     story = Story().module("arm", "reach").at(1.0).say(facts.Claimed(7, "arm", "arm", False, "user", 0))
     story.at(2.0).say(facts.Granted(7)).at(3.0).say(facts.ClaimEnded(7, "released"))

@@ -67,10 +67,13 @@ class Trace:
         self.past = past
         self.nanoseconds = Nanoseconds(past)
         self.tracks: list[Track] = []
+        self._ranks: dict[tuple[int, str], int] = {}
 
     def add(self, name: str, parent: Track | None = None, rank: int = 0, *, is_counter: bool = False) -> Track:
-        """A new track without events."""
+        """A new track without events. Siblings of one name and rank are shown as one; of another rank it is renamed."""
         above = parent.uuid if parent else 0
+        while self._ranks.setdefault((above, name), rank) != rank:
+            name += " (another)"
         track = Track(len(self.tracks) + 1, name, above, rank, is_counter, iter(()))
         self.tracks.append(track)
         return track

@@ -16,6 +16,8 @@ from tca_tools.export.trace.tasks import add_task_tree
 from tca_tools.past import Past
 
 _SEQUENCE = 1
+_NAMED = (Kind.BEGIN, Kind.INSTANT)
+_NAMELESS = "?"
 _REALTIME, _BOOTTIME = 1, 6
 _STARTS_ANEW, _NEEDS_NAMES = 1, 2
 _BY_RANK = 3
@@ -61,7 +63,7 @@ class _Writer:
         """Describe a track."""
         packet = self._packet()
         described = packet.track_descriptor
-        described.uuid, described.name = track.uuid, track.name
+        described.uuid, described.name = track.uuid, track.name or _NAMELESS
         if track.parent:
             described.parent_uuid, described.sibling_order_rank = track.parent, track.rank
         else:
@@ -78,9 +80,9 @@ class _Writer:
         written.type, written.track_uuid = int(event.kind), event.track
         if event.kind is Kind.COUNTER:
             written.counter_value = event.value
-        if event.name:
+        if event.kind in _NAMED:
             known = packet.interned_data
-            written.name_iid = _number(self._names, event.name, known.event_names)
+            written.name_iid = _number(self._names, event.name or _NAMELESS, known.event_names)
             written.category_iids.append(_number(self._categories, event.category, known.event_categories))
             written.flow_ids.extend(event.flows)
             for key, value in (event.details or {}).items():
