@@ -176,8 +176,9 @@ class History(Past):
                 self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
-        start = min(max(0.0, fact.ended - fact.seconds), fact.ended)
-        handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
+        end = min(max(0.0, fact.ended), self.time)  # before central was told of it
+        start = min(max(0.0, end - fact.seconds), end)
+        handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
         handling.direct_from = fact.sender
         self.handlings.append(handling)
         self._module(fact.module).resources.setdefault(fact.resource, 1)
