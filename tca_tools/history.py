@@ -4,7 +4,7 @@ Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts
 """
 
 from collections.abc import Callable, Iterable
-from math import inf, isfinite, nextafter
+from math import inf, nextafter
 from typing import Any
 
 from tca_tools.garbage import no_garbage
@@ -184,10 +184,9 @@ class History(Past):
                 self._change(message, "result", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
-        if not (isfinite(fact.ended) and isfinite(fact.seconds)):
-            return  # a module said so
-        start = max(0.0, fact.ended - fact.seconds)
-        handling = Handling(0, fact.message, fact.module, fact.resource, start, fact.ended, fact.outcome)
+        end = min(max(0.0, fact.ended), self.time)  # before central was told of it
+        start = min(max(0.0, end - fact.seconds), end)
+        handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
         handling.direct_from = fact.sender
         self.handlings.append(handling)
         self.news.append(handling)
@@ -243,6 +242,8 @@ class History(Past):
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
+        if message := self.messages.get(fact.id):
+            message.answered = self.time
 
     def _caught(self, fact: facts.Caught) -> None:
         if fact.task > 0:

@@ -4,17 +4,16 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import click
 
-from tca_tools.data import data_text, plain_data
+from tca_tools.data import data_text
+from tca_tools.fact_rows import fact_row
 from tca_tools.logs import open_log
 from tca_tools.terminal import cut, line_width, printable
-from tca_wire.constraints import Constraint
-from tca_wire.facts import Entry, Fact, TimedOut, kind_of
-from tca_wire.points import Point, describe_moments
-from tca_wire.wording import Wording, fields_of
+from tca_wire.facts import Entry, Fact, kind_of
+from tca_wire.wording import Wording
 
 KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
 _KIND_WIDTH = max(map(len, KINDS))
@@ -57,11 +56,10 @@ def show(log_path: Path | None, as_json: bool, follow: bool, task: int | None, k
 
 
 def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
-    """Each wanted fact as a JSON object; *t* is its time and *cause* the number of its entry."""
+    """Each wanted fact as a JSON object."""
     for entry in entries:
         for fact in filter(is_wanted, entry.facts):
-            row = {"t": entry.time, "cause": entry.number, "kind": kind_of(fact)} | _plain_fields(fact)
-            yield json.dumps(row)
+            yield json.dumps(fact_row(entry, fact))
 
 
 def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
@@ -80,27 +78,6 @@ def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
     rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "")
     rest = cut(rest.rstrip(), None if width is None else width - len(start))
     return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in _BAD_NEWS else rest)
-
-
-def _plain_fields(fact: Fact) -> dict[str, Any]:
-    """A fact's fields as values that JSON has, with its body decoded."""
-    fields = dict(fields_of(fact))
-    if "constraints" in fields:
-        fields["constraints"] = [_plain_constraint(constraint) for constraint in getattr(fact, "constraints", [])]
-    if isinstance(fact, TimedOut):
-        fields["constraint"] = _plain_constraint(fact.constraint)
-    if hasattr(fact, "body"):
-        fields["data"] = plain_data(fact.body)
-    return fields
-
-
-def _plain_constraint(constraint: Constraint) -> dict[str, Any]:
-    points = {"before": _plain_point(constraint.before), "after": _plain_point(constraint.after)}
-    return points | ({"delay": constraint.delay} if constraint.delay else {})
-
-
-def _plain_point(point: Point) -> dict[str, Any]:
-    return {"task": point.task, "moment": ", ".join(describe_moments(point.moment))}
 
 
 def _tells_of(fact: Fact, number: int) -> bool:

@@ -1,6 +1,9 @@
 """Where a tool's result goes when it has a file name: the file, or one line that says why not."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from tca_tools.errors import ToolError
 
@@ -11,3 +14,28 @@ def write_output(path: Path, content: str | bytes) -> None:
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
     except OSError as error:
         raise ToolError(f"{path}: can't be written: {error.strerror}") from None
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to be written bit by bit. It has its name only when all is written: no half of one looks like a whole.
+
+    Raises ToolError if it can't be written.
+    """
+    unfinished = path.with_name(f"{path.name}.part")
+    try:
+        with unfinished.open("wb") as stream:
+            yield stream
+        unfinished.replace(path)
+    except OSError as error:
+        raise ToolError(f"{path}: can't be written: {error.strerror}") from None
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def make_folder(path: Path) -> None:
+    """See to it that there is a folder of that name. Raises ToolError if that can't be done."""
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ToolError(f"{path}: no folder can be made there: {error.strerror}") from None

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 from typing import Any
 
 from tca_wire.constraints import Constraint
@@ -124,9 +125,16 @@ class Message:
     """Why central made it; NONE if a module sent it."""
     about: int = 0
     """The message that it was made for: the failing, tapped, killed or monitoring one."""
+    answered: float | None = None
+    """When its sender got the (last) answer; of queries only."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
+
+    def became(self, name: str) -> list[tuple[float, Any]]:
+        """What was written over one of its fields, and when, oldest first."""
+        written = [(time, old) for time, field_name, old in self.changes if field_name == name]
+        return [(time, new) for (time, _), (_, new) in pairwise([*written, (0.0, getattr(self, name))])]
 
     @property
     def is_queued(self) -> bool:

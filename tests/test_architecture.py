@@ -21,6 +21,10 @@ MAY_IMPORT = {
         "pygraphviz",
         "jinja2",
         "markupsafe",
+        "mcap",
+        "perfetto",
+        "pyarrow",
+        "rich",
         "starlette",
         "uvicorn",
         "vl_convert",
@@ -33,6 +37,9 @@ MAY_IMPORT = {
 ONLY_IN = {
     "zmq": {"tca_central/server.py", "tca_module/transport.py", "tca_module/direct_sockets.py"},
     "pybullet": {"robots/ambler_sim/physics.py"},
+    "perfetto": {"tca_tools/export/trace/packets.py"},
+    "mcap": {"tca_tools/export/mcap_file.py"},
+    "pyarrow": {"tca_tools/export/parquet_files.py"},
     "starlette": {"tca_tools/view/app.py"},
     "uvicorn": {"tca_tools/view/__main__.py"},
 }

@@ -346,7 +346,10 @@ def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -
     assert row.handled[0].title == title
 
 
-def test_a_note_of_a_time_that_cant_be_is_no_handling() -> None:
-    for ended, seconds in ((float("inf"), 1.0), (5.0, float("nan"))):
-        note = facts.HandledDirectly("pose", "map", "map", "legs", 0, 10, ended, seconds, Outcome.DONE, "")
-        assert Story().at(6.0).say(note).fold().handlings == []
+def test_a_note_of_a_direct_message_with_impossible_times() -> None:
+    """A module may tell anything; what it handled began before it ended, and that before central was told."""
+    story = Story().module("map", "height").at(2.0)
+    for ended, seconds in ((1.5, -1e308), (float("inf"), 0.5), (float("nan"), 1.0), (9.0, 0.5), (-4.0, float("nan"))):
+        story.say(facts.HandledDirectly("height", "map", "map", "x", 0, 1, ended, seconds, Outcome.DONE, ""))
+    handlings = story.at(3.0).fold().handlings
+    assert [(one.start, one.end) for one in handlings] == [(1.5, 1.5), (1.5, 2.0), (0.0, 0.0), (1.5, 2.0), (0.0, 0.0)]

@@ -1,0 +1,139 @@
+"""``tca export``: a run as a file, or a folder of files, for other tools."""
+
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+from tca_tools.errors import ToolError
+from tca_tools.export.tables import TABLES
+from tca_tools.history import History
+from tca_tools.logs import Log, open_log
+from tca_tools.output import make_folder, new_file
+from tca_tools.past import Past
+from tca_wire.facts import Entry
+
+
+class Format(NamedTuple):
+    """What can be asked for."""
+
+    suffixes: tuple[str, ...]
+    """What its files' names end in; none if it is a folder."""
+    write: Callable[[Log, Path], None]
+
+
+def _perfetto(journal: Log, output: Path) -> None:
+    try:
+        from tca_tools.export.trace.packets import write_trace  # noqa: PLC0415 - exports are extras
+    except ImportError as error:
+        raise _missing("perfetto", "exports", error) from None
+    past = History.until(journal)
+    with new_file(output) as stream:
+        write_trace(past, stream)
+
+
+def _mcap(journal: Log, output: Path) -> None:
+    try:
+        from tca_tools.export.mcap_file import write_mcap  # noqa: PLC0415
+    except ImportError as error:
+        raise _missing("mcap", "exports", error) from None
+    entries = _Counted(journal)
+    past = History.until(entries)
+    again = islice(Log(journal.path), entries.count)  # a run that goes on has more of them by now
+    with new_file(output) as stream:
+        write_mcap(past, again, stream)
+
+
+def _json_lines(journal: Log, output: Path) -> None:
+    from tca_tools.export.json_lines import write_json_lines  # noqa: PLC0415
+
+    with new_file(output) as stream:
+        write_json_lines(journal, stream)
+
+
+def _csv(journal: Log, output: Path) -> None:
+    from tca_tools.export.csv_files import write_csv  # noqa: PLC0415
+
+    _tables(History.until(journal), output, ".csv", write_csv)
+
+
+def _parquet(journal: Log, output: Path) -> None:
+    try:
+        from tca_tools.export.parquet_files import write_parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise _missing("pyarrow", "parquet", error) from None
+    _tables(History.until(journal), output, ".parquet", write_parquet)
+
+
+def _tables(past: Past, output: Path, suffix: str, write: Callable[..., None]) -> None:
+    make_folder(output)
+    for table in TABLES:
+        with new_file(output / f"{table.name}{suffix}") as stream:
+            write(table, past, stream)
+
+
+FORMATS = {
+    "perfetto": Format((".pftrace", ".perfetto-trace"), _perfetto),
+    "mcap": Format((".mcap",), _mcap),
+    "jsonl": Format((".jsonl",), _json_lines),
+    "csv": Format((), _csv),
+    "parquet": Format((), _parquet),
+}
+
+
+@click.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option("--to", "name", type=click.Choice(list(FORMATS)), help="The format (default: what the file's name says).")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The file; for tables, the folder."
+)
+@click.option("--force", is_flag=True, help="Write over what is there.")
+def export(log_path: Path | None, name: str | None, output: Path, force: bool) -> None:
+    """Write a run for other tools.
+
+    \b
+    perfetto  ui.perfetto.dev: modules, queues, arrows between them, task tree (.pftrace)
+    mcap      Foxglove and others: a topic for each message (.mcap)
+    jsonl     all facts, one JSON object a line (.jsonl)
+    csv       a folder of tables: messages, tasks, states, handlings, queueings, waits, ...
+    parquet   the same tables with typed columns
+
+    LOG is a journal directory or one of its segments; without it, the newest run is exported.
+    """  # noqa: D301 - click wants the character itself
+    chosen = FORMATS[name or _named_by(output)]
+    if output.exists() and not force:
+        raise ToolError(f"{output}: exists already: give another name, or --force to write over it")
+    journal = open_log(log_path)
+    chosen.write(journal, output)
+    journal.check()
+
+
+def _named_by(output: Path) -> str:
+    """The format that a file's name asks for. Raises UsageError if it asks for none."""
+    found = next((name for name, known in FORMATS.items() if output.suffix in known.suffixes), None)
+    if found is None:
+        raise click.UsageError(f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}")
+    return found
+
+
+class _Counted:
+    """The entries of a journal, counted."""
+
+    def __init__(self, journal: Log) -> None:
+        self._journal = journal
+        self.count = 0
+
+    def __iter__(self) -> Iterator[Entry]:
+        for entry in self._journal:
+            self.count += 1
+            yield entry
+
+
+def _missing(package: str, extra: str, error: ImportError) -> ToolError:
+    return ToolError(f"the Python package '{package}' can't be loaded ({error}): pip install 'tca[{extra}]'")
+
+
+if __name__ == "__main__":
+    export(prog_name="python -m tca_tools.export")

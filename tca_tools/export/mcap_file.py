@@ -1,0 +1,197 @@
+"""A run as an MCAP file: JSON messages on topics, each topic with a JSON Schema; docs/exports.md lists the topics."""
+
+import heapq
+import re
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
+from operator import itemgetter
+from typing import Any, BinaryIO, NamedTuple
+
+import msgspec
+from mcap.writer import Writer
+
+from tca_tools.data import plain_data
+from tca_tools.export.nanoseconds import Nanoseconds, since_1970
+from tca_tools.export.schemas import Schema, object_schema, plain_schema
+from tca_tools.fact_rows import fact_row
+from tca_tools.past import Past
+from tca_tools.then import TaskThen
+from tca_wire import facts
+from tca_wire.facts import Entry, Fact, kind_of
+from tca_wire.vocabulary import Outcome
+from tca_wire.wording import Wording, place
+
+_SECOND = 1_000_000_000
+_INFO, _WARNING, _ERROR = 2, 3, 4
+"""Levels of Foxglove's log."""
+_LEVELS = {"failed": _ERROR, "killed": _WARNING, "dropped": _WARNING, "refused": _WARNING, "module left": _WARNING}
+
+_TEXT, _INT, _NUMBER = ({"type": kind} for kind in ("string", "integer", "number"))
+_TIME = object_schema("time", sec=_INT, nsec=_INT)
+_FACTS = object_schema("tca.Fact", t=_NUMBER, cause=_INT, kind=_TEXT)
+_TASKS = object_schema("tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT)
+_RESOURCES = object_schema("tca.Resource", resource=_TEXT, running=_INT, queued=_INT)
+_LOG = object_schema(
+    "foxglove.Log", timestamp=_TIME, level=_INT, message=_TEXT, name=_TEXT, file=_TEXT, line=_INT
+)  # fmt: skip
+
+
+class Said(NamedTuple):
+    """A message on a topic; *about* is the message of the robot that it is of."""
+
+    time: int
+    topic: str
+    about: str
+    content: dict[str, Any]
+
+
+def write_mcap(past: Past, entries: Iterable[Entry], stream: BinaryIO) -> None:
+    """Write a run, of which all is known, and its entries once more."""
+    writer = _Topics(past, stream)
+    nanoseconds = Nanoseconds(past)
+    streams = (_from_entries(past, entries, nanoseconds), _states(past, nanoseconds), _resources(past, nanoseconds))
+    for said in heapq.merge(*streams, key=itemgetter(0)):
+        writer.write(said)
+    writer.finish()
+
+
+# --- what is said -------------------------------------------------------------------------------------------------
+
+
+def _from_entries(past: Past, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:
+    wording, began = Wording(), since_1970(past)
+    names: dict[int, str] = {}
+    time, place_in_past = 0, -1
+    for entry in entries:
+        if place_in_past < 0 or entry.number != past.numbers[place_in_past]:
+            place_in_past += 1  # else it is one of several records of one event
+        time = nanoseconds(past.times[place_in_past])
+        for fact in entry.facts:
+            yield Said(time, "/tca/log", "", _log_line(entry, fact, wording, time + began))
+            yield Said(time, "/tca/facts", "", fact_row(entry, fact))
+            if tell := _OF_FACT.get(type(fact)):
+                yield from tell(fact, time, names)
+
+
+def _log_line(entry: Entry, fact: Fact, wording: Wording, time: int) -> dict[str, Any]:
+    kind = kind_of(fact)
+    return {
+        "timestamp": {"sec": time // _SECOND, "nsec": time % _SECOND}, "level": _LEVELS.get(kind, _INFO),
+        "message": f"{kind}: {wording.words(fact)}", "name": "tca", "file": "", "line": entry.number,
+    }  # fmt: skip
+
+
+def _sent(fact: facts.Received, time: int, names: dict[int, str]) -> Iterator[Said]:
+    names[fact.id] = fact.message
+    content = {"id": fact.id, "sender": fact.sender, "parent": fact.parent, "origin": fact.origin}
+    yield Said(time, "/messages", fact.message, content | _data(fact.body))
+
+
+def _delivered(fact: facts.Delivered, _time: int, names: dict[int, str]) -> Iterator[Said]:
+    names[fact.id] = names.get(fact.message_id, "")
+    return iter(())
+
+
+def _returned(fact: facts.Returned, time: int, names: dict[int, str]) -> Iterator[Said]:
+    data = _data(fact.body) if fact.outcome is Outcome.DONE else None
+    if data and (name := names.get(fact.id)):
+        yield Said(time, "/results", name, {"id": fact.id} | data)
+
+
+_OF_FACT: dict[type, Callable[[Any, int, dict[int, str]], Iterator[Said]]] = {
+    facts.Received: _sent,
+    facts.Delivered: _delivered,
+    facts.Returned: _returned,
+}
+
+
+def _data(body: bytes) -> dict[str, Any]:
+    data = _without_none(plain_data(body))
+    return {} if data is None else {"data": data}
+
+
+def _without_none(value: Any) -> Any:
+    """*value* without fields that hold nothing: plain schemas have no word for "perhaps null"."""
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list) else value
+
+
+def _states(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
+    """Each change of a task's state."""
+    changes = sorted((time, task.id) for task in past.tasks.values() for time, _ in task.states)
+    for time, number in changes:
+        task = TaskThen(past, past.tasks[number], time)
+        content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
+        content |= {"state": str(task.state), "failure": task.failure}
+        yield Said(nanoseconds(time), "/tca/tasks", "", content)
+
+
+def _resources(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
+    """How many handlers run in a resource, and how many messages wait for it, when that changes."""
+    changes = [
+        (nanoseconds(time), place(span.module, span.resource) or "(no handler)", is_running, step)
+        for is_running, spans in ((True, past.handlings), (False, past.queueings))
+        for span in spans
+        for time, step in ((span.start, 1), (span.end, -1))
+        if time is not None
+    ]  # fmt: skip
+    counts: dict[str, list[int]] = {}
+    for time, resource, is_running, step in sorted(changes):
+        queued_and_running = counts.setdefault(resource, [0, 0])
+        queued_and_running[is_running] += step
+        queued, running = queued_and_running
+        yield Said(time, "/tca/resources", "", {"resource": resource, "running": running, "queued": queued})
+
+
+# --- how it is written --------------------------------------------------------------------------------------------
+
+
+class _Topics:
+    """Writes to topics, which come into being with their first message."""
+
+    def __init__(self, past: Past, stream: BinaryIO) -> None:
+        self._past = past
+        self._began = since_1970(past)
+        self._writer = Writer(stream)
+        self._writer.start(profile="", library="tca")
+        self._writer.add_metadata("tca", {"epoch": past.epoch, "began": repr(past.began or 0.0)})
+        self._channels: dict[tuple[str, str], int] = {}
+        self._topics: set[str] = set()
+        self._counts: dict[int, int] = {}
+
+    def write(self, said: Said) -> None:
+        key = (said.topic, said.about)
+        channel = self._channels.get(key) or self._open(*key)
+        self._channels[key] = channel
+        self._counts[channel] = sequence = self._counts.get(channel, 0) + 1
+        time = said.time + self._began
+        self._writer.add_message(channel, time, msgspec.json.encode(said.content), time, sequence)
+
+    def finish(self) -> None:
+        """Write what readers look for at the end of the file."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _open(self, topic: str, about: str) -> int:
+        schema = _SCHEMAS[topic] if topic in _SCHEMAS else self._schema_about(topic, about)
+        schema_id = self._writer.register_schema(schema["title"], "jsonschema", msgspec.json.encode(schema))
+        name = self._free(f"{topic}/{re.sub(r'[^A-Za-z0-9_/-]', '_', about)}" if about else topic)
+        return self._writer.register_channel(name, "json", schema_id, {"message": about} if about else {})
+
+    def _free(self, topic: str) -> str:
+        """A name that no other topic has: ``move leg`` and ``move_leg`` are two messages."""
+        names = chain([topic], (f"{topic}_{number}" for number in range(2, len(self._topics) + 3)))
+        found = next(name for name in names if name not in self._topics)
+        self._topics.add(found)
+        return found
+
+    def _schema_about(self, topic: str, about: str) -> Schema:
+        """The schema of what is sent or returned, from how the message was declared."""
+        known = self._past.formats.get(about)
+        if topic == "/results":
+            return object_schema(f"{about} (result)", id=_INT, data=plain_schema(known.reply) if known else None)
+        data = plain_schema(known.data) if known else None
+        return object_schema(about, id=_INT, sender=_TEXT, parent=_INT, origin=_INT, data=data)
+
+
+_SCHEMAS = {"/tca/facts": _FACTS, "/tca/tasks": _TASKS, "/tca/resources": _RESOURCES, "/tca/log": _LOG}

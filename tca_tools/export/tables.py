@@ -1,0 +1,187 @@
+"""A run as tables: what CSV and Parquet files hold. Pure; docs/exports.md lists the columns for users.
+
+Times are seconds on the journal's clock. None is what is not known, has not happened, or is not there.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from itertools import chain, pairwise
+from typing import Any, NamedTuple
+
+from tca_tools.data import plain_data
+from tca_tools.past import Past
+from tca_tools.records import Message, Wait
+from tca_wire.points import MOMENTS, describe_moments
+
+
+class Kind(StrEnum):
+    """What a column holds."""
+
+    INTEGER = "integer"
+    SECONDS = "seconds"
+    TEXT = "text"
+    FLAG = "flag"
+    JSON = "json"
+
+
+Row = tuple[Any, ...]
+
+
+class Table(NamedTuple):
+    """A name, columns with their kinds, and how the rows are made, oldest first."""
+
+    name: str
+    columns: dict[str, Kind]
+    rows: Callable[[Past], Iterator[Row]]
+
+
+def _run(past: Past) -> Iterator[Row]:
+    yield past.epoch or None, past.began, past.clock[0] if past.clock else None, past.time, len(past.times)
+
+
+def _messages(past: Past) -> Iterator[Row]:
+    for message in past.messages.values():
+        yield (
+            message.id, message.name, str(message.message_class), message.sender, message.origin or None,
+            str(message.role) or None, message.about or None, message.received, _started(message), _ended(message),
+            message.answered, len(message.handlings), message.failure or None, message.dropped or None,
+            _json(message.body), _json(message.result),
+        )  # fmt: skip
+
+
+def _started(message: Message) -> float | None:
+    return message.handlings[0].start if message.handlings else None
+
+
+def _ended(message: Message) -> float | None:
+    return message.handlings[-1].end if message.handlings else None
+
+
+def _tasks(past: Past) -> Iterator[Row]:
+    depths: dict[int, int] = {}
+    for task in past.tasks.values():
+        depths[task.id] = depths.get(task.parent, 0) + 1
+        reached = [task.reached.get(moment) for moment in MOMENTS]
+        known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
+        yield *known, *reached, task.killed, task.is_suspended
+
+
+def _states(past: Past) -> Iterator[Row]:
+    for task in past.tasks.values():
+        for (start, state), (end, _) in pairwise(chain(task.states, [(None, None)])):
+            yield task.id, task.name, str(state), start, end
+
+
+def _handlings(past: Past) -> Iterator[Row]:
+    for handling in past.handlings:
+        yield (
+            handling.message_id or None, handling.delivery or None, handling.name, handling.module, handling.resource,
+            handling.start, handling.end, handling.outcome and str(handling.outcome), handling.direct_from or None,
+        )  # fmt: skip
+
+
+def _queueings(past: Past) -> Iterator[Row]:
+    for queueing in past.queueings:
+        name = past.name(queueing.message_id)
+        yield queueing.message_id, name, queueing.module, queueing.resource, queueing.start, queueing.end
+
+
+def _waits(past: Past) -> Iterator[Row]:
+    for handling in past.handlings:
+        for wait in handling.waits:
+            end = handling.end if wait.end is None else wait.end
+            yield handling.module, handling.resource, handling.delivery or None, *_wait(past, wait), wait.start, end
+    for module in past.modules.values():
+        for wait in module.waits:
+            yield module.name, None, None, *_wait(past, wait), wait.start, wait.end
+
+
+def _wait(past: Past, wait: Wait) -> tuple[str, int, str, str | None]:
+    """What is waited for: a reply, a task's moment, or a lock or reservation."""
+    claim = past.claims.get(wait.awaited)
+    if claim:
+        return "reservation" if claim.is_reserved else "lock", wait.awaited, claim.module, None
+    moment = ", ".join(describe_moments(wait.moment)) if wait.moment else None
+    return "task" if wait.moment else "reply", wait.awaited, past.name(wait.awaited), moment
+
+
+def _claims(past: Past) -> Iterator[Row]:
+    for claim in past.claims.values():
+        yield (
+            claim.id, claim.module, claim.resource, claim.is_reserved, claim.sender, claim.origin or None, claim.start,
+            claim.granted, claim.end, claim.ended or None,
+        )  # fmt: skip
+
+
+def _json(body: bytes) -> str | None:
+    data = plain_data(body)
+    return None if data is None else json.dumps(data)
+
+
+_INT, _SECONDS, _TEXT, _FLAG, _JSON = Kind.INTEGER, Kind.SECONDS, Kind.TEXT, Kind.FLAG, Kind.JSON
+
+TABLES = (
+    Table("run", {"epoch": _TEXT, "began": _SECONDS, "first": _SECONDS, "last": _SECONDS, "entries": _INT}, _run),
+    Table(
+        "messages",
+        {
+            "id": _INT, "name": _TEXT, "class": _TEXT, "sender": _TEXT, "origin": _INT, "role": _TEXT, "about": _INT,
+            "sent": _SECONDS, "started": _SECONDS, "ended": _SECONDS, "answered": _SECONDS, "handlings": _INT,
+            "failure": _TEXT, "dropped": _TEXT, "data": _JSON, "result": _JSON,
+        },
+        _messages,
+    ),
+    Table(
+        "tasks",
+        {
+            "id": _INT, "name": _TEXT, "parent": _INT, "depth": _INT, "state": _TEXT,
+            **{describe_moments(moment)[0].replace(" ", "_"): _SECONDS for moment in MOMENTS},
+            "killed": _TEXT, "suspended": _FLAG,
+        },
+        _tasks,
+    ),
+    Table("states", {"task": _INT, "name": _TEXT, "state": _TEXT, "start": _SECONDS, "end": _SECONDS}, _states),
+    Table(
+        "handlings",
+        {
+            "message": _INT, "delivery": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "start": _SECONDS,
+            "end": _SECONDS, "outcome": _TEXT, "direct_from": _TEXT,
+        },
+        _handlings,
+    ),
+    Table(
+        "queueings",
+        {"message": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "start": _SECONDS, "end": _SECONDS},
+        _queueings,
+    ),
+    Table(
+        "waits",
+        {
+            "module": _TEXT, "resource": _TEXT, "delivery": _INT, "kind": _TEXT, "awaited": _INT, "name": _TEXT,
+            "moment": _TEXT, "start": _SECONDS, "end": _SECONDS,
+        },
+        _waits,
+    ),
+    Table(
+        "claims",
+        {
+            "id": _INT, "module": _TEXT, "resource": _TEXT, "reservation": _FLAG, "sender": _TEXT, "origin": _INT,
+            "asked": _SECONDS, "granted": _SECONDS, "end": _SECONDS, "why": _TEXT,
+        },
+        _claims,
+    ),
+)  # fmt: skip
+"""All of them."""
+
+
+def batches(table: Table, past: Past, size: int) -> Iterator[list[Row]]:
+    """The rows of a table, *size* at a time."""
+    rows: list[Row] = []
+    for row in table.rows(past):
+        rows.append(row)
+        if len(rows) == size:
+            yield rows
+            rows = []
+    if rows:
+        yield rows

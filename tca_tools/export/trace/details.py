@@ -1,0 +1,73 @@
+"""What is told of a message, a handling or a task when it is clicked. Pure."""
+
+from typing import Any
+
+from tca_tools.data import plain_data
+from tca_tools.past import Past
+from tca_tools.records import Handling, Message, Task, Wait
+from tca_wire.points import describe_moments
+from tca_wire.vocabulary import MessageClass
+
+Details = dict[str, Any]
+
+_TO_MANY = {MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE}
+
+
+def of_message(past: Past, message: Message) -> Details:
+    """What was sent, by whom and why."""
+    parent = message.parent if isinstance(message, Task) else 0
+    return {
+        "id": message.id,
+        "class": str(message.message_class),
+        "sender": message.sender,
+        "parent": past.describe(parent) if parent else None,
+        "role": str(message.role) or None,
+        "about": past.describe(message.about) if message.about else None,
+        "data": plain_data(message.body),
+        "dropped": message.dropped or None,
+    }
+
+
+def of_task(past: Past, task: Task) -> Details:
+    """A task, as it was in the end."""
+    return of_message(past, task) | {
+        "state": str(task.state),
+        "failure": task.failure or None,
+        "killed": task.killed,
+        "result": plain_data(task.result),
+    }
+
+
+def of_handling(past: Past, handling: Handling) -> Details:
+    """A run of a handler."""
+    message = past.messages.get(handling.message_id)
+    told: Details = {"directly from": handling.direct_from or None} | (of_message(past, message) if message else {})
+    is_last = message is not None and message.handlings[-1:] == [handling]
+    result = message.result if message and is_last else b""
+    return told | {"outcome": handling.outcome and str(handling.outcome), "result": plain_data(result)}
+
+
+def of_wait(past: Past, wait: Wait) -> Details:
+    """What a handler waits for."""
+    return {"for": past.describe(wait.awaited), "until": ", ".join(describe_moments(wait.moment or 0)) or None}
+
+
+def flows_from(message: Message) -> list[int]:
+    """The arrows that begin where a message is sent: one along all its stations, but to each receiver of many one."""
+    if message.message_class in _TO_MANY:
+        return [handling.delivery for handling in message.handlings]
+    return [message.id] if message.handlings or message.queueings else []
+
+
+def flow_to(past: Past, handling: Handling) -> list[int]:
+    """The arrow that leads to a handling."""
+    message = past.messages.get(handling.message_id)
+    if message is None:
+        return []
+    return [handling.delivery if message.message_class in _TO_MANY else message.id]
+
+
+def flow_through(past: Past, message_id: int) -> list[int]:
+    """The arrow that leads to a wait in a queue, and on from there."""
+    message = past.messages.get(message_id)
+    return [message.id] if message and message.message_class not in _TO_MANY else []

@@ -1,0 +1,122 @@
+"""What a trace is made of: tracks, and events on them. Knows nothing of what they show, nor of the file's format.
+
+Perfetto's rules (perfetto.dev, "Writing TrackEvent Protos Synthetically"): slices of one track lie within each other or
+apart, an end closes the slice that was begun last, and what overlaps needs tracks of its own; the page shows siblings
+of one name as one track. A flow is an arrow from slice to slice, in the order of their times.
+"""
+
+import heapq
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from operator import itemgetter
+from typing import Any, NamedTuple, TypeVar
+
+from tca_tools.export.lanes import Span
+from tca_tools.export.nanoseconds import Nanoseconds
+from tca_tools.past import Past
+
+T = TypeVar("T")
+
+
+class Kind(IntEnum):
+    """What an event does; the numbers are Perfetto's."""
+
+    BEGIN = 1
+    END = 2
+    INSTANT = 3
+    COUNTER = 4
+
+
+class Event(NamedTuple):
+    """Something on a track. Events are sorted by their first three fields."""
+
+    time: int
+    """In nanoseconds."""
+    is_arrival: bool
+    """Whether an arrow leads here: such an event comes after others of its time, where the arrow may begin."""
+    track: int
+    kind: Kind
+    name: str = ""
+    category: str = ""
+    details: dict[str, Any] | None = None
+    """What the page shows of it when it is clicked; None values are left out."""
+    flows: Sequence[int] = ()
+    value: int = 0
+    """Of a counter."""
+
+
+@dataclass(slots=True)
+class Track:
+    """A line of the page."""
+
+    uuid: int
+    name: str
+    parent: int
+    """The uuid of the track that it is under; 0: none."""
+    rank: int
+    """Its place among its siblings."""
+    is_counter: bool
+    events: Iterator[Event]
+
+
+class Trace:
+    """Tracks in the making."""
+
+    def __init__(self, past: Past) -> None:
+        self.past = past
+        self.nanoseconds = Nanoseconds(past)
+        self.tracks: list[Track] = []
+        self._ranks: dict[tuple[int, str], int] = {}
+
+    def add(self, name: str, parent: Track | None = None, rank: int = 0, *, is_counter: bool = False) -> Track:
+        """A new track without events. Siblings of one name and rank are shown as one; of another rank it is renamed."""
+        above = parent.uuid if parent else 0
+        while self._ranks.setdefault((above, name), rank) != rank:
+            name += " (another)"
+        track = Track(len(self.tracks) + 1, name, above, rank, is_counter, iter(()))
+        self.tracks.append(track)
+        return track
+
+    def span(self, start: float, end: float | None) -> Span:
+        """A span of seconds in nanoseconds."""
+        first = self.nanoseconds(start)
+        return Span(first, None if end is None else max(self.nanoseconds(end), first))
+
+    def events(self) -> Iterator[Event]:
+        """All events, in the order of time; those of one track in their own order."""
+        return heapq.merge(*(track.events for track in self.tracks))
+
+
+def slices(track: Track, spans: Iterable[tuple[Span, Event]]) -> Iterator[Event]:
+    """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
+    around: list[Span] = []
+    for span, begin in spans:
+        while around and around[-1].last <= span.start:
+            yield from _end(track, around.pop())
+        yield begin
+        around.append(span)
+    while around:
+        yield from _end(track, around.pop())
+
+
+def within(track: Track, span: Span, begin: Event, *inside: Iterable[Event]) -> Iterator[Event]:
+    """A slice with what is inside it; of events of one time, those of the first come first."""
+    yield begin
+    yield from in_order(*inside)
+    yield from _end(track, span)
+
+
+def in_order(*events: Iterable[Event]) -> Iterator[Event]:
+    """Events of one track by time; of those of one time, the first argument's come first."""
+    return heapq.merge(*events, key=itemgetter(0))
+
+
+def counter(track: Track, levels: Iterable[tuple[int, int]]) -> Iterator[Event]:
+    """A counter's values."""
+    return (Event(time, False, track.uuid, Kind.COUNTER, value=level) for time, level in levels)
+
+
+def _end(track: Track, span: Span) -> Iterator[Event]:
+    if span.end is not None:
+        yield Event(span.end, False, track.uuid, Kind.END)

@@ -1,0 +1,151 @@
+"""A trace as a file that Perfetto opens: TrackEvent packets, in the order of time, with names written once.
+
+The packets follow perfetto.dev, "Writing TrackEvent Protos Synthetically".
+"""
+
+import json
+from typing import Any, BinaryIO
+
+from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import TracePacket
+from perfetto.trace_builder.proto_builder import StreamingTraceProtoBuilder
+
+from tca_tools.export.nanoseconds import since_1970
+from tca_tools.export.trace.events import Event, Kind, Trace, Track
+from tca_tools.export.trace.modules import add_modules
+from tca_tools.export.trace.tasks import add_task_tree
+from tca_tools.past import Past
+
+_SEQUENCE = 1
+_NAMED = (Kind.BEGIN, Kind.INSTANT)
+_NAMELESS = "?"
+_REALTIME, _BOOTTIME = 1, 6
+_STARTS_ANEW, _NEEDS_NAMES = 1, 2
+_BY_RANK = 3
+_MOST_LEAVES = 200
+_DEEPEST = 16
+"""More data than that is shown as text, as it is in JSON."""
+_LONGEST_TEXT = 2000
+_LARGEST, _SMALLEST = (1 << 63) - 1, -(1 << 63)
+
+
+def write_trace(past: Past, stream: BinaryIO) -> None:
+    """Write a run as a Perfetto trace."""
+    trace = Trace(past)
+    add_task_tree(trace)
+    add_modules(trace)
+    writer = _Writer(stream)
+    if past.began is not None:
+        writer.clocks(since_1970(past))
+    for track in trace.tracks:
+        writer.track(track)
+    for event in trace.events():
+        writer.event(event)
+
+
+class _Writer:
+    """Writes packets; remembers which names have been written."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._builder = StreamingTraceProtoBuilder(stream)
+        self._names: dict[str, int] = {}
+        self._categories: dict[str, int] = {}
+        self._keys: dict[str, int] = {}
+        self._flags = _STARTS_ANEW | _NEEDS_NAMES
+
+    def clocks(self, began: int) -> None:
+        """Say what time of the day it was when the trace's clock showed nothing."""
+        packet = self._packet()
+        for clock, time in ((_BOOTTIME, 0), (_REALTIME, began)):
+            packet.clock_snapshot.clocks.add(clock_id=clock, timestamp=time)
+        self._builder.write_packet(packet)
+
+    def track(self, track: Track) -> None:
+        """Describe a track."""
+        packet = self._packet()
+        described = packet.track_descriptor
+        described.uuid, described.name = track.uuid, track.name or _NAMELESS
+        if track.parent:
+            described.parent_uuid, described.sibling_order_rank = track.parent, track.rank
+        else:
+            described.child_ordering = _BY_RANK
+        if track.is_counter:
+            described.counter.unit_name = "messages"
+        self._builder.write_packet(packet)
+
+    def event(self, event: Event) -> None:
+        """Write an event."""
+        packet = self._packet()
+        packet.timestamp = event.time
+        written = packet.track_event
+        written.type, written.track_uuid = int(event.kind), event.track
+        if event.kind is Kind.COUNTER:
+            written.counter_value = event.value
+        if event.kind in _NAMED:
+            known = packet.interned_data
+            written.name_iid = _number(self._names, event.name or _NAMELESS, known.event_names)
+            written.category_iids.append(_number(self._categories, event.category, known.event_categories))
+            written.flow_ids.extend(event.flows)
+            for key, value in (event.details or {}).items():
+                if value is not None:
+                    told = written.debug_annotations.add()
+                    told.name_iid = _number(self._keys, key, known.debug_annotation_names)
+                    _tell(told, value)
+        self._builder.write_packet(packet)
+
+    def _packet(self) -> Any:
+        packet = TracePacket(trusted_packet_sequence_id=_SEQUENCE, sequence_flags=self._flags)
+        if self._flags & _STARTS_ANEW:
+            packet.first_packet_on_sequence = True
+        self._flags = _NEEDS_NAMES
+        return packet
+
+
+def _number(known: dict[str, int], name: str, written: Any) -> int:
+    """The number that stands for a name, which is written with the first packet that needs it."""
+    if name not in known:
+        known[name] = len(known) + 1
+        written.add(iid=known[name], name=name)
+    return known[name]
+
+
+def _tell(annotation: Any, value: Any) -> None:
+    """Write plain data: parts as parts, unless there are too many of them."""
+    if isinstance(value, dict | list) and not _is_small(value):
+        value = json.dumps(value, ensure_ascii=False)[:_LONGEST_TEXT]
+    _put(annotation, value)
+
+
+def _put(annotation: Any, value: Any) -> None:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            part = annotation.dict_entries.add(name=key)
+            _put(part, item)
+    elif isinstance(value, list):
+        for item in value:
+            _put(annotation.array_values.add(), item)
+    else:
+        _put_leaf(annotation, value)
+
+
+def _put_leaf(annotation: Any, value: Any) -> None:
+    if isinstance(value, bool):
+        annotation.bool_value = value
+    elif isinstance(value, int) and _SMALLEST <= value <= _LARGEST:
+        annotation.int_value = value
+    elif isinstance(value, float):
+        annotation.double_value = value
+    else:
+        annotation.string_value = ("none" if value is None else str(value))[:_LONGEST_TEXT]
+
+
+def _is_small(value: Any) -> bool:
+    leaves, level = 0, [value]
+    for _ in range(_DEEPEST):
+        parts = [part for part in level if isinstance(part, dict | list)]
+        leaves += len(level) - len(parts)
+        if leaves + len(parts) > _MOST_LEAVES:
+            return False
+        if not parts:
+            return True
+        level = [item for part in parts for item in (part.values() if isinstance(part, dict) else part)]
+    return False

@@ -1,0 +1,126 @@
+"""``tca stats``: how many messages, how long they took, how busy the resources were."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tca_tools.history import History
+from tca_tools.logs import open_log
+from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
+from tca_tools.stats.text import stats_lines
+from tca_tools.terminal import cut, line_width, printable
+
+_SHARES = (50, 90, 99)
+
+SORTS: dict[str, Callable[[MessageStats], float]] = {
+    "sent": lambda stats: stats.sent,
+    "failed": lambda stats: stats.failed,
+    "start": lambda stats: _p99(stats.to_start),
+    "handling": lambda stats: _p99(stats.handling),
+    "end": lambda stats: _p99(stats.to_end),
+    "queued": lambda stats: stats.queued.total,
+    "busy": lambda stats: stats.handling.total,
+}
+"""What the messages may be sorted by, the most first."""
+
+
+@click.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option("--from", "start", metavar="SECONDS", type=float, help="Only what was sent or begun from there on.")
+@click.option("--to", "end", metavar="SECONDS", type=float, help="Only what was known then.")
+@click.option(
+    "--sort",
+    type=click.Choice(["name", *SORTS]),
+    default="sent",
+    show_default=True,
+    help="By number, by name, by failures; by the p99 of the three times; by all time queued, or handled.",
+)
+@click.option("--json", "as_json", is_flag=True, help="As JSON, with more figures; times in seconds.")
+def stats(log_path: Path | None, start: float | None, end: float | None, sort: str, as_json: bool) -> None:
+    """Count messages, and measure how long they took and waited.
+
+    \b
+    sent to start  from when a message was sent until its handler began
+    handling       how long handlers ran
+    sent to end    until the sender had the answer, or the task was achieved
+    busy           the share of a resource's slots that ran handlers
+    waiting        the share of that in which these waited themselves
+
+    p50 and p99 are exact: half of the times, or 99 in 100, are no longer. LOG is a journal directory or one of its
+    segments; without it, the newest run is measured.
+    """  # noqa: D301 - click wants the character itself
+    journal = open_log(log_path)
+    history = History.until(journal, end)
+    if start is not None and start >= history.time:
+        raise click.BadParameter(f"{start:g} is not before the end, {history.time:g}", param_hint="'--from'")
+    measured = measure(history, start)
+    messages = sorted(measured.messages, key=lambda one: one.name)
+    if sort != "name":
+        messages.sort(key=SORTS[sort], reverse=True)
+    if as_json:
+        click.echo(json.dumps(_plain(journal.name, measured, messages)))
+    else:
+        width = line_width()
+        title = cut(_title(printable(journal.name), measured), width)
+        click.echo("\n".join([title, *stats_lines(measured, messages, measured.resources, width)]))
+    journal.check()
+
+
+def _p99(times: Times) -> float:
+    return times.percentile(99) or 0.0
+
+
+def _title(name: str, measured: Stats) -> str:
+    sent = sum(stats.sent for stats in measured.messages)
+    counts = [("failed", "failed"), ("killed", "killed"), ("dropped", "dropped"), ("open", "open")]
+    news = [(sum(getattr(stats, field) for stats in measured.messages), word) for field, word in counts]
+    said = "".join(f", {number} {word}" for number, word in news if number)
+    return f"{name}: {measured.start:.2f} to {measured.end:.2f} s, {sent} messages{said}"
+
+
+def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str, Any]:
+    return {
+        "log": name,
+        "from": measured.start,
+        "to": measured.end,
+        "messages": [_plain_message(stats, measured.seconds) for stats in messages],
+        "resources": [_plain_resource(stats, measured.seconds) for stats in measured.resources],
+    }
+
+
+def _plain_message(stats: MessageStats, seconds: float) -> dict[str, Any]:
+    counts = ("sent", "direct", "handled", "failed", "killed", "dropped", "open")
+    return {
+        "message": stats.name,
+        "class": stats.message_class,
+        **{name: getattr(stats, name) for name in counts},
+        "rate": stats.sent / seconds if seconds else None,
+        **{name: _plain_times(times) for name, times in stats.times().items()},
+    }
+
+
+def _plain_resource(stats: ResourceStats, seconds: float) -> dict[str, Any]:
+    share = stats.busy / seconds / max(stats.capacity, 1) if seconds else None
+    return {
+        "module": stats.module,
+        "resource": stats.resource,
+        "capacity": stats.capacity,
+        "handled": stats.handled,
+        "busy": stats.busy,
+        "busy_share": share,
+        "waiting": stats.waiting,
+        "queued": _plain_times(stats.queued),
+        "longest_queue": stats.longest_queue,
+    }
+
+
+def _plain_times(times: Times) -> dict[str, Any]:
+    shares = {f"p{share}": times.percentile(share) for share in _SHARES}
+    return {"count": len(times), "total": times.total, **shares, "max": times.percentile(100)}
+
+
+if __name__ == "__main__":
+    stats(prog_name="python -m tca_tools.stats")

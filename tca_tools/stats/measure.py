@@ -1,0 +1,214 @@
+"""Counts and times of a run, or of a part of it. Pure; percentiles are exact (nearest rank)."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import groupby
+from math import ceil
+from operator import itemgetter
+
+from tca_tools.past import Past
+from tca_tools.records import Message, State, Task
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
+
+
+@dataclass(slots=True)
+class Times:
+    """How long something took, each time, in seconds."""
+
+    seconds: list[float] = field(default_factory=list)
+
+    def sort(self) -> None:
+        """Get ready for being asked."""
+        self.seconds.sort()
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+    @property
+    def total(self) -> float:
+        """All of it together."""
+        return sum(self.seconds)
+
+    def percentile(self, share: float) -> float | None:
+        """The least of them that so many percent are no longer than; None if there are none."""
+        return self.seconds[max(ceil(share / 100 * len(self.seconds)), 1) - 1] if self.seconds else None
+
+
+@dataclass(slots=True)
+class MessageStats:
+    """All messages of one name."""
+
+    name: str
+    message_class: str = ""
+    sent: int = 0
+    """Those that were sent directly are among them."""
+    direct: int = 0
+    handled: int = 0
+    """How often a handler ended."""
+    failed: int = 0
+    """On how many a failure was raised, dealt with or not."""
+    killed: int = 0
+    dropped: int = 0
+    open: int = 0
+    """How many were neither answered, achieved nor given up at the end."""
+    to_start: Times = field(default_factory=Times)
+    """From when it was sent until its handler began first."""
+    handling: Times = field(default_factory=Times)
+    """Each run of its handler."""
+    to_end: Times = field(default_factory=Times)
+    """From when it was sent until its sender had the answer, or until it was achieved."""
+    queued: Times = field(default_factory=Times)
+    """Each wait in a queue."""
+
+    def times(self) -> dict[str, Times]:
+        """All that was measured."""
+        return {"to_start": self.to_start, "handling": self.handling, "to_end": self.to_end, "queued": self.queued}
+
+
+@dataclass(slots=True)
+class ResourceStats:
+    """One resource of a module; the module "" has what nobody handled."""
+
+    module: str
+    resource: str
+    capacity: int
+    """The largest that it had."""
+    handled: int = 0
+    busy: float = 0.0
+    """Seconds of handling, summed over its slots."""
+    waiting: float = 0.0
+    """How much of that its handlers waited: for replies, tasks or locks."""
+    queued: Times = field(default_factory=Times)
+    longest_queue: int = 0
+
+
+@dataclass(slots=True)
+class Stats:
+    """What was measured between two times."""
+
+    start: float
+    end: float
+    messages: list[MessageStats]
+    resources: list[ResourceStats]
+
+    @property
+    def seconds(self) -> float:
+        """How long the part of the run is that was looked at."""
+        return self.end - self.start
+
+
+def measure(past: Past, start: float | None = None) -> Stats:
+    """What happened from *start* (default: the first entry) on: the messages sent since then, and all that ran."""
+    first = (past.clock[0] if past.clock else 0.0) if start is None else start
+    messages: dict[str, MessageStats] = {}
+    for message in past.messages.values():
+        if message.received >= first:
+            _count(_of(messages, message.name), message)
+    _add_handlings(messages, past, first)
+    for queueing in past.queueings:
+        if queueing.start >= first and queueing.end is not None:
+            _of(messages, past.name(queueing.message_id)).queued.seconds.append(queueing.end - queueing.start)
+    for stats in messages.values():
+        stats.message_class = stats.message_class or _declared_class(past, stats.name)
+        for times in stats.times().values():
+            times.sort()
+    return Stats(first, past.time, list(messages.values()), _resources(past, first))
+
+
+def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:
+    if name not in messages:
+        messages[name] = MessageStats(name)
+    return messages[name]
+
+
+def _declared_class(past: Past, name: str) -> str:
+    known = past.formats.get(name)
+    return str(known.message_class) if known else ""
+
+
+def _count(stats: MessageStats, message: Message) -> None:
+    stats.message_class = str(message.message_class)
+    stats.sent += 1
+    stats.failed += any(name == "failure" for _, name, _ in message.changes)
+    stats.dropped += bool(message.dropped)
+    if message.handlings:
+        stats.to_start.seconds.append(message.handlings[0].start - message.received)
+    end = _count_end(stats, message) if isinstance(message, Task) else message.answered
+    if end is not None:
+        stats.to_end.seconds.append(end - message.received)
+    elif not isinstance(message, Task):
+        is_over = bool(message.dropped) or (bool(message.handlings) and message.handlings[-1].end is not None)
+        stats.open += not is_over
+
+
+def _count_end(stats: MessageStats, task: Task) -> float | None:
+    """When a task was achieved; None if it was not, or not yet."""
+    stats.killed += task.killed is not None
+    stats.open += Moment.END_ACHIEVING not in task.reached
+    return task.reached.get(Moment.END_ACHIEVING) if task.state is State.ACHIEVED else None
+
+
+def _add_handlings(messages: dict[str, MessageStats], past: Past, first: float) -> None:
+    for handling in past.handlings:
+        if handling.start < first:
+            continue
+        stats = _of(messages, handling.name)
+        if handling.direct_from:
+            stats.sent += 1
+            stats.direct += 1
+            stats.failed += handling.outcome is Outcome.FAILED
+        if handling.end is not None:
+            stats.handled += 1
+            stats.handling.seconds.append(handling.end - handling.start)
+
+
+def _resources(past: Past, first: float) -> list[ResourceStats]:
+    found: dict[tuple[str, str], ResourceStats] = {}
+    for module in past.modules.values():
+        for resource, capacity in module.resources.items():
+            most = max(capacity, module.capacities.get(resource, 0))
+            found[module.name, resource] = ResourceStats(module.name, resource, most)
+    for handling in past.handlings:
+        stats = found[handling.module, handling.resource]
+        end = past.time if handling.end is None else handling.end
+        if end >= first:
+            stats.handled += handling.start >= first
+            stats.busy += end - max(handling.start, first)
+            waits = ((wait.start, end if wait.end is None else min(wait.end, end)) for wait in handling.waits)
+            stats.waiting += _covered((max(start, first), until) for start, until in waits)
+    _add_queues(found, past, first)
+    return list(found.values())
+
+
+def _covered(spans: Iterable[tuple[float, float]]) -> float:
+    """The seconds that the spans cover; where they overlap, once."""
+    seconds, last = 0.0, float("-inf")
+    for start, end in sorted(spans):
+        seconds += max(end - max(start, last), 0.0)
+        last = max(last, end)
+    return seconds
+
+
+def _add_queues(found: dict[tuple[str, str], ResourceStats], past: Past, first: float) -> None:
+    steps: dict[tuple[str, str], list[tuple[float, int]]] = defaultdict(list)
+    for queueing in past.queueings:
+        key = (queueing.module, queueing.resource)
+        found.setdefault(key, ResourceStats(*key, 0))
+        if queueing.end is None or queueing.end >= first:
+            steps[key].append((max(queueing.start, first), 1))
+            if queueing.end is not None:
+                steps[key].append((queueing.end, -1))
+                if queueing.start >= first:
+                    found[key].queued.seconds.append(queueing.end - queueing.start)
+    for key, changes in steps.items():
+        found[key].longest_queue = max(_levels(changes))
+        found[key].queued.sort()
+
+
+def _levels(changes: list[tuple[float, int]]) -> Iterator[int]:
+    level = 0
+    for _, group in groupby(sorted(changes), key=itemgetter(0)):
+        level += sum(step for _, step in group)
+        yield level

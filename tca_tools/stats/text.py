@@ -1,0 +1,105 @@
+"""Statistics as tables for the terminal. Knows how they look; measures nothing."""
+
+from collections.abc import Iterable, Sequence
+
+from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
+from tca_tools.terminal import columns_of, padded, printable
+from tca_wire.wording import place
+
+_NO_HANDLER = "(no handler)"
+_WIDTH = 100
+"""Where nobody knows how wide the terminal is."""
+_NARROWEST_NAME = 12
+_NO_TIME = 0.5e-6
+_UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
+
+Cells = Sequence[str]
+
+
+def stats_lines(
+    stats: Stats, messages: Sequence[MessageStats], resources: Sequence[ResourceStats], width: int | None
+) -> list[str]:
+    """Both tables, in lines of at most *width* columns (None: 100)."""
+    width = width or _WIDTH
+    lines = []
+    if messages:
+        groups = [("", 3), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
+        heads = ["sent", "/s", "failed", *("p50", "p99", "max") * 3]
+        rows = [(printable(one.name), _message_cells(one, stats.seconds)) for one in messages]
+        lines += _table("message", groups, heads, rows, width)
+    if resources:
+        groups = [("", 5), ("in the queue", 5)]
+        heads = ["slots", "handled", "/s", "busy", "waiting", "queued", "p50", "p99", "max", "longest"]
+        titled = [(printable(place(one.module, one.resource) or _NO_HANDLER), one) for one in resources]
+        rows = [(title, _resource_cells(one, stats.seconds)) for title, one in titled]
+        lines += ["", *_table("resource", groups, heads, rows, width)]
+    return lines
+
+
+def _message_cells(stats: MessageStats, seconds: float) -> list[str]:
+    counts = [str(stats.sent), _rate(stats.sent, seconds), str(stats.failed or "-")]
+    return [*counts, *_spread(stats.to_start), *_spread(stats.handling), *_spread(stats.to_end)]
+
+
+def _resource_cells(stats: ResourceStats, seconds: float) -> list[str]:
+    share = stats.busy / seconds / max(stats.capacity, 1) if seconds > 0 else 0.0
+    waiting = f"{stats.waiting / stats.busy:.0%}" if stats.busy else "-"
+    handled = [str(stats.capacity or "-"), str(stats.handled), _rate(stats.handled, seconds), f"{share:.0%}", waiting]
+    return [*handled, str(len(stats.queued) or "-"), *_spread(stats.queued), str(stats.longest_queue or "-")]
+
+
+def _spread(times: Times) -> list[str]:
+    return [duration(times.percentile(share)) for share in (50, 99, 100)]
+
+
+def _rate(number: int, seconds: float) -> str:
+    return f"{number / seconds:.3g}" if seconds > 0 and number / seconds < 1000 else f"{number / (seconds or 1):.0f}"
+
+
+def duration(seconds: float | None) -> str:
+    """A time in at most six characters: ``850us``, ``1.25ms``, ``12.5s``, ``3m20s``, ``2h05m``."""
+    if seconds is None or seconds < _NO_TIME:
+        return "-" if seconds is None else "0"
+    if seconds < 99.95:
+        for factor, unit in ((1e6, "us"), (1e3, "ms"), (1.0, "s")):
+            if seconds * factor < 999.5 or unit == "s":
+                return _three_digits(seconds * factor) + unit
+    for length, name, part, part_name in _UNITS:
+        if seconds >= length:
+            whole, rest = divmod(seconds, length)
+            return f"{whole:.0f}{name}{rest // part:02.0f}{part_name}"
+    return f"{seconds:.0f}s"
+
+
+def _three_digits(number: float) -> str:
+    digits = 2 if number < 9.995 else 1 if number < 99.95 else 0
+    return f"{number:.{digits}f}".rstrip("0").rstrip(".") if digits else f"{number:.0f}"
+
+
+def _table(
+    title: str, groups: list[tuple[str, int]], heads: list[str], rows: list[tuple[str, list[str]]], width: int
+) -> list[str]:
+    """A line over groups of columns, a line of heads, and the rows; names are cut where there is no room."""
+    sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]
+    gaps = [2 if place in _starts(groups) else 1 for place in range(len(heads))]
+    room = max(width - sum(sizes) - sum(gaps), _NARROWEST_NAME)
+    name_width = min(max(columns_of(name) for name, _ in [(title, []), *rows]), room)
+    over, place = " " * name_width, 0
+    for name, number in groups:
+        size = sum(sizes[place : place + number]) + sum(gaps[place : place + number])
+        over += "  " + f" {name} ".center(size - 2, "-") if name else " " * size
+        place += number
+    lines = [(title, heads), *rows]
+    return [over.rstrip(), *(_line(padded(name, name_width), cells, sizes, gaps) for name, cells in lines)]
+
+
+def _starts(groups: Iterable[tuple[str, int]]) -> set[int]:
+    starts, place = set(), 0
+    for _, number in groups:
+        starts.add(place)
+        place += number
+    return starts
+
+
+def _line(name: str, cells: Cells, sizes: list[int], gaps: list[int]) -> str:
+    return name + "".join(" " * gap + cell.rjust(size) for cell, size, gap in zip(cells, sizes, gaps, strict=True))

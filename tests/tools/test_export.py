@@ -1,0 +1,156 @@
+"""``tca export``: formats, folders, and what is said when it can't be done."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from tools.story import Story, stumbling, walking
+from tools.test_history import FACTS
+from tools.trace_reader import read_trace
+
+from tca_tools.export.__main__ import FORMATS, export
+from tca_tools.log import log
+from tca_tools.stats.__main__ import stats
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal import record
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return stumbling().write(tmp_path / "run", segments=2)
+
+
+def exported(*arguments: object) -> Result:
+    return CliRunner().invoke(export, [str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_is_written(run: Path, tmp_path: Path, name: str) -> None:
+    output = tmp_path / "out"
+    assert exported(run, "--to", name, "-o", output).output == ""
+    written = list(output.iterdir()) if output.is_dir() else [output]
+    assert all(path.stat().st_size for path in written)
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_the_name_tells_the_format(run: Path, tmp_path: Path) -> None:
+    assert exported(run, "-o", tmp_path / "run.jsonl").exit_code == 0
+    shown = CliRunner().invoke(log, ["show", str(run), "--json"]).output
+    assert (tmp_path / "run.jsonl").read_text() == shown
+    assert json.loads(shown.splitlines()[0])["kind"] == "opened"
+    result = exported(run, "-o", tmp_path / "run.json")
+    assert result.exit_code == 2
+    assert "its name tells no format: add --to with one of perfetto, mcap" in result.stderr
+    assert "'xml' is not one of" in exported(run, "--to", "xml", "-o", tmp_path / "x").stderr
+
+
+def test_what_is_there_is_written_over_only_when_that_is_wanted(run: Path, tmp_path: Path) -> None:
+    output = tmp_path / "run.jsonl"
+    output.write_text("precious")
+    result = exported(run, "-o", output)
+    assert result.exit_code == 1
+    assert f"{output}: exists already: give another name, or --force" in result.stderr
+    assert output.read_text() == "precious"
+    assert exported(run, "-o", output, "--force").exit_code == 0
+    assert "precious" not in output.read_text()
+
+
+def test_what_cant_be_written_is_said(run: Path, tmp_path: Path) -> None:
+    for name in ("jsonl", "csv"):
+        result = exported(run, "--to", name, "-o", tmp_path / "nowhere" / "out")
+        assert result.exit_code == 1
+        assert "No such file or directory" in result.stderr
+    (tmp_path / "folder").mkdir()
+    result = exported(run, "--to", "jsonl", "-o", tmp_path / "folder", "--force")
+    assert "folder: can't be written: Is a directory" in result.stderr
+    (tmp_path / "file").write_text("")
+    assert "no folder can be made there" in exported(run, "--to", "csv", "-o", tmp_path / "file", "--force").stderr
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_of_a_cut_journal_what_is_good_is_exported(tmp_path: Path, name: str) -> None:
+    run = walking().write(tmp_path / "run", segments=2)
+    second = run / "00000002.tcaj"
+    content = bytearray(second.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    second.write_bytes(content)
+    result = exported(run, "--to", name, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "00000002.tcaj, byte" in result.stderr
+    assert "what comes before it is shown" in result.stderr
+    assert (tmp_path / "out").exists()
+
+
+@given(st.lists(FACTS, max_size=60))
+@settings(max_examples=40, deadline=None)
+def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
+    """What a foreign program has written as a journal: nonsense perhaps, but exported without a stumble."""
+    opening = facts.Opened(JOURNAL_VERSION, "e", 1, 0.0, "0.1.0")
+    entries = [Entry(0, 0.0, [opening]), *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1))]
+    with TemporaryDirectory() as folder:
+        run = Path(folder) / "00000001.tcaj"
+        try:
+            run.write_bytes(b"".join(map(record, entries)))
+        except OverflowError:
+            assume(False)  # no journal can have such a number
+        for name in FORMATS:
+            assert exported(run, "--to", name, "-o", Path(folder) / name).output == ""
+        assert CliRunner().invoke(stats, [str(run)]).exit_code == 0
+        read_trace(Path(folder) / "perfetto", is_nonsense=True)
+
+
+LATER = record(Entry(1, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")]))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [(b"", "empty"), (b"a foreign file, and no journal", "not a journal"), (LATER, "later version")],
+)
+def test_of_no_journal_nothing_is_written(tmp_path: Path, name: str, content: bytes, complaint: str) -> None:
+    path = tmp_path / "00000001.tcaj"
+    path.write_bytes(content)
+    result = exported(path, "--to", name, "-o", tmp_path / "out")
+    assert result.exit_code == 2
+    assert complaint in result.stderr
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_run_in_which_nothing_happened_and_one_that_begins_in_the_middle(tmp_path: Path, name: str) -> None:
+    assert exported(Story().write(tmp_path / "quiet"), "--to", name, "-o", tmp_path / "one").exit_code == 0
+    run = stumbling().write(tmp_path / "run", segments=3)
+    assert exported(run / "00000003.tcaj", "--to", name, "-o", tmp_path / "two").exit_code == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "package", "extra"),
+    [("perfetto", "perfetto", "exports"), ("mcap", "mcap", "exports"), ("parquet", "pyarrow", "parquet")],
+)
+def test_a_missing_package_is_named(run: Path, tmp_path: Path, name: str, package: str, extra: str) -> None:
+    """As on a machine without it: the real command, in a Python that can't find the package."""
+    code = f"import sys; sys.modules[{package!r}] = None; from tca_tools.export.__main__ import export; export()"
+    command = [sys.executable, "-c", code, str(run), "--to", name, "-o", str(tmp_path / "out")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 1
+    assert f"the Python package '{package}' can't be loaded" in result.stderr
+    assert f"pip install 'tca[{extra}]'" in result.stderr
+
+
+def test_files_that_cant_be_finished_leave_nothing(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> Callable[..., None]:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tca_tools.export.json_lines.fact_row", full)
+    result = exported(run, "-o", tmp_path / "run.jsonl")
+    assert "run.jsonl: can't be written: No space left on device" in result.stderr
+    assert [found.name for found in tmp_path.iterdir()] == ["run"]

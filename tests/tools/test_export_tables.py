@@ -1,0 +1,144 @@
+"""The tables of CSV and Parquet exports."""
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pyarrow import parquet
+from tools.story import Story, stumbling, walking
+
+from tca_tools.export.csv_files import write_csv
+from tca_tools.export.parquet_files import write_parquet
+from tca_tools.export.tables import TABLES, Kind, batches
+from tca_tools.history import History
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome
+
+DOCS = Path(__file__).parents[2] / "docs" / "exports.md"
+
+
+def rows(history: History, name: str) -> list[dict[str, Any]]:
+    table = next(table for table in TABLES if table.name == name)
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
+
+
+def test_messages_and_tasks() -> None:
+    history = stumbling().fold()
+    assert [row["id"] for row in rows(history, "messages")] == list(range(1, 11))
+    assert rows(history, "messages")[4] == {
+        "id": 5, "name": "elevation map", "class": "query", "sender": "gait planner", "origin": 2, "role": None,
+        "about": None, "sent": 0.8, "started": 0.8, "ended": 1.22, "answered": 1.22, "handlings": 1,
+        "failure": None, "dropped": None, "data": None, "result": '{"ok": true}',
+    }  # fmt: skip
+    body = next(row for row in rows(history, "tasks") if row["id"] == 7)
+    assert (body["name"], body["parent"], body["depth"], body["state"]) == ("move body", 2, 3, "failed")
+    assert (body["start_achieving"], body["end_achieving"]) == (3.4, 4.5)
+    assert rows(history, "tasks")[0]["killed"].startswith("failure 'terrain collision'")
+
+
+def test_states_handlings_queueings_and_waits() -> None:
+    history = walking().fold()
+    second = [(row["state"], row["start"], row["end"]) for row in rows(history, "states") if row["task"] == 3]
+    assert second == [("queued", 0.6, 1.4), ("planning", 1.4, 2.2), ("planned", 2.2, None)]
+    assert rows(history, "handlings")[-1] == {
+        "message": 7, "delivery": 7, "name": "move body", "module": "controller", "resource": "controller",
+        "start": 3.4, "end": None, "outcome": None, "direct_from": None,
+    }  # fmt: skip
+    assert [(row["message"], row["start"], row["end"]) for row in rows(history, "queueings")] == [
+        (2, 0.6, 0.7),
+        (3, 0.6, 1.4),
+    ]
+    waits = [
+        (row["module"], row["delivery"], row["kind"], row["name"], row["moment"]) for row in rows(history, "waits")
+    ]
+    assert waits == [
+        ("gait planner", 2, "reply", "elevation map", None),
+        ("gait planner", 3, "reply", "elevation map", None),
+        ("user interface", None, "task", "traverse arc", "end achieving"),
+    ]
+
+
+def test_claims_direct_messages_and_the_run() -> None:
+    story = Story().module("arm", "reach").at(1.0).say(facts.Claimed(7, "arm", "arm", True, "user", 0))
+    story.at(2.0).say(facts.Granted(7))
+    story.say(facts.HandledDirectly("where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark"))
+    history = story.at(3.0).say(facts.ClaimEnded(7, "released")).fold()
+    assert rows(history, "claims") == [
+        {
+            "id": 7, "module": "arm", "resource": "arm", "reservation": True, "sender": "user", "origin": None,
+            "asked": 1.0, "granted": 2.0, "end": 3.0, "why": "released",
+        }
+    ]  # fmt: skip
+    assert rows(history, "waits")[0]["kind"] == "reservation"
+    direct = rows(history, "handlings")[0]
+    assert (direct["message"], direct["direct_from"], direct["start"], direct["end"]) == (None, "user", 1.25, 1.5)
+    assert rows(history, "run") == [
+        {"epoch": "epoch", "began": 1_700_000_000.0, "first": 0.0, "last": 3.0, "entries": 4}
+    ]
+
+
+def odd() -> History:
+    """Names and texts that are hard on a format."""
+    story = Story().at(1.0)
+    task = story.goal('a "quoted", name\nof lines', "süß\x1b[31m", data={"text": 'x,"y"\n'})
+    return story.at(2.0).say(facts.Killed(TaskId(task), "")).reached(task, *Moment).fold()
+
+
+@pytest.mark.parametrize("history", [stumbling().fold(), odd()])
+def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
+    for table in TABLES:
+        text, typed = io.BytesIO(), io.BytesIO()
+        write_csv(table, history, text)
+        write_parquet(table, history, typed)
+        expected = [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
+        assert parquet.read_table(io.BytesIO(typed.getvalue())).to_pylist() == expected
+        lines = list(csv.DictReader(io.StringIO(text.getvalue().decode(), newline="")))
+        assert [{name: read(kind, line[name]) for name, kind in table.columns.items()} for line in lines] == [
+            {name: None if value == "" else value for name, value in row.items()} for row in expected
+        ]
+
+
+def read(kind: Kind, text: str) -> Any:
+    """What a program makes of a cell."""
+    make: dict[Kind, Callable[[str], Any]] = {
+        Kind.INTEGER: int,
+        Kind.SECONDS: float,
+        Kind.FLAG: lambda word: {"true": True, "false": False}[word],
+    }
+    return make.get(kind, str)(text) if text else None
+
+
+def test_parquet_columns_have_types() -> None:
+    history = walking().fold()
+    stream = io.BytesIO()
+    write_parquet(TABLES[1], history, stream)
+    schema = parquet.read_schema(io.BytesIO(stream.getvalue()))
+    assert {name: str(schema.field(name).type) for name in ("id", "name", "sent", "data")} == {
+        "id": "int64",
+        "name": "string",
+        "sent": "double",
+        "data": "string",
+    }
+    assert json.loads(parquet.read_table(io.BytesIO(stream.getvalue()))["data"][0].as_py()) == {
+        "radius": 5.0,
+        "angle": 0.6,
+    }
+
+
+def test_tables_are_read_in_pieces() -> None:
+    history = walking().fold()
+    sizes = [len(batch) for batch in batches(TABLES[1], history, 3)]
+    assert (sum(sizes), max(sizes)) == (len(history.messages), 3)
+
+
+def test_the_documentation_names_every_table_and_column() -> None:
+    text = DOCS.read_text()
+    for table in TABLES:
+        part = text.split(f"### {table.name}\n", 1)[1].split("\n### ", 1)[0]
+        for column in table.columns:
+            assert f"`{column}`" in part, f"{table.name}: {column}"

@@ -1,0 +1,209 @@
+"""``tca stats``: counts, times and shares, of a whole run or of a part."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given
+from hypothesis import strategies as st
+from tools.story import QUERY, Story, stumbling, walking
+
+from tca_tools.stats.__main__ import SORTS, stats
+from tca_tools.stats.measure import Stats, Times, measure
+from tca_tools.stats.text import duration
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
+
+
+def shown(*arguments: object, **environment: str) -> Result:
+    return CliRunner(env={"COLUMNS": "100"} | environment).invoke(stats, [str(argument) for argument in arguments])
+
+
+def of(measured: Stats, name: str) -> Any:
+    return next(one for one in measured.messages if one.name == name)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return stumbling().write(tmp_path / "run")
+
+
+def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> None:
+    result = shown(run)
+    assert result.exit_code == 0
+    expect("stats_stumbling", result.stdout)
+
+
+@pytest.mark.parametrize("width", [72, 100, 160])
+def test_lines_fit_the_terminal(run: Path, width: int) -> None:
+    lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
+    assert max(map(len, lines)) <= max(width, 90)  # figures are never cut
+
+
+def test_times_of_messages() -> None:
+    measured = measure(stumbling().fold())
+    steps, leg, body = of(measured, "take steps"), of(measured, "move leg"), of(measured, "move body")
+    assert (steps.sent, steps.killed, steps.failed, steps.open) == (3, 3, 0, 0)
+    assert steps.queued.seconds == pytest.approx([0.1, 0.8])
+    assert steps.to_start.seconds == pytest.approx([0.1, 0.8])
+    assert steps.handling.seconds == pytest.approx([0.7, 0.8])
+    assert steps.to_end.seconds == []  # none was achieved
+    assert (leg.sent, leg.to_end.seconds) == (2, pytest.approx([2.0]))
+    assert (body.failed, body.handling.seconds) == (1, pytest.approx([1.1]))
+    asked = of(measured, "elevation map")
+    assert (asked.message_class, asked.to_end.seconds) == ("query", pytest.approx([0.42, 0.48]))
+
+
+def test_what_is_still_open() -> None:
+    measured = measure(walking().fold())
+    assert [(one.name, one.open) for one in measured.messages if one.open] == [
+        ("traverse arc", 1),
+        ("take steps", 3),
+        ("move leg", 1),
+        ("move body", 2),
+    ]
+
+
+def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
+    story = Story().at(1.0)
+    lost = story.received("where", QUERY, "x")
+    assert of(measure(story.fold()), "where").open == 1
+    story.at(2.0).say(facts.Dropped(lost, "its sender left"))
+    assert [(one.open, one.dropped) for one in measure(story.fold()).messages] == [(0, 1)]
+
+
+def test_a_failure_that_was_dealt_with_counts() -> None:
+    story = Story().module("legs", "walk").at(1.0)
+    walk = story.goal("walk", "x")
+    story.delivered(walk, "legs").at(2.0).returned(walk, Outcome.FAILED).say(facts.Failed(walk, "slip", ""))
+    story.at(3.0).say(facts.Retried(TaskId(walk), b"")).delivered(walk, "legs").at(5.0).returned(walk)
+    story.reached(walk, Moment.END_ACHIEVING)
+    walks = of(measure(story.fold()), "walk")
+    assert (walks.failed, walks.handled, walks.handling.seconds, walks.to_end.seconds) == (1, 2, [1.0, 2.0], [4.0])
+
+
+def test_how_busy_a_resource_was() -> None:
+    """Two slots: one busy for 4 s, of which it waits 1 s, the other for 2 s; a queue of two for half a second."""
+    story = Story().module("map", "where").say(facts.ResourceChanged("map", "map", 2)).at(0.0)
+    one, two = (story.goal("where", "x") for _ in range(2))
+    story.delivered(one, "map").delivered(two, "map")
+    three, four = (story.goal("where", "x") for _ in range(2))
+    story.queued(three, "map").queued(four, "map")
+    story.at(0.5).say(facts.Unqueued(three), facts.Unqueued(four))
+    ask = story.at(1.0).received("what", QUERY, "map", origin=one, blocking=True)
+    story.at(2.0).say(facts.Answered(ask)).returned(two).at(4.0).returned(one)
+    story.say(facts.ModuleLeft("map", "it said goodbye"), facts.ResourceChanged("map", "map", 0)).at(8.0)
+    (resource,) = measure(story.fold()).resources
+    assert (resource.capacity, resource.longest_queue) == (2, 2)
+    assert (resource.busy, resource.waiting) == pytest.approx((6.0, 1.0))
+    assert resource.queued.seconds == pytest.approx([0.5, 0.5])
+
+
+def test_waits_that_overlap_count_once() -> None:
+    story = Story().module("a", "plan").at(0.0)
+    plan = story.goal("plan", "x")
+    story.delivered(plan, "a").at(1.0)
+    first = story.received("where", QUERY, "a", origin=plan, blocking=True)
+    story.at(2.0)
+    second = story.received("where", QUERY, "a", origin=plan, blocking=True)
+    story.at(3.0).say(facts.Answered(first)).at(5.0).say(facts.Answered(second)).at(6.0).returned(plan)
+    assert measure(story.fold()).resources[0].waiting == pytest.approx(4.0)
+
+
+def test_direct_messages_are_counted() -> None:
+    story = Story().module("map", "where").at(5.0)
+    story.say(facts.FormatDefined("where", QUERY, "{}", "{}", "map"))
+    for outcome in (Outcome.DONE, Outcome.FAILED):
+        story.say(facts.HandledDirectly("where", "map", "map", "x", 0, 8, 4.5, 0.25, outcome, ""))
+    where = of(measure(story.fold()), "where")
+    assert (where.message_class, where.sent, where.direct, where.failed) == ("query", 2, 2, 1)
+    assert where.handling.seconds == [0.25, 0.25]
+
+
+def test_a_part_of_a_run(run: Path) -> None:
+    part = json.loads(shown(run, "--from", 1.0, "--to", 2.0, "--json").stdout)
+    assert (part["from"], part["to"]) == (1.0, 2.0)
+    assert {one["message"]: one["sent"] for one in part["messages"]} == {
+        "take steps": 0,
+        "elevation map": 1,
+        "move leg": 1,
+        "move body": 1,
+    }
+    planner = next(one for one in part["resources"] if one["module"] == "gait planner")
+    assert planner["busy_share"] == pytest.approx(1.0)
+    assert planner["longest_queue"] == 1
+    controller = next(one for one in part["resources"] if one["module"] == "controller")
+    assert controller["busy_share"] == pytest.approx(0.6)
+
+
+def test_a_part_that_is_none(run: Path) -> None:
+    result = shown(run, "--from", 7)
+    assert result.exit_code == 2
+    assert "7 is not before the end, 5" in result.stderr
+
+
+@pytest.mark.parametrize("sort", ["name", *SORTS])
+def test_messages_are_sorted(run: Path, sort: str) -> None:
+    messages = json.loads(shown(run, "--json", "--sort", sort).stdout)["messages"]
+    keys = {
+        "name": lambda one: one["message"],
+        "sent": lambda one: -one["sent"],
+        "failed": lambda one: -one["failed"],
+        "start": lambda one: -(one["to_start"]["p99"] or 0),
+        "handling": lambda one: -(one["handling"]["p99"] or 0),
+        "end": lambda one: -(one["to_end"]["p99"] or 0),
+        "queued": lambda one: -one["queued"]["total"],
+        "busy": lambda one: -one["handling"]["total"],
+    }
+    assert messages == sorted(messages, key=keys[sort])
+
+
+def test_a_damaged_journal_is_measured_up_to_the_damage(run: Path) -> None:
+    segment = run / "00000001.tcaj"
+    content = bytearray(segment.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    segment.write_bytes(content)
+    result = shown(run)
+    assert result.exit_code == 1
+    assert "traverse arc" in result.stdout
+    assert "what comes before it is shown" in result.stderr
+
+
+def test_a_run_in_which_nothing_happened(tmp_path: Path) -> None:
+    assert shown(Story().write(tmp_path / "run")).stdout == "run: 0.00 to 0.00 s, 0 messages\n"
+
+
+def test_names_are_safe_for_a_terminal(tmp_path: Path) -> None:
+    story = Story().module("legs\x1b[31m", "walk").at(1.0)
+    story.received("walk\x07\n", MessageClass.INFORM, "x")
+    assert not {"\x1b", "\x07"} & set(shown(story.at(2.0).write(tmp_path / "run")).stdout)
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=1), st.integers(1, 100))
+def test_percentiles_are_exact(seconds: list[float], share: int) -> None:
+    times = Times(sorted(seconds))
+    found = times.percentile(share)
+    assert found in seconds
+    assert sum(one <= found for one in seconds) * 100 >= share * len(seconds)
+    assert sum(one < found for one in seconds) * 100 < share * len(seconds)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (None, "-"), (0.0, "0"), (1e-16, "0"), (850e-6, "850us"), (1.25e-3, "1.25ms"), (0.0999, "99.9ms"),
+        (0.9994, "999ms"), (0.9996, "1s"), (3.8, "3.8s"), (12.345, "12.3s"), (99.96, "1m39s"), (200.0, "3m20s"),
+        (7500.0, "2h05m"), (86400 * 12.5, "12d12h"), (1e-6, "1us"),
+    ],
+)  # fmt: skip
+def test_durations_in_six_characters(seconds: float | None, text: str) -> None:
+    assert duration(seconds) == text
+
+
+@given(st.floats(0, 8e6))
+def test_durations_are_short(seconds: float) -> None:
+    assert len(duration(seconds)) <= 6
