@@ -40,8 +40,8 @@ def wait_began(world: World, fact: facts.WaitBegan) -> None:
     """A module waits for a moment of a task."""
     item = world.items.get(fact.task)
     if item is None or item.is_over:
-        if fact.task not in world.over:
-            world.item(fact.task, "was waited for")
+        if fact.task not in world.over and world.item(fact.task, "was waited for") is None:
+            return
         world.waits.setdefault((fact.module, fact.origin, fact.task), []).append(0)
         key = (fact.module, fact.origin, fact.task)
         world.later.append(lambda: _check_none(world, key))

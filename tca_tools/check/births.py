@@ -17,7 +17,7 @@ from tca_tools.check.world import World
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, describe_moments
-from tca_wire.vocabulary import Role
+from tca_wire.vocabulary import MessageClass, Role
 
 ROUNDING = 1e-9
 """Seconds by which sums of times may differ."""
@@ -40,6 +40,8 @@ def received(world: World, fact: facts.Received) -> None:
         world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
     item = Item(fact, None)
     world.add(item)
+    if item.message_class in (MessageClass.BROADCAST, MessageClass.VARIABLE):
+        world.finish(item)  # it goes on in its copies
     if item.role is Role.LISTENER:
         world.later.append(lambda: check_sent(world, item))
     if item.is_task:
@@ -60,11 +62,11 @@ def _plant(world: World, item: Item, fact: facts.Received) -> None:
     """A task hangs under its parent."""
     parent = world.task(fact.parent, "got a child") if fact.parent != ROOT else None
     if parent is None and fact.parent != ROOT:
-        item.is_stranger = True  # whatever it waits for is not known
+        item.is_orphan = True
         if fact.parent >= item.id:
             world.broken(PARENT, item.id, f"{item} hangs under {world.name(fact.parent)}, which is no older")
     if parent is not None:
-        item.parent = parent
+        item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
         item.is_suspended = parent.is_suspended and item.role not in SAFE
@@ -101,6 +103,7 @@ def _constrain(world: World, constraints: list[Constraint]) -> None:
         if after.reached & int(constraint.after.moment):
             world.broken(CONSTRAINT, after.id, f"constraint {constraint} on {after} came when that was past")
         before = world.point_task(constraint.before.task, "is waited for")
+        after.is_stranger = after.is_stranger or (before is None and world.is_strange(constraint.before.task))
         hold = Hold(constraint, before, constraint.delay if constraint.before.task == ROOT else None)
         after.holds.append(hold)
         if constraint.delay and before is not None:

@@ -7,6 +7,7 @@ from tca_tools.check import asking, births, failing, handling, kills, moments, p
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.settled import check_settled
 from tca_tools.check.world import World
+from tca_tools.history import History
 from tca_wire import facts
 
 Report = Callable[[Violation], None]
@@ -19,6 +20,7 @@ class Checker:
         self._report = report
         self._follow = follow  #: is called when an event is known with all its facts
         self.world = World(report, is_whole=False)
+        self.history: History | None = None  #: is folded along, for properties that ask for all records
         self.events = 0
         self.facts = 0
         self.gaps: list[str] = []  #: what is missing, in words
@@ -32,6 +34,8 @@ class Checker:
         if not (self._is_open and entry.number == self.world.event):
             self._end_event()
             self._begin_event(entry)
+        if self.history is not None:
+            self.history.apply(entry)
         world = self.world
         self.facts += len(entry.facts)
         for fact in entry.facts:
@@ -78,6 +82,7 @@ class Checker:
         world.end()
         handling.check_places(world)
         check_settled(world)
+        world.history = self.history
         self._follow(world)
         world.events += 1
 

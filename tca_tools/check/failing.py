@@ -66,7 +66,7 @@ def _check_attachment(world: World, task: Item, handler: Item, fact: facts.Caugh
     at = next((one for one in _lineage(task) if one.id == fact.at), None)
     name = world.name(fact.at) if fact.at else "the root"
     if at is None and fact.at != ROOT:
-        if not task.is_stranger:
+        if not task.is_orphan:
             world.broken(HANDLER, handler.id, f"{handler} was called at {name}, which is not above {task}")
         return
     is_here = at is not None and at.message == attached.message if attached.message else attached.task == fact.at
@@ -102,7 +102,7 @@ def unhandled(world: World, fact: facts.Unhandled) -> None:
 
 
 def _check_top(world: World, task: Item, top: Item) -> None:
-    if not (top.is_killed or top.is_stranger):
+    if not (top.is_killed or top.is_orphan):
         world.broken(CAUGHT, top.id, f"{top} lives, and nobody dealt with the failure of {task}")
 
 

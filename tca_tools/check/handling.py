@@ -3,7 +3,7 @@
 from tca_tools.check.asking import must_answer
 from tca_tools.check.births import not_startable
 from tca_tools.check.failing import failed as failed_task
-from tca_tools.check.records import FAN_OUT, START_ACHIEVING, START_HANDLING, START_PLANNING, Item, Place
+from tca_tools.check.records import START_ACHIEVING, START_HANDLING, START_PLANNING, Item, Place
 from tca_tools.check.rules import (
     ANSWERED,
     CAPACITY,
@@ -66,8 +66,6 @@ def delivered(world: World, fact: facts.Delivered) -> None:
     place = world.place(fact.module, fact.resource)
     if item is None:
         return
-    if item.message_class in FAN_OUT and item.id == fact.message_id:
-        item.is_over = False  # what goes to many is in their copies
     _may_be_begun(world, item, "was given to a handler")
     _leave_lost(world, item, "was given to a handler")
     _leave_queue(world, item)

@@ -51,7 +51,7 @@ def suspended(world: World, fact: facts.SuspendedOrResumed) -> None:
             one.is_suspended, is_new = fact.is_suspended, True
             world.touched[one] = None
         below += one.children.values()
-    if not is_new and not item.is_killed and not item.is_stranger:
+    if not is_new and not (item.is_killed or item.is_orphan):
         world.broken(SUSPENDED, item.id, f"{item} was {'suspended' if fact.is_suspended else 'resumed'} already")
 
 

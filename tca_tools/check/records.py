@@ -67,7 +67,7 @@ class Item:
     __slots__ = (
         "about", "again", "asked", "attempts", "begun_in", "body", "children", "claims", "deciding", "delaying", "ended_handlers", "failure",
         "fired", "given_as", "has_fired", "holds", "id", "invocations", "is_answered", "is_begun", "is_dropped", "is_goal",
-        "is_killed", "is_new", "is_over", "is_retried", "is_stranger", "is_suspended", "is_task", "is_void", "message",
+        "is_killed", "is_new", "is_orphan", "is_over", "is_retried", "is_stranger", "is_suspended", "is_task", "is_void", "message",
         "message_class", "must_fail", "original", "origin", "parent", "place", "reached", "recovering", "returned", "role",
         "searches", "sender", "unplanned", "untested", "waiters", "waits_at",
     )  # fmt: skip
@@ -80,7 +80,8 @@ class Item:
         )  # fmt: skip
         self.is_task = fact.message_class.is_task
         self.is_goal = fact.message_class.is_goal
-        self.is_stranger = False  #: it was sent before the journal begins
+        self.is_orphan = False  #: what it hangs under was sent before the journal begins
+        self.is_stranger = False  #: what holds it is not known, for the same reason
         self.original: Item | None = None  #: of a copy
         self.reached = 0
         self.children: dict[int, Item] = {}  #: those that have not ended

@@ -36,7 +36,7 @@ def _killed_moment(item: Item) -> int:
 
 def _first_moment(item: Item) -> int:
     """The start of what waits for nothing, and for no handler."""
-    if item.is_queued or item.is_suspended or not_startable(item):
+    if item.is_queued or item.is_suspended or item.is_orphan or not_startable(item):
         return 0
     start = START_PLANNING if item.is_goal else START_ACHIEVING
     is_free = item.role or item.parent is None or item.parent.reached & start
@@ -51,7 +51,7 @@ def _moment(item: Item) -> int:
     reached = item.reached
     if not reached & START_HANDLING:
         return _first_moment(item)
-    if item.is_goal and not reached & START_ACHIEVING:
+    if item.is_goal and not reached & START_ACHIEVING and not (item.is_orphan and item.parent is None):
         is_free = item.role or item.parent is None or item.parent.reached & START_ACHIEVING
         if is_free and not not_met(item, START_ACHIEVING):
             return START_ACHIEVING

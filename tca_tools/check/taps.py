@@ -57,6 +57,8 @@ def fired(world: World, fact: facts.TapFired) -> None:
     if tap is None:
         if world.is_whole:
             world.broken(TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, and is not there")
+        elif (tapped := world.items.get(fact.tapped)) is not None:
+            tapped.is_stranger = True  # what holds it is not known
         return
     tapped = world.items.get(fact.tapped)
     if tapped is not None:
@@ -119,7 +121,7 @@ def tested(world: World, fact: facts.MonitorTested) -> None:
 def answered(world: World, condition: Item) -> None:
     """The condition of a monitor was answered: it is tested with the same event, if it still watches."""
     monitor = world.items.get(condition.about)
-    if monitor is not None and monitor.asked == condition.id and not (monitor.returned or monitor.is_killed):
+    if monitor is not None and not monitor.is_stranger and monitor.asked == condition.id and not (monitor.returned or monitor.is_killed):
         monitor.asked, monitor.untested = 0, 1
         world.later.append(lambda: _check_tested(world, monitor))
 

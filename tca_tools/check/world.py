@@ -10,13 +10,15 @@ from typing import NamedTuple
 
 from tca_tools.check.records import FAN_OUT, Item, Place
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
+from tca_tools.past import Past
+from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import MessageClass
 from tca_wire.wording import place as words_of_place
 
 
-class Past(NamedTuple):
+class Gone(NamedTuple):
     """What is remembered of a message that is over."""
 
     message: str
@@ -37,7 +39,9 @@ class World:
         self.now = 0.0
         self.items: dict[int, Item] = {}  #: by number, oldest first; each copy of a broadcast has one of its own
         self.deliveries: dict[int, Item] = {}  #: of tasks that are handled again: by delivery
-        self.over: dict[int, Past] = {}  #: the messages that are not under way any more
+        self.history: Past | None = None  #: all records so far, where properties ask for them
+        self.strange: set[int] = set()  #: deliveries of what was sent before the journal begins
+        self.over: dict[int, Gone] = {}  #: the messages that are not under way any more
         self.joined: dict[str, None] = {}
         self.handlers: dict[str, dict[str, str]] = {}  #: for each message its handlers: module and resource
         self.places: dict[tuple[str, str], Place] = {}
@@ -57,6 +61,13 @@ class World:
         self.flagged: list[Item] = []  #: what is as it is for one event only
 
     # --- for properties --------------------------------------------------------------------------------------------
+
+    @property
+    def then(self) -> Then:
+        """All that is known of the run until now: every task, what it waits for, what ended long ago."""
+        if self.history is None:
+            raise ValueError("the records are kept only where properties come from a file")
+        return Then(self.history)
 
     @property
     def messages(self) -> list[Item]:
@@ -103,7 +114,7 @@ class World:
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:
-                self.over[item.id] = Past(item.message, item.message_class, item.sender)
+                self.over[item.id] = Gone(item.message, item.message_class, item.sender)
                 self.deliveries.pop(item.given_as, None)
         self.flagged.clear()
         self.touched.clear()
@@ -146,7 +157,7 @@ class World:
             return item
         if number in self.over:
             self.broken(ENDED, number, f"{self.name(number)} {what}, though it is over")
-        elif self.first and number >= self.first:
+        elif self.first and number >= self.first and number not in self.strange:
             self.broken(KNOWN, number, f"message {{{number}}} {what}, and was never sent")
         return None
 
@@ -168,6 +179,7 @@ class World:
         original = self.items.get(fact.message_id)
         if original is None and fact.message_id not in self.over:
             self.item(fact.message_id, what)
+            self.strange.add(fact.id)
             return None
         self.new_number(fact.id)
         if original is not None and original.is_task:
@@ -179,7 +191,7 @@ class World:
             return original
         return self._copy(fact, original or self.over[fact.message_id], what)
 
-    def _copy(self, fact: facts.Queued | facts.Delivered, original: Item | Past, what: str) -> Item | None:
+    def _copy(self, fact: facts.Queued | facts.Delivered, original: Item | Gone, what: str) -> Item | None:
         if original.message_class not in FAN_OUT:
             name = f"{original.message} {{{fact.message_id}}}"
             self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")
@@ -192,6 +204,10 @@ class World:
         copy.original = original if isinstance(original, Item) else None
         self.add(copy)
         return copy
+
+    def is_strange(self, number: int) -> bool:
+        """Whether it was sent before the journal begins."""
+        return 0 < number < self.first and number not in self.over and number not in self.items
 
     def point_task(self, task: TaskId, what: str) -> Item | None:
         """The task of a point: None if it is over, or from before the journal, or the root."""
