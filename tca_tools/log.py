@@ -20,7 +20,7 @@ from tca_wire.wording import Wording, fields_of
 KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
 _KIND_WIDTH = max(map(len, KINDS))
 _LINES_AT_ONCE = 500
-_BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
+BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
 
 
 @click.group()
@@ -88,7 +88,7 @@ def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
     start = f"{time:10.3f}  "
     rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "")
     rest = cut(rest.rstrip(), None if width is None else width - len(start))
-    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in _BAD_NEWS else rest)
+    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in BAD_NEWS else rest)
 
 
 def _plain_fields(fact: Fact) -> dict[str, Any]:

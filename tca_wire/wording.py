@@ -10,10 +10,13 @@ from tca_wire.points import ROOT, Point, describe_moments
 
 
 class Wording:
-    """Facts in words; a name stays known as long as facts about it may come."""
+    """Facts in words; a name stays known as long as facts about it may come.
 
-    def __init__(self) -> None:
-        self._names: dict[int, str] = {}
+    Who has read the journal may give the *names* of messages and deliveries; then facts may be asked for in any order.
+    """
+
+    def __init__(self, names: dict[int, str] | None = None) -> None:
+        self._names = {} if names is None else names
 
     def words(self, fact: facts.Fact) -> str:
         """What a fact says, without its kind and body."""

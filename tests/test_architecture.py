@@ -13,7 +13,7 @@ MAY_IMPORT = {
     "tca_wire": {"msgspec", "msgpack"},
     "tca_central": {"tca_wire", "msgspec", "zmq", "click"},
     "tca_module": {"tca_wire", "msgspec", "zmq", "click"},
-    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz"},
+    "tca_tools": {"tca_wire", "msgspec", "click", "graphviz", "pygraphviz", "rich", "textual"},
     "tca_explorer": {"tca_central", "tca_module", "tca_wire", "msgspec", "click"},
     "robots": {"tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich"},
 }
@@ -22,6 +22,7 @@ MAY_IMPORT = {
 ONLY_IN = {
     "zmq": {"tca_central/server.py", "tca_module/transport.py", "tca_module/direct_sockets.py"},
     "pybullet": {"robots/ambler_sim/physics.py"},
+    "textual": {"tca_tools/replay/app.py", "tca_tools/replay/panes.py"},
 }
 EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests
 

@@ -17,6 +17,7 @@ from tca_tools.check.world import World
 from tca_tools.history import History
 from tca_tools.logs import Log, open_log
 from tca_tools.terminal import line_width, printable
+from tca_wire.facts import Entry
 
 _MOST_SHOWN = 100
 """Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
@@ -84,9 +85,9 @@ class _Run:
         self.unbroken = list(wanted)
         self._touched: dict[Item, None] = {}
 
-    def take(self, entry: object) -> None:
+    def take(self, entry: Entry) -> None:
         """The next entry."""
-        self.checker.take(entry)  # type: ignore[arg-type]
+        self.checker.take(entry)
 
     def _follow(self, world: World) -> None:
         """An event is over: ask the properties about what changed, with it or (what is so for one event) before it."""
@@ -103,8 +104,7 @@ class _Run:
     def _judge(self, stated: Property, wrong: str, world: World, place: int) -> None:
         if wrong:
             self.unbroken.remove(stated)
-            message = stated.culprit.id if stated.culprit else 0
-            found = Violation(str(stated), "", place, world.event, world.now, message, wrong)
+            found = Violation(str(stated), "", place, world.event, world.now, stated.culprit, wrong)
             self.violations.append(found)
 
     def close(self) -> None:
@@ -142,7 +142,9 @@ def _show(run: _Run, journal: Log, *, everything: bool) -> None:
         click.echo(click.style("  it is not closed: central runs still, or was stopped by force", fg="yellow"))
     rules = {violation.rule for violation in run.violations if violation.source}
     kept = len(RULES) - len(rules)
-    click.echo(click.style(f"good: {kept} rules", fg="green") if not rules else f"{kept} of {len(RULES)} rules are kept")
+    click.echo(
+        click.style(f"good: {kept} rules", fg="green") if not rules else f"{kept} of {len(RULES)} rules are kept"
+    )
     for stated in run.unbroken:
         click.echo(click.style(f"good: {printable(str(stated))}", fg="green"))
     _show_violations(run.violations, journal, everything=everything)

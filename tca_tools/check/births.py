@@ -27,6 +27,7 @@ _OF_MONITORS = (Role.CONDITION, Role.SET_UP, Role.ACTION)
 AT_BIRTH = START_PLANNING | END_PLANNING
 """What a task that is no goal has reached as soon as it is sent."""
 
+
 def received(world: World, fact: facts.Received) -> None:
     """A message is sent."""
     name = f"{fact.message} {{{fact.id}}}"

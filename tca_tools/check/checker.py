@@ -95,7 +95,11 @@ class Checker:
                 self.gaps.append(f"at {entry.time:.2f} s another run begins ({fact.epoch})")
             if not is_other or fact.segment != 1:
                 first = 1 if is_other else self._segment + 1
-                which = f"segment {first} is" if first == fact.segment - 1 else f"segments {first} to {fact.segment - 1} are"
+                which = (
+                    f"segment {first} is"
+                    if first == fact.segment - 1
+                    else f"segments {first} to {fact.segment - 1} are"
+                )
                 self.gaps.append(f"{which} missing: what was sent before {entry.time:.2f} s is not known")
             self.world = World(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
             self.world.begin(entry)

@@ -29,7 +29,9 @@ def search(world: World, task: Item, after: int) -> None:
 
 def _check_found(world: World, task: Item) -> None:
     if task.searches and not (task.is_killed or task.again):
-        world.broken(CAUGHT, task.id, f"{task} failed ({task.failure}), and that was neither caught nor called unhandled")
+        world.broken(
+            CAUGHT, task.id, f"{task} failed ({task.failure}), and that was neither caught nor called unhandled"
+        )
     task.searches.clear()
 
 
@@ -61,7 +63,9 @@ def _check_attachment(world: World, task: Item, handler: Item, fact: facts.Caugh
     attached = world.attached.get(fact.attachment)
     if attached is None:
         if world.is_whole:
-            world.broken(HANDLER, handler.id, f"{handler} was called, and attachment {{{fact.attachment}}} is not there")
+            world.broken(
+                HANDLER, handler.id, f"{handler} was called, and attachment {{{fact.attachment}}} is not there"
+            )
         return
     at = next((one for one in _lineage(task) if one.id == fact.at), None)
     name = world.name(fact.at) if fact.at else "the root"
@@ -73,7 +77,7 @@ def _check_attachment(world: World, task: Item, handler: Item, fact: facts.Caugh
     if not is_here or handler.message != attached.handler:
         whose = attached.message or world.name(attached.task)
         world.broken(HANDLER, handler.id, f"{handler} was called at {name}: {attached.handler} is attached to {whose}")
-    calls = (at.invocations if at is not None else world.invocations_at_root)
+    calls = at.invocations if at is not None else world.invocations_at_root
     calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
     if 0 < attached.maximum < calls[fact.attachment]:
         what = f"{handler} was called at {name} for the {calls[fact.attachment]}th time, and may be {attached.maximum} times"

@@ -28,7 +28,7 @@ class Foreign(Property):
         self._memory, wrong = self._stated.seen(world, self._memory)
         if wrong and self._stated.predicates:
             found = self._stated.predicates[-1](world)
-            self._blame(one for one in (found if isinstance(found, list | tuple) else ()) if isinstance(one, Item))
+            self.blame(one for one in (found if isinstance(found, list | tuple) else ()) if hasattr(one, "id"))
         return str(wrong)
 
     def at_end(self, world: World) -> str:

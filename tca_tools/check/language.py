@@ -1,10 +1,10 @@
 """Properties as text, as the explorer words them.
 
-    PROPERTY   never P | always P | at most N P | at most N P in all | P before P | eventually P | never stuck
-    P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE
-    MESSAGE    a message's name, or anything; in quotes where words of the language are in it
-    STATE      begun, handled, planned ahead, ...: see STATES
-    VALUE      JSON, or a text; FIELD may have dots for the fields of a part
+PROPERTY   never P | always P | at most N P | at most N P in all | P before P | eventually P | never stuck
+P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE
+MESSAGE    a message's name, or anything; in quotes where words of the language are in it
+STATE      begun, handled, planned ahead, ...: see STATES
+VALUE      JSON, or a text; FIELD may have dots for the fields of a part
 """
 
 import json
@@ -66,7 +66,11 @@ def _property(text: str) -> Property:
         return properties.never_stuck()
     if text.startswith("at most"):
         return _at_most(text.removeprefix("at most").strip())
-    for shape, make in (("never", properties.never), ("always", properties.always), ("eventually", properties.eventually)):
+    for shape, make in (
+        ("never", properties.never),
+        ("always", properties.always),
+        ("eventually", properties.eventually),
+    ):
         if text.startswith(f"{shape} "):
             return make(_predicate(text.removeprefix(shape).strip()))
     if " before " in text:
@@ -106,7 +110,9 @@ def _predicate(text: str) -> Those:
         return Those(text, lambda item: item.module == module, module=module)
     state, name = _state_and_name(text)
     test = STATES[state][0]
-    words = f"{name} {state}" + (f" with {', '.join(f'{key}={value!r}' for key, value in fields.items())}" if fields else "")
+    words = f"{name} {state}" + (
+        f" with {', '.join(f'{key}={value!r}' for key, value in fields.items())}" if fields else ""
+    )
     if not fields:
         if name == ANYTHING:
             return Those(words, test)

@@ -5,6 +5,7 @@ truth value. A text is looked at again only for the messages that an event touch
 """
 
 from collections.abc import Callable, Iterable, Sized
+from typing import Any
 
 from tca_tools.check.records import Item
 from tca_tools.check.world import World
@@ -27,8 +28,8 @@ class _Members:
 
     def __init__(self, predicate: Those | Predicate) -> None:
         self._predicate = predicate
-        self.now: dict[Item, None] = {}
-        self.came: list[Item] = []  #: with the last event
+        self.now: dict[Any, None] = {}
+        self.came: list[Any] = []  #: with the last event
         self.is_true = False
 
     def update(self, world: World, changed: Iterable[Item]) -> None:
@@ -36,9 +37,11 @@ class _Members:
         self.came = []
         if not isinstance(self._predicate, Those):
             found = self._predicate(world)
-            changed = found if isinstance(found, list | tuple) else ()
-            before, self.now = self.now, dict.fromkeys(one for one in changed if isinstance(one, Item))
-            self.came = [one for one in self.now if one not in before]
+            before = {one.id for one in self.now}
+            self.now = (
+                dict.fromkeys(one for one in found if hasattr(one, "id")) if isinstance(found, list | tuple) else {}
+            )
+            self.came = [one for one in self.now if one.id not in before]
             self.is_true = bool(found)
             self._number = len(found) if isinstance(found, Sized) else int(bool(found))
             return
@@ -65,8 +68,8 @@ class Property:
         self.words = words
         self.predicates = predicates
         self.members = [_Members(predicate) for predicate in predicates]
-        self.culprit: Item | None = None
-        """The message by which it was broken."""
+        self.culprit = 0
+        """The message by which it was broken (0: none is known)."""
 
     def __str__(self) -> str:
         return self.words
@@ -86,16 +89,16 @@ class Property:
         del world
         return ""
 
-    def _blame(self, items: Iterable[Item]) -> str:
-        """The messages in words; the newest is the culprit."""
+    def blame(self, items: Iterable[Any]) -> str:
+        """The messages (a task of ``Then`` will do) in words; the newest is the culprit."""
         found = sorted(items, key=lambda item: item.id)
-        self.culprit = found[-1] if found else None
+        self.culprit = found[-1].id if found else 0
         return ", ".join(map(str, found[:6])) + (f" and {len(found) - 6} more" if len(found) > 6 else "")
 
 
 class _Never(Property):
     def _judge(self) -> str:
-        return (self._blame(self.members[0].now) or "here it is") if self.members[0].is_true else ""
+        return (self.blame(self.members[0].now) or "here it is") if self.members[0].is_true else ""
 
 
 class _Always(Property):
@@ -110,7 +113,7 @@ class _AtMost(Property):
 
     def _judge(self) -> str:
         members = self.members[0]
-        return f"here {members.number}: {self._blame(members.now)}" if members.number > self._most else ""
+        return f"here {members.number}: {self.blame(members.now)}" if members.number > self._most else ""
 
 
 class _AtMostInAll(_AtMost):
@@ -121,7 +124,7 @@ class _AtMostInAll(_AtMost):
     def _judge(self) -> str:
         members = self.members[0]
         self._count += len(members.came) if members.now else int(members.is_true)
-        return f"here it comes to {self._count}: {self._blame(members.came)}" if self._count > self._most else ""
+        return f"here it comes to {self._count}: {self.blame(members.came)}" if self._count > self._most else ""
 
 
 class _Before(Property):
@@ -134,7 +137,7 @@ class _Before(Property):
         self._has_been = self._has_been or first.is_true
         if self._has_been or not second.is_true:
             return ""
-        names = self._blame(second.now)
+        names = self.blame(second.now)
         return f"the second came first{': ' * bool(names)}{names}"
 
 
@@ -155,7 +158,7 @@ class _Eventually(Property):
 class _NeverStuck(Property):
     def at_end(self, world: World) -> str:
         left = [task for task in world.tasks if not task.is_over]
-        return f"when the journal ends, these have not: {self._blame(left)}" if left else ""
+        return f"when the journal ends, these have not: {self.blame(left)}" if left else ""
 
 
 def never(predicate: str | Those | Predicate) -> Property:

@@ -33,5 +33,7 @@ def _story(violation: Violation, past: Past, width: int | None) -> Iterator[str]
         yield f"     ... {len(told) - _LONGEST_STORY} sentences ..."
     for sentence in told[-_LONGEST_STORY:]:
         ends = None if sentence.seconds is None else sentence.time + sentence.seconds
-        lasted = f", {sentence.seconds:.3f} s" if sentence.seconds is not None and ends is not None and ends <= until else ""
+        lasted = (
+            f", {sentence.seconds:.3f} s" if sentence.seconds is not None and ends is not None and ends <= until else ""
+        )
         yield cut(f"  {sentence.time:10.3f}  {printable(sentence.text)}{lasted}", width)

@@ -75,7 +75,9 @@ def fired(world: World, fact: facts.TapFired) -> None:
         world.broken(TAPPED, listener.id, f"{listener} was sent by a wiretap twice")
     listener.fired.add(tap.id)
     if listener.role is not Role.LISTENER or listener.about != fact.tapped or listener.message != tap.listener:
-        world.broken(TAPPED, listener.id, f"{listener} was sent for {world.name(fact.tapped)}: {tap.listener} should be")
+        world.broken(
+            TAPPED, listener.id, f"{listener} was sent for {world.name(fact.tapped)}: {tap.listener} should be"
+        )
     if tapped is not None and tapped.is_task and listener.is_task and (end := _HELD_UNTIL.get(tap.condition)):
         _hold(tapped, listener, _FIRED_BEFORE[tap.condition], end)
 
@@ -100,7 +102,9 @@ def check_fired(world: World, item: Item, moments: int) -> None:
 def check_sent(world: World, listener: Item) -> None:
     """A listener is sent by a wiretap."""
     if not listener.fired and world.is_whole:
-        world.broken(TAPPED, listener.id, f"{listener} listens to {world.name(listener.about)}, and no wiretap was fired")
+        world.broken(
+            TAPPED, listener.id, f"{listener} listens to {world.name(listener.about)}, and no wiretap was fired"
+        )
 
 
 # --- monitors --------------------------------------------------------------------------------------------------------
@@ -121,7 +125,12 @@ def tested(world: World, fact: facts.MonitorTested) -> None:
 def answered(world: World, condition: Item) -> None:
     """The condition of a monitor was answered: it is tested with the same event, if it still watches."""
     monitor = world.items.get(condition.about)
-    if monitor is not None and not monitor.is_stranger and monitor.asked == condition.id and not (monitor.returned or monitor.is_killed):
+    if (
+        monitor is not None
+        and not monitor.is_stranger
+        and monitor.asked == condition.id
+        and not (monitor.returned or monitor.is_killed)
+    ):
         monitor.asked, monitor.untested = 0, 1
         world.later.append(lambda: _check_tested(world, monitor))
 

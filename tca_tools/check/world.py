@@ -198,7 +198,9 @@ class World:
             return None
         body = original.body if isinstance(original, Item) else b""
         copy = Item(
-            facts.Received(fact.id, original.message, original.message_class, original.sender, ROOT, 0, False, body, []),
+            facts.Received(
+                fact.id, original.message, original.message_class, original.sender, ROOT, 0, False, body, []
+            ),
             None,
         )
         copy.original = original if isinstance(original, Item) else None
