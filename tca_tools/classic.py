@@ -1,4 +1,4 @@
-"""A journal in the words of TCA's own message log (TCA 8.5, ``central -lmstdrp``), so that old eyes and tools can read it.
+"""A journal in the words of TCA's own message log (TCA 8.5, ``central -lmstdrp``), for old eyes and old tools.
 
     Goal           take steps {3}:    gait planner {1} --> Resource gait   (Pending)  8:20:22.65
     Goal           take steps {3}:   Resource gait     --> gait planner    (Sent)     8:20:22.66
@@ -19,7 +19,6 @@ from tca_tools.terminal import printable
 from tca_wire import facts
 from tca_wire.points import ALL_MOMENTS, Moment
 from tca_wire.vocabulary import MessageClass, Outcome
-from tca_wire.wording import place
 
 _SERVER = "TCA Server"
 _COLUMNS = 80

@@ -28,6 +28,11 @@ def must_answer(world: World, item: Item) -> None:
     item.returned = True
     if item.message_class is MessageClass.QUERY and item.role is not Role.CONDITION:
         world.later.append(lambda: _check_answered(world, item))
+    elif item.message_class is MessageClass.MULTI_QUERY and item.original is not None and not item.is_over:
+        asked = item.original
+        asked.copies -= 1
+        if not asked.copies:
+            world.later.append(lambda: _check_answered(world, asked))
     world.finish(item)
 
 

@@ -1,5 +1,6 @@
-"""How messages come into a run: under which parent, with which constraints; and what delays and constraints hold back."""
+"""How messages come into a run: under which parent, with which constraints; and what those hold back."""
 
+from tca_tools.check.kills import check_below
 from tca_tools.check.records import (
     END_PLANNING,
     FAN_OUT,
@@ -11,7 +12,6 @@ from tca_tools.check.records import (
     Item,
 )
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
-from tca_tools.check.kills import check_below
 from tca_tools.check.taps import check_sent
 from tca_tools.check.world import World
 from tca_wire import facts
@@ -41,17 +41,23 @@ def received(world: World, fact: facts.Received) -> None:
         world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
     item = Item(fact, None)
     world.add(item)
+    if item.role:
+        _made_by_central(world, item)
     if item.message_class in (MessageClass.BROADCAST, MessageClass.VARIABLE):
         world.finish(item)  # it goes on in its copies
-    if item.role is Role.LISTENER:
-        world.later.append(lambda: check_sent(world, item))
     if item.is_task:
         _plant(world, item, fact)
     elif fact.parent != ROOT or fact.constraints:
         world.broken(PLAIN, fact.id, f"{fact.message_class} {name} is under {world.name(fact.parent)}, or constrained")
     elif item.message_class not in FAN_OUT:
         world.later.append(lambda: _check_on_its_way(world, item))
-    if item.role in _OF_MONITORS and (monitor := world.items.get(fact.about)) is not None:
+
+
+def _made_by_central(world: World, item: Item) -> None:
+    """What it was made for knows of it."""
+    if item.role is Role.LISTENER:
+        world.later.append(lambda: check_sent(world, item))
+    if item.role in _OF_MONITORS and (monitor := world.items.get(item.about)) is not None:
         monitor.again = False  # where it was retried, it has begun to watch again
         monitor.asked = item.id if item.role is Role.CONDITION else monitor.asked
         monitor.has_fired = monitor.has_fired or item.role is Role.ACTION
@@ -107,8 +113,8 @@ def _constrain(world: World, constraints: list[Constraint]) -> None:
         after.is_stranger = after.is_stranger or (before is None and world.is_strange(constraint.before.task))
         hold = Hold(constraint, before, constraint.delay if constraint.before.task == ROOT else None)
         after.holds.append(hold)
-        if constraint.delay and before is not None:
-            before.delaying.append(hold)
+        if before is not None:
+            before.followers.append((hold, after))
 
 
 def timed_out(world: World, fact: facts.TimedOut) -> None:

@@ -42,10 +42,10 @@ class Checker:
             kind = type(fact)
             if fold := FOLD.get(kind):
                 fold(world, fact)
-            elif kind is facts.Opened:
+            elif isinstance(fact, facts.Opened):
                 self._opened(fact, entry)
                 world = self.world
-            elif kind is facts.Closed:
+            elif isinstance(fact, facts.Closed):
                 if self.is_closed:
                     world.broken(CLOCK, 0, "central ended a second time")
                 self.is_closed = True

@@ -1,4 +1,4 @@
-"""Failures: who is asked to deal with them, what becomes of the failing task; and where exception handlers are attached."""
+"""Failures: who is asked to deal with them, what becomes of the failing task; where exception handlers are attached."""
 
 from collections.abc import Iterator
 
@@ -80,7 +80,8 @@ def _check_attachment(world: World, task: Item, handler: Item, fact: facts.Caugh
     calls = at.invocations if at is not None else world.invocations_at_root
     calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
     if 0 < attached.maximum < calls[fact.attachment]:
-        what = f"{handler} was called at {name} for the {calls[fact.attachment]}th time, and may be {attached.maximum} times"
+        number = calls[fact.attachment]
+        what = f"{handler} is call {number} at {name}, and {attached.maximum} are allowed"
         world.broken(HANDLER, handler.id, what)
 
 

@@ -15,7 +15,7 @@ from tca_tools.check.world import World
 
 
 class Foreign(Property):
-    """A property of the explorer (tca_explorer.Property), asked of a journal: it takes a world and remembers a number."""
+    """A property of the explorer (tca_explorer.Property), asked of a journal: it remembers a number."""
 
     def __init__(self, stated: Any) -> None:
         super().__init__(words_of(stated))

@@ -88,11 +88,14 @@ def _may_be_begun(world: World, item: Item, what: str) -> None:
         world.broken(ANSWERED, item.id, f"{item} {what}, though its sender gave up")
     elif item.returned and not item.is_task:
         world.broken(RETURNED, item.id, f"{item} {what}, and was handled before")
-    if not item.is_task or item.is_stranger:
-        return
+    if item.is_task and not item.is_stranger:
+        _task_may_be_begun(world, item, what)
+
+
+def _task_may_be_begun(world: World, item: Item, what: str) -> None:
     if item.is_over or item.is_killed:
         world.broken(KILLED, item.id, f"{item} {what}, and {'is over' if item.is_over else 'is killed'}")
-    elif item.is_suspended:
+    elif item.is_suspended and not item.is_orphan:
         world.broken(SUSPENDED, item.id, f"{item} {what} while it is suspended")
     if item.reached & START_HANDLING:
         if item.returned or item.deciding:
@@ -164,9 +167,17 @@ def _check_failed(world: World, item: Item) -> None:
         world.broken(CAUGHT, item.id, f"the handler of {item} failed, and no failure was raised")
 
 
+def _known(world: World, number: int, what: str) -> Item | None:
+    """The message of that number; a new one is a copy that came to nothing before it was queued anywhere."""
+    if world.first and number > world.newest:
+        world.new_number(number)
+        return None
+    return world.item(number, what)
+
+
 def failed(world: World, fact: facts.Failed) -> None:
     """A failure is raised on a task or message."""
-    item = world.item(fact.id, "failed")
+    item = _known(world, fact.id, "failed")
     if item is None:
         return
     if not fact.is_beside:
@@ -177,6 +188,8 @@ def failed(world: World, fact: facts.Failed) -> None:
         item.must_fail = False
         _leave_queue(world, item)
     if not item.is_task:
+        if item.returned:
+            world.broken(RETURNED, item.id, f"{item} failed, and was over before")
         item.failure = fact.failure
         must_answer(world, item)
     elif item.is_over:
@@ -189,7 +202,7 @@ def dropped(world: World, fact: facts.Dropped) -> None:
     """A message comes to nothing: nobody is there to handle it, or nobody waits for it any more."""
     if fact.id in world.over and world.over[fact.id].message_class is MessageClass.VARIABLE:
         return  # its value is forgotten
-    item = world.item(fact.id, "was dropped")
+    item = _known(world, fact.id, "was dropped")
     if item is None:
         return
     if item.is_task:
@@ -221,6 +234,10 @@ def _check_capacity(world: World, place: Place, capacity: int) -> None:
         names = ", ".join(map(str, place.runs.values()))
         last = next(reversed(place.runs.values()))
         world.broken(CAPACITY, last.id, f"{said(place)} takes {capacity} at a time, and has {len(place.runs)}: {names}")
+    is_empty = bool(capacity) and not (place.waiting or place.runs or place.nested)
+    if is_empty and place.claims and place.held_by is None and world.is_whole:
+        claim = next(iter(place.claims.values()))
+        world.broken(FREE, claim.origin, f"{claim.sender} waits to lock or reserve {said(place)}, and nobody is in it")
     if not (place.waiting and world.is_whole) or len(place.runs) + len(place.nested) >= capacity:
         return
     first = next(iter(place.waiting.values()))

@@ -1,7 +1,7 @@
 """Kills, suspension and retries: what they do to a task and all under it."""
 
 from tca_tools.check.records import START_HANDLING, SURVIVORS, Item
-from tca_tools.check.rules import KILLED, QUEUED, SUSPENDED
+from tca_tools.check.rules import CAUGHT, KILLED, QUEUED, SUSPENDED
 from tca_tools.check.world import World
 from tca_wire import facts
 from tca_wire.vocabulary import Role
@@ -14,6 +14,9 @@ def killed(world: World, fact: facts.Killed) -> None:
         return
     if item.is_killed:
         world.broken(KILLED, item.id, f"{item} was killed a second time")
+    if any(after <= 0 for after in item.searches):
+        what = f"{item} failed ({item.failure}) and was killed: that was neither caught nor called unhandled"
+        world.broken(CAUGHT, item.id, what)
     item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
     failing = item.parent if item.role is Role.EXCEPTION and not item.is_void else None
     if failing is not None:

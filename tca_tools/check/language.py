@@ -128,7 +128,7 @@ def _state_and_name(text: str) -> tuple[str, str]:
     for state in _LONGEST_FIRST:
         if text.endswith(f" {state}"):
             return state, _unquoted(text.removesuffix(f" {state}"))
-    said = text.partition(" of ")[0] if " of " in text else text.split(" ")[-1]
+    said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
     nearest = get_close_matches(said, STATES, n=1)
     advice = f"did you mean '{nearest[0]}'?" if nearest else f"states are {', '.join(STATES)}"
     raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")

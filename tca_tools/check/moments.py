@@ -1,4 +1,4 @@
-"""What a task's moments come after: each other, its constraints, its parent's starts, its children's ends, its handler."""
+"""What a task's moments come after: each other, constraints, its parent's starts, its children's ends, its handler."""
 
 from collections.abc import Iterable
 
@@ -69,9 +69,18 @@ def reached(world: World, fact: facts.Reached) -> None:
             check_fired(world, item, moments)
     if moments & (END_HANDLING | END_PLANNING | END_ACHIEVING):
         _check_ends(world, item, moments)
-    for hold in item.delaying:
-        if hold.due is None and hold.needs & moments:
-            hold.due = world.now + hold.constraint.delay
+    _go_on(world, item, moments)
+
+
+def _go_on(world: World, item: Item, moments: int) -> None:
+    """What others have waited for has come."""
+    for hold, follower in item.followers:
+        if hold.needs & moments:
+            world.touched[follower] = None
+            if hold.due is None and hold.constraint.delay:
+                hold.due = world.now + hold.constraint.delay
+    if moments & (START_PLANNING | START_ACHIEVING):
+        world.touched.update(dict.fromkeys(item.children.values()))
     if moments & END_PLANNING and item.is_goal and item.parent is not None:
         item.parent.unplanned -= 1
         world.touched[item.parent] = None
@@ -100,19 +109,24 @@ def _check_starts(world: World, item: Item, moments: int, before: int) -> None:
     if parent is not None and not item.role and (early := moments & starts & ~parent.reached):
         world.broken(FAMILY, item.id, f"{item} reached {_words(early)} before {parent}, under which it is, did")
     if moments & START_HANDLING:
-        if item.is_suspended:
+        if item.is_suspended and not item.is_orphan:
             world.broken(SUSPENDED, item.id, f"{item} was begun while it was suspended")
         if item.place is None and not item.message_class.is_monitor:
             world.broken(ONE_HANDLER, item.id, f"{item} was begun, and no handler has it")
         item.begun_in = world.event
     if moments & END_HANDLING and before & START_HANDLING:
-        if item.deciding:
-            what = f"{item} was handled while {world.name(item.deciding)} had not dealt with its failure"
-            world.broken(RECOVERED, item.id, what)
-        elif item.again:
-            world.broken(SETTLED, item.id, f"{item} was handled, and is to be handled again")
-        elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
-            world.broken(RETURNED, item.id, f"{item} was handled, and its handler has not returned")
+        _check_handled(world, item)
+
+
+def _check_handled(world: World, item: Item) -> None:
+    """A task is handled when its handler has returned, and what it failed with has been dealt with."""
+    if item.deciding:
+        what = f"{item} was handled while {world.name(item.deciding)} had not dealt with its failure"
+        world.broken(RECOVERED, item.id, what)
+    elif item.again:
+        world.broken(SETTLED, item.id, f"{item} was handled, and is to be handled again")
+    elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
+        world.broken(RETURNED, item.id, f"{item} was handled, and its handler has not returned")
 
 
 def _check_ends(world: World, item: Item, moments: int) -> None:

@@ -1,7 +1,8 @@
 """The user's own properties: what must be true of a run, in the words of the explorer (docs/explorer.md).
 
-A predicate is a text (language.py) or a function of the World (world.py); it gives the messages of which it is true, or a
-truth value. A text is looked at again only for the messages that an event touched; a function is asked after each event.
+A predicate is a text (language.py) or a function of the World (world.py); it gives the messages of which it is true,
+or a truth value. A text is looked at again only for the messages that an event touched; a function is asked after each
+event.
 """
 
 from collections.abc import Callable, Iterable, Sized

@@ -65,11 +65,55 @@ class Item:
     """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
 
     __slots__ = (
-        "about", "again", "asked", "attempts", "begun_in", "body", "children", "claims", "deciding", "delaying", "ended_handlers", "failure",
-        "fired", "given_as", "has_fired", "holds", "id", "invocations", "is_answered", "is_begun", "is_dropped", "is_goal",
-        "is_killed", "is_new", "is_orphan", "is_over", "is_retried", "is_stranger", "is_suspended", "is_task", "is_void", "message",
-        "message_class", "must_fail", "original", "origin", "parent", "place", "reached", "recovering", "returned", "role",
-        "searches", "sender", "unplanned", "untested", "waiters", "waits_at",
+        "about",
+        "again",
+        "asked",
+        "attempts",
+        "begun_in",
+        "body",
+        "children",
+        "claims",
+        "copies",
+        "deciding",
+        "followers",
+        "ended_handlers",
+        "failure",
+        "fired",
+        "given_as",
+        "has_fired",
+        "holds",
+        "id",
+        "invocations",
+        "is_answered",
+        "is_begun",
+        "is_dropped",
+        "is_goal",
+        "is_killed",
+        "is_new",
+        "is_orphan",
+        "is_over",
+        "is_retried",
+        "is_stranger",
+        "is_suspended",
+        "is_task",
+        "is_void",
+        "message",
+        "message_class",
+        "must_fail",
+        "origin",
+        "original",
+        "parent",
+        "place",
+        "reached",
+        "recovering",
+        "returned",
+        "role",
+        "searches",
+        "sender",
+        "unplanned",
+        "untested",
+        "waiters",
+        "waits_at",
     )  # fmt: skip
 
     def __init__(self, fact: facts.Received, parent: "Item | None") -> None:
@@ -83,11 +127,12 @@ class Item:
         self.is_orphan = False  #: what it hangs under was sent before the journal begins
         self.is_stranger = False  #: what holds it is not known, for the same reason
         self.original: Item | None = None  #: of a copy
+        self.copies = 0  #: number of those that are not over
         self.reached = 0
         self.children: dict[int, Item] = {}  #: those that have not ended
         self.unplanned = 0  #: number of goals among them that are not planned
         self.holds: list[Hold] = []
-        self.delaying: list[Hold] = []  #: delays of others that begin when it reaches a moment
+        self.followers: list[tuple[Hold, Item]] = []  #: the constraints of others that wait for it
         self.waits_at: Place | None = None  #: the resource whose queue it is in; one without a name: for a handler
         self.place: Place | None = None  #: the resource whose handler has it
         self.begun_in = -1  #: the event in which it was begun

@@ -31,7 +31,10 @@ def check_settled(world: World) -> None:
 
 def _killed_moment(item: Item) -> int:
     """What is killed waits for the handlers below it, and for nothing else."""
-    return END_ACHIEVING if item.place is None and not item.children else 0
+    if item.place is not None:
+        return 0
+    missing = (START_HANDLING | START_PLANNING | START_ACHIEVING | END_HANDLING) & ~item.reached
+    return missing or (0 if item.children else END_ACHIEVING)
 
 
 def _first_moment(item: Item) -> int:
@@ -55,12 +58,15 @@ def _moment(item: Item) -> int:
         is_free = item.role or item.parent is None or item.parent.reached & START_ACHIEVING
         if is_free and not not_met(item, START_ACHIEVING):
             return START_ACHIEVING
-    if not item.returned or item.place is not None:
-        return 0
-    if not reached & END_HANDLING:
-        return 0 if not_met(item, END_HANDLING) else END_HANDLING
-    if not reached & END_PLANNING:
-        return 0 if item.unplanned or not_met(item, END_PLANNING) else END_PLANNING
-    if reached & START_ACHIEVING and not item.children and not not_met(item, END_ACHIEVING):
-        return END_ACHIEVING
-    return 0
+    return _end_moment(item) if item.returned and item.place is None else 0
+
+
+def _end_moment(item: Item) -> int:
+    """The next end of a task whose handler is done."""
+    if not item.reached & END_HANDLING:
+        end, is_open = END_HANDLING, False
+    elif not item.reached & END_PLANNING:
+        end, is_open = END_PLANNING, bool(item.unplanned)
+    else:
+        end, is_open = END_ACHIEVING, bool(item.children) or not item.reached & START_ACHIEVING
+    return 0 if is_open or not_met(item, end) else end

@@ -66,11 +66,12 @@ def fired(world: World, fact: facts.TapFired) -> None:
         if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
             whose = world.name(tap.task) if tap.task else tap.message
             world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
-    if not fact.listener:
-        return
-    listener = world.item(fact.listener, "was sent by a wiretap")
-    if listener is None:
-        return
+    listener = world.item(fact.listener, "was sent by a wiretap") if fact.listener else None
+    if listener is not None:
+        _sent(world, tap, fact, tapped, listener)
+
+
+def _sent(world: World, tap: facts.TapAdded, fact: facts.TapFired, tapped: Item | None, listener: Item) -> None:
     if listener.fired:
         world.broken(TAPPED, listener.id, f"{listener} was sent by a wiretap twice")
     listener.fired.add(tap.id)
@@ -85,7 +86,9 @@ def fired(world: World, fact: facts.TapFired) -> None:
 def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
     if not tapped.reached & moment and not listener.reached & end:
         points = Point(TaskId(listener.id), Moment(end)), Point(TaskId(tapped.id), Moment(moment))
-        tapped.holds.append(Hold(Constraint(*points), listener, None))
+        hold = Hold(Constraint(*points), listener, None)
+        tapped.holds.append(hold)
+        listener.followers.append((hold, tapped))
 
 
 def check_fired(world: World, item: Item, moments: int) -> None:

@@ -204,6 +204,8 @@ class World:
             None,
         )
         copy.original = original if isinstance(original, Item) else None
+        if copy.original is not None:
+            copy.original.copies += 1
         self.add(copy)
         return copy
 

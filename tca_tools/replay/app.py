@@ -1,4 +1,4 @@
-"""The replay on the terminal: what the keys do, and when time passes. Knows the recording, and the panes that show it."""
+"""The replay on the terminal: what the keys do, and when time passes. Knows the recording and the panes."""
 
 from typing import ClassVar
 

@@ -120,7 +120,8 @@ class MessagesPane(Widget):
         """As many lines as there is room for."""
         room = max(self.size.height, 1)
         here = self._lines(self._place)
-        above, place = [], self._place - 1
+        above: list[Text] = []
+        place = self._place - 1
         while place >= 0 and len(above) < room // 3:
             above = [*self._lines(place), *above]
             place -= 1

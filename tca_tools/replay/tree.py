@@ -1,4 +1,4 @@
-"""Which tasks the tree shows at a moment: what lives with what it is under, the newest of what is over, what was opened.
+"""Which tasks the tree shows at a moment: what lives with what it is under, and of what is over the newest.
 
 Nothing recurses; a moment costs what is shown, however many tasks there are.
 """
