@@ -1,6 +1,6 @@
 """``tca check``: holds a journal against the rules of task-level control, and against the user's own properties."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -99,7 +99,7 @@ class _Run:
         for module in world.joined if world.joined.keys() - self.modules.keys() else ():
             self.modules[module] = None
         for stated in list(self.unbroken):
-            self._judge(stated, stated.after(world, changed), world, world.events)
+            self._judge(stated, _asked(stated, lambda one: one.after(world, changed)), world, world.events)
 
     def _judge(self, stated: Property, wrong: str, world: World, place: int) -> None:
         if wrong:
@@ -112,7 +112,15 @@ class _Run:
         self.checker.close()
         world = self.checker.world
         for stated in list(self.unbroken):
-            self._judge(stated, stated.at_end(world), world, max(world.events - 1, 0))
+            self._judge(stated, _asked(stated, lambda one: one.at_end(world)), world, max(world.events - 1, 0))
+
+
+def _asked(stated: Property, ask: Callable[[Property], str]) -> str:
+    """What a property says; a predicate that can't be asked is a mistake in it, not in the robot."""
+    try:
+        return ask(stated)
+    except Exception as error:
+        raise click.UsageError(f"property '{stated}' can't be asked: {type(error).__name__}: {error}") from error
 
 
 def _check_names(run: _Run, wanted: list[Property]) -> None:

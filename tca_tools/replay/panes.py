@@ -98,7 +98,8 @@ class TreePane(ScrollView, can_focus=True):
 
     def on_click(self, event: Click) -> None:
         """Choose the task under the mouse."""
-        place = event.y + int(self.scroll_offset.y)
+        offset = event.get_content_offset(self)
+        place = offset.y + int(self.scroll_offset.y) if offset else len(self.rows)
         if place < len(self.rows) and self.rows[place].task:
             self.post_message(self.Chosen(self.rows[place].task))
 
@@ -237,7 +238,10 @@ class TimeBar(Widget):
 
     def on_click(self, event: Click) -> None:
         """Go to the time under the mouse."""
+        offset = event.get_content_offset(self)
+        if offset is None:
+            return
         recording = self._recording
         start, end = recording.time(0), recording.time(recording.last)
-        wanted = start + (end - start) * event.x / max(self.size.width - 1, 1)
+        wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
         self.post_message(self.Wanted(recording.place_of(wanted)))

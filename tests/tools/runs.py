@@ -54,7 +54,7 @@ def walk() -> list[Entry]:
     player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
     player.send("user", "note")
     player.receive("maps", headers.GiveUp(player.numbers["maps"]))
-    player.reply("legs/1")
+    player.reply("legs/1", value=1)
     player.send("user", "pose")
     player.reply("maps/1")
     player.set_variable("user", "mode", 3)
@@ -65,7 +65,7 @@ def walk() -> list[Entry]:
     while any(player.delivered(slot) for slot in ("legs/1", "checker/1")):
         for slot in ("legs/1", "checker/1"):
             if player.delivered(slot):
-                player.reply(slot)
+                player.reply(slot, value=1)
     for _ in range(2):
         player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
         player.receive("maps", headers.GiveUp(player.numbers["maps"]))

@@ -264,5 +264,3 @@ def test_what_ended_is_forgotten() -> None:
 def test_every_rule_names_its_source() -> None:
     assert len(rules.RULES) > 25
     assert all(rule.text and rule.source for rule in rules.RULES)
-
-
