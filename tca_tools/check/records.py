@@ -75,10 +75,10 @@ class Item:
         "claims",
         "copies",
         "deciding",
-        "followers",
         "ended_handlers",
         "failure",
         "fired",
+        "followers",
         "given_as",
         "has_fired",
         "holds",
@@ -122,8 +122,7 @@ class Item:
         self.parent, self.body, self.role, self.about, self.origin = (
             parent, fact.body, fact.role, fact.about, fact.origin
         )  # fmt: skip
-        self.is_task = fact.message_class.is_task
-        self.is_goal = fact.message_class.is_goal
+        self.is_task, self.is_goal = fact.message_class.is_task, fact.message_class.is_goal
         self.is_orphan = False  #: what it hangs under was sent before the journal begins
         self.is_stranger = False  #: what holds it is not known, for the same reason
         self.original: Item | None = None  #: of a copy

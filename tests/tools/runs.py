@@ -30,6 +30,14 @@ def checked(entries: Iterable[Entry]) -> list[Violation]:
 def walk() -> list[Entry]:
     """A walk with everything: queries, failures, retries, wiretaps, monitors, kills, suspension, locks, delays."""
     player = Player()
+    _join(player)
+    _walk(player)
+    _talk(player)
+    _end(player)
+    return [OPENED, *player.entries]
+
+
+def _join(player: Player) -> None:
     player.module("planner", "goal walk", "goal step", capacity=2)
     player.module("legs", "command move", "query where", "inform note")
     player.module("checker", "command check")
@@ -40,6 +48,9 @@ def walk() -> list[Entry]:
     _request(player, headers.Register, [monitor])
     _request(player, headers.Tap, Condition.BEFORE_HANDLING, "check", "move", TaskId(0))
     _request(player, headers.Attach, Attachment("slipped", "recover", 1), TaskId(0), "move")
+
+
+def _walk(player: Player) -> None:
     top = player.task("user", "walk")
     _request(player, headers.WaitFor, point(top, Moment.END_ACHIEVING))
     first = player.task("planner/1", "step", under=top)
@@ -49,8 +60,11 @@ def walk() -> list[Entry]:
     player.reply("planner/1")
     _step(player, first, slips=True)
     _request(player, headers.Suspend, TaskId(second))
-    _request(player, headers.Suspend, TaskId(second), True)  # noqa: FBT003
+    _request(player, headers.Suspend, TaskId(second), True)
     _step(player, second, slips=False)
+
+
+def _talk(player: Player) -> None:
     player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
     player.send("user", "note")
     player.receive("maps", headers.GiveUp(player.numbers["maps"]))
@@ -66,6 +80,9 @@ def walk() -> list[Entry]:
         for slot in ("legs/1", "checker/1"):
             if player.delivered(slot):
                 player.reply(slot, value=1)
+
+
+def _end(player: Player) -> None:
     for _ in range(2):
         player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
         player.receive("maps", headers.GiveUp(player.numbers["maps"]))
@@ -78,7 +95,6 @@ def walk() -> list[Entry]:
         while player.delivered(slot):
             player.reply(slot)
     player.lose("legs/1")
-    return [OPENED, *player.entries]
 
 
 def _request(player: Player, header: Callable[..., object], *fields: object) -> None:

@@ -63,7 +63,7 @@ def test_a_good_run(journal: Path) -> None:
     assert result.exit_code == 0, result.output
     first, second = result.stdout.splitlines()
     assert first.startswith("walk.tcaj: ")
-    assert first.endswith("events, 0.00 s to 78.00 s")
+    assert first.endswith("events, 0.00 s to 79.00 s")
     assert second.startswith("good: ")
     assert second.endswith(" rules")
 
