@@ -10,25 +10,23 @@ from tca_wire.points import ROOT, Point, describe_moments
 
 
 class Wording:
-    """Facts in words; a name stays known as long as facts about it may come.
+    """Facts in words; a name stays known as long as facts about it may come. *known* names what was sent before."""
 
-    Who has read the journal may give the *names* of messages and deliveries; then facts may be asked for in any order.
-    """
-
-    def __init__(self, names: dict[int, str] | None = None) -> None:
-        self._names = {} if names is None else names
+    def __init__(self, known: Callable[[int], str] = lambda _: "?") -> None:
+        self._names: dict[int, str] = {}
+        self._known = known
 
     def words(self, fact: facts.Fact) -> str:
         """What a fact says, without its kind and body."""
         if isinstance(fact, facts.Received):
             self._names[fact.id] = fact.message
         elif isinstance(fact, facts.Delivered | facts.Queued):
-            self._names.setdefault(fact.id, self._names.get(fact.message_id, "?"))
+            self._names.setdefault(fact.id, self._names.get(fact.message_id) or self._known(fact.message_id))
         say = _SAY.get(type(fact))
         return say(self, fact) if say else ""
 
     def _name(self, number: int) -> str:
-        return f"{self._names.get(number, '?')} {{{number}}}"
+        return f"{self._names.get(number) or self._known(number)} {{{number}}}"
 
     def _point(self, point: Point) -> str:
         return f"{_moments(point.moment)} of {self._name(point.task)}"
@@ -194,6 +192,12 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
     elif isinstance(fact, facts.WaitBegan):
         fields["moment"] = ", ".join(describe_moments(fact.moment))
     return fields
+
+
+def subject_of(fact: facts.Fact) -> int:
+    """The message, task, lock or attachment that a fact is about; 0 for none."""
+    fields = (getattr(fact, name, None) for name in ("task", "message_id", "id", "tapped", "monitor", "handler"))
+    return next((number for number in fields if isinstance(number, int)), 0)
 
 
 def place(module: str, resource: str) -> str:

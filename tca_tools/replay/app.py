@@ -11,6 +11,7 @@ from tca_tools.replay.panes import MessagesPane, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Outline
 from tca_tools.terminal import printable
+from tca_wire.wording import subject_of
 
 FRAMES = 15
 """How often the screen is drawn in a second while time passes."""
@@ -130,9 +131,8 @@ class Replay(App[None]):
         """The task that the event at the cursor is about: the first that is named."""
         tasks = self.recording.past.tasks
         for fact in self.recording.facts(self.place):
-            for name in ("task", "message_id", "id", "monitor", "handler", "origin"):
-                number = getattr(fact, name, 0)
-                if isinstance(number, int) and number in tasks:
+            for number in (subject_of(fact), getattr(fact, "origin", 0)):
+                if number in tasks:
                     return number
         return 0
 

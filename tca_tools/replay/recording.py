@@ -21,9 +21,7 @@ class Recording:
         """The places at which something failed."""
         self._copies: dict[int, int] = {}
         self.past: Past = History.until(self._kept(entries))
-        names = {number: message.name for number, message in self.past.messages.items()}
-        names |= {copy: names.get(number, "?") for copy, number in self._copies.items()}
-        self.wording = Wording(names)
+        self.wording = Wording(lambda number: self.past.name(self._copies.get(number, number)))
         self.depths = _depths(self.past)
         self.sizes = _sizes(self.past)
 
