@@ -26,8 +26,11 @@ def replay(log_path: Path | None, speed: float, at: float | None, text: bool) ->
     time, up and down to choose a task. Without a terminal the tree's growth is printed, a line for each step.
     """
     journal = open_log(log_path)
+    as_text = text or not (sys.stdout.isatty() and sys.stdin.isatty())
+    if not as_text:
+        click.echo(f"reading {journal.path} ...", err=True)
     recording = Recording(journal)
-    if text or not (sys.stdout.isatty() and sys.stdin.isatty()):
+    if as_text:
         start = at if at is not None else float("-inf")
         for line in growth_lines(recording, start, line_width()):
             click.echo(line)
