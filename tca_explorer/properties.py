@@ -167,6 +167,11 @@ def planned(message: Message[Any, Any], data: Any = UNSET) -> Those:
     return _those("planned", message, data, lambda seen: seen.is_planned)
 
 
+def planned_ahead(message: Message[Any, Any], data: Any = UNSET) -> Those:
+    """Tasks that were begun and may not be achieved yet."""
+    return _those("planned ahead", message, data, lambda seen: seen.is_planned_ahead)
+
+
 def being_achieved(message: Message[Any, Any], data: Any = UNSET) -> Those:
     """Tasks whose achieving has started and not ended."""
     return _those("being achieved", message, data, lambda seen: seen.is_being_achieved)

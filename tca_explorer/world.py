@@ -111,6 +111,11 @@ class Seen(msgspec.Struct, frozen=True):
         return self.has(Moment.START_ACHIEVING) and not self.has(Moment.END_ACHIEVING)
 
     @property
+    def is_planned_ahead(self) -> bool:
+        """Whether it was begun before it may be achieved."""
+        return self.is_begun and not self.has(Moment.START_ACHIEVING)
+
+    @property
     def is_achieved(self) -> bool:
         """Whether it was achieved, not killed, with the last action."""
         return self.has(Moment.END_ACHIEVING) and not self.is_killed

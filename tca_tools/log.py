@@ -8,6 +8,7 @@ from typing import get_args
 
 import click
 
+from tca_tools.classic import classic_lines
 from tca_tools.data import data_text
 from tca_tools.fact_rows import fact_row
 from tca_tools.logs import open_log
@@ -18,7 +19,7 @@ from tca_wire.wording import Wording
 KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
 _KIND_WIDTH = max(map(len, KINDS))
 _LINES_AT_ONCE = 500
-_BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
+BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
 
 
 @click.group()
@@ -29,6 +30,7 @@ def log() -> None:
 @log.command()
 @click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--classic", is_flag=True, help="In the words of TCA's own message log.")
 @click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")
 @click.option("--task", metavar="N", type=int, help="Only facts about this task or message, and what it sent.")
 @click.option(
@@ -39,17 +41,24 @@ def log() -> None:
     type=click.Choice(KINDS),
     help="Only facts of this kind (repeatable).",
 )
-def show(log_path: Path | None, as_json: bool, follow: bool, task: int | None, kinds: tuple[str, ...]) -> None:
+def show(
+    log_path: Path | None, as_json: bool, classic: bool, follow: bool, task: int | None, kinds: tuple[str, ...]
+) -> None:
     """Show a journal, one line a fact.
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
+    if classic and (as_json or kinds or task is not None):
+        raise click.UsageError("--classic shows whole messages, not facts: leave out --json, --kind and --task")
     journal = open_log(log_path)
     entries: Iterable[Entry] = journal.follow() if follow else journal
-    render = _json_lines if as_json else _text_lines
-    lines = render(
-        entries, lambda fact: (not kinds or kind_of(fact) in kinds) and (task is None or _tells_of(fact, task))
-    )
+    if classic:
+        lines = classic_lines(entries)
+    else:
+        render = _json_lines if as_json else _text_lines
+        lines = render(
+            entries, lambda fact: (not kinds or kind_of(fact) in kinds) and (task is None or _tells_of(fact, task))
+        )
     while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
         click.echo("\n".join(chunk))
     journal.check()
@@ -77,7 +86,7 @@ def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
     start = f"{time:10.3f}  "
     rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "")
     rest = cut(rest.rstrip(), None if width is None else width - len(start))
-    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in _BAD_NEWS else rest)
+    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in BAD_NEWS else rest)
 
 
 def _tells_of(fact: Fact, number: int) -> bool:

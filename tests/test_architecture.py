@@ -26,6 +26,7 @@ MAY_IMPORT = {
         "pyarrow",
         "rich",
         "starlette",
+        "textual",
         "uvicorn",
         "vl_convert",
     },
@@ -41,6 +42,7 @@ ONLY_IN = {
     "mcap": {"tca_tools/export/mcap_file.py"},
     "pyarrow": {"tca_tools/export/parquet_files.py"},
     "starlette": {"tca_tools/view/app.py"},
+    "textual": {"tca_tools/replay/app.py", "tca_tools/replay/panes.py"},
     "uvicorn": {"tca_tools/view/__main__.py"},
 }
 EXCEPTIONS = {("tca_module/testing.py", "tca_central")}  # the real core for users' tests

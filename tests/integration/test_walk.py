@@ -7,7 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from tca_tools.check.__main__ import check
 from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_wire.points import Moment
@@ -88,6 +90,22 @@ def test_never_is_a_step_planned_two_ahead(history: History) -> None:
     for moment in moments:
         ahead = sum(times[Moment.START_PLANNING] <= moment < times[Moment.START_ACHIEVING] for times in steps)
         assert ahead <= 1
+
+
+def test_the_run_kept_all_rules_and_the_properties_of_a_walk(walked: tuple[str, Path]) -> None:
+    """``tca check`` on real processes' journal, in which a module was replaced while they walked."""
+    wanted = [
+        "at most 1 planned ahead of take steps",
+        "at most 2 handled by controller",
+        "move leg achieved before move body achieved",
+        "never stuck",
+    ]
+    options = [option for text in wanted for option in ("--property", text)]
+    found = CliRunner().invoke(check, [str(walked[1] / "journal"), *options])
+    assert found.exit_code == 0, found.output
+    broken = CliRunner().invoke(check, [str(walked[1] / "journal"), "--property", "never planned ahead of take steps"])
+    assert broken.exit_code == 1
+    assert "the story of take steps {" in broken.output
 
 
 def test_an_arc_is_planned_when_the_one_before_has_been_walked(history: History) -> None:

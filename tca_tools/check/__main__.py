@@ -1,0 +1,181 @@
+"""``tca check``: holds a journal against the rules of task-level control, and against the user's own properties."""
+
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+import click
+
+from tca_tools.check.checker import Checker
+from tca_tools.check.files import properties_in
+from tca_tools.check.language import BadProperty, property_from
+from tca_tools.check.properties import Property, Those
+from tca_tools.check.records import Item
+from tca_tools.check.report import violation_lines
+from tca_tools.check.rules import RULES, Violation
+from tca_tools.check.world import World
+from tca_tools.history import History
+from tca_tools.logs import Log, open_log
+from tca_tools.terminal import line_width, printable
+from tca_wire.facts import Entry
+
+_MOST_SHOWN = 100
+"""Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
+
+
+@click.command()
+@click.argument("paths", metavar="[LOG] [PROPERTIES.py]...", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--property", "texts", metavar="TEXT", multiple=True,
+              help="What must be true, too, such as 'at most 1 planned ahead of take steps' (repeatable).")  # fmt: skip
+@click.option("--all", "everything", is_flag=True, help="Show all that is broken, not only what was broken first.")
+@click.pass_context
+def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...], everything: bool) -> None:
+    """Check that a run kept the rules of task-level control.
+
+    LOG is a journal directory or one of its segments; without it, the newest run is checked. Properties of your own are
+    texts, or come from Python files. Exit code 0: all is well; 1: something is broken, or the journal is damaged.
+
+    \b
+    never P, always P, eventually P, P before P, at most N P [in all], never stuck
+      where P is STATE of MESSAGE [with FIELD=VALUE, ...], or handled by MODULE
+      STATE: sent, begun, handled, queued, planned, planned ahead, being achieved,
+             achieved, killed, failed, recovering, suspended, fired, retried
+    """  # noqa: D301 - click wants the character itself
+    journal, files = _sorted(paths)
+    wanted = [*_from_texts(texts), *(one for file in files for one in properties_in(file))]
+    run = _Run(wanted, with_history=bool(files))
+    for entry in journal:
+        run.take(entry)
+    run.close()
+    _check_names(run, wanted)
+    _show(run, journal, everything=everything)
+    journal.check()
+    context.exit(bool(run.violations))
+
+
+def _sorted(paths: tuple[Path, ...]) -> tuple[Log, list[Path]]:
+    """The journal, and the files of properties."""
+    files = [path for path in paths if path.suffix == ".py"]
+    logs = [path for path in paths if path.suffix != ".py"]
+    if len(logs) > 1:
+        raise click.UsageError(f"{logs[1]}: one journal is checked at a time, and files of properties end in .py")
+    for file in files:
+        if not file.is_file():
+            raise click.UsageError(f"{file}: there is no such file of properties")
+    return open_log(logs[0] if logs else None), files
+
+
+def _from_texts(texts: tuple[str, ...]) -> list[Property]:
+    try:
+        return [property_from(text) for text in texts]
+    except BadProperty as error:
+        raise click.UsageError(str(error)) from None
+
+
+class _Run:
+    """A journal on its way past the rules and properties."""
+
+    def __init__(self, wanted: list[Property], *, with_history: bool) -> None:
+        self.violations: list[Violation] = []
+        self.checker = Checker(self.violations.append, self._follow if wanted else lambda _: None)
+        if with_history:
+            self.checker.history = History()
+        self.messages: dict[str, None] = {}
+        self.modules: dict[str, None] = {}
+        self.unbroken = list(wanted)
+        self._touched: dict[Item, None] = {}
+
+    def take(self, entry: Entry) -> None:
+        """The next entry."""
+        self.checker.take(entry)
+
+    def _follow(self, world: World) -> None:
+        """An event is over: ask the properties about what changed, with it or (what is so for one event) before it."""
+        changed = self._touched | world.touched
+        self._touched = world.touched.copy()
+        for item in world.touched:
+            if item.is_new:
+                self.messages[item.message] = None
+        for module in world.joined if world.joined.keys() - self.modules.keys() else ():
+            self.modules[module] = None
+        for stated in list(self.unbroken):
+            self._judge(stated, _asked(stated, lambda one: one.after(world, changed)), world, world.events)
+
+    def _judge(self, stated: Property, wrong: str, world: World, place: int) -> None:
+        if wrong:
+            self.unbroken.remove(stated)
+            found = Violation(str(stated), "", place, world.event, world.now, stated.culprit, wrong)
+            self.violations.append(found)
+
+    def close(self) -> None:
+        """The journal is read."""
+        self.checker.close()
+        world = self.checker.world
+        for stated in list(self.unbroken):
+            self._judge(stated, _asked(stated, lambda one: one.at_end(world)), world, max(world.events - 1, 0))
+
+
+def _asked(stated: Property, ask: Callable[[Property], str]) -> str:
+    """What a property says; a predicate that can't be asked is a mistake in it, not in the robot."""
+    try:
+        return ask(stated)
+    except Exception as error:
+        raise click.UsageError(f"property '{stated}' can't be asked: {type(error).__name__}: {error}") from error
+
+
+def _check_names(run: _Run, wanted: list[Property]) -> None:
+    """A property of what does not occur would hold whatever happens: say so."""
+    messages = run.messages.keys() | run.checker.world.classes.keys()
+    for stated in wanted:
+        for those in stated.predicates:
+            if isinstance(those, Those):
+                _check_name(stated, "message", those.message, messages)
+                _check_name(stated, "module", those.module, run.modules)
+
+
+def _check_name(stated: Property, kind: str, name: str, known: Iterable[str]) -> None:
+    if name and name not in known:
+        nearest = get_close_matches(name, known, n=1)
+        advice = f": did you mean '{nearest[0]}'?" if nearest else ""
+        raise click.UsageError(f"property '{stated}': the journal has no {kind} '{name}'{advice}")
+
+
+def _show(run: _Run, journal: Log, *, everything: bool) -> None:
+    checker = run.checker
+    span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
+    click.echo(f"{printable(journal.name)}: {checker.facts} facts of {checker.events} events, {span}")
+    for gap in checker.gaps:
+        click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
+    if not checker.is_closed:
+        click.echo(click.style("  it is not closed: central runs still, or was stopped by force", fg="yellow"))
+    rules = {violation.rule for violation in run.violations if violation.source}
+    kept = len(RULES) - len(rules)
+    click.echo(
+        click.style(f"good: {kept} rules", fg="green") if not rules else f"{kept} of {len(RULES)} rules are kept"
+    )
+    for stated in run.unbroken:
+        click.echo(click.style(f"good: {printable(str(stated))}", fg="green"))
+    _show_violations(run.violations, journal, everything=everything)
+
+
+def _show_violations(violations: list[Violation], journal: Log, *, everything: bool) -> None:
+    if not violations:
+        return
+    violations = sorted(violations, key=lambda violation: violation.place)
+    past, width = History.until(open_log(journal.path)), line_width()
+    shown = violations[:_MOST_SHOWN] if everything else _first_of_each_kind(violations)
+    for violation in shown:
+        click.echo()
+        click.echo("\n".join(violation_lines(violation, past, width)))
+    if more := len(violations) - len(shown):
+        click.echo(f"\nand {more} more" + ("" if everything else ": --all shows them"))
+
+
+def _first_of_each_kind(violations: list[Violation]) -> list[Violation]:
+    """The first breach of a rule, and of each property: what comes after the first may follow from it."""
+    first_rule = [violation for violation in violations if violation.source][:1]
+    return sorted([*first_rule, *(one for one in violations if not one.source)], key=lambda violation: violation.place)
+
+
+if __name__ == "__main__":
+    check(prog_name="python -m tca_tools.check")

@@ -1,0 +1,93 @@
+"""Who waits is told: senders of queries get their answers, and who waits for a moment of a task goes on."""
+
+from tca_tools.check.records import Item
+from tca_tools.check.rules import ANSWERED, WAITS
+from tca_tools.check.world import World
+from tca_wire import facts
+from tca_wire.points import TaskId, describe_moments
+from tca_wire.vocabulary import MessageClass, Role
+
+
+def answered(world: World, fact: facts.Answered) -> None:
+    """Whoever asked is told."""
+    item = world.item(fact.id, "was answered")
+    if item is None:
+        return
+    if item.is_answered:
+        world.broken(ANSWERED, item.id, f"{item} was answered a second time")
+    if item.is_dropped:
+        world.broken(ANSWERED, item.id, f"{item} was answered, though nobody waited any more")
+    if item.message_class is MessageClass.QUERY and not item.returned and not item.is_stranger:
+        world.broken(ANSWERED, item.id, f"{item} was answered before it was handled")
+    item.is_answered = True
+    world.finish(item)
+
+
+def must_answer(world: World, item: Item) -> None:
+    """A query was handled, or failed: who waits for it is told with the same event."""
+    item.returned = True
+    if item.message_class is MessageClass.QUERY and item.role is not Role.CONDITION:
+        world.later.append(lambda: _check_answered(world, item))
+    elif item.message_class is MessageClass.MULTI_QUERY and item.original is not None and not item.is_over:
+        asked = item.original
+        asked.copies -= 1
+        if not asked.copies:
+            world.later.append(lambda: _check_answered(world, asked))
+    world.finish(item)
+
+
+def _check_answered(world: World, item: Item) -> None:
+    if not (item.is_answered or item.is_dropped):
+        world.broken(ANSWERED, item.id, f"{item} was handled, and {item.sender}, which waits, was not answered")
+
+
+def wait_began(world: World, fact: facts.WaitBegan) -> None:
+    """A module waits for a moment of a task."""
+    item = world.items.get(fact.task)
+    if item is None or item.is_over:
+        if fact.task not in world.over and world.item(fact.task, "was waited for") is None:
+            return
+        world.waits.setdefault((fact.module, fact.origin, fact.task), []).append(0)
+        key = (fact.module, fact.origin, fact.task)
+        world.later.append(lambda: _check_none(world, key))
+        return
+    world.waits.setdefault((fact.module, fact.origin, fact.task), []).append(fact.moment)
+    item.waiters.append((fact.module, fact.origin, fact.moment))
+    if item.reached & fact.moment:
+        world.later.append(lambda: check_waits(world, item))
+
+
+def wait_ended(world: World, fact: facts.WaitEnded) -> None:
+    """Such a wait is over: the moment is reached, or the module gave up."""
+    key = (fact.module, fact.origin, fact.task)
+    waits = world.waits.get(key, [])
+    item = world.items.get(fact.task)
+    if not waits:
+        if world.is_whole or (world.first and fact.task >= world.first):
+            what = f"'{fact.module}' waits no longer for {world.name(fact.task)}, for which it did not wait"
+            world.broken(WAITS, fact.task, what)
+        return
+    past = next((moment for moment in waits if item is None or item.reached & moment), 0)
+    if not past and item is not None and len(set(waits)) > 1:  # one was given up, and the fact does not say which
+        item.waiters = [one for one in item.waiters if one[:2] != (fact.module, fact.origin)]
+        waits[:] = [0] * len(waits)
+    past = past or waits[0]
+    waits.remove(past)
+    if not waits:
+        del world.waits[key]
+    if item is not None and (fact.module, fact.origin, past) in item.waiters:
+        item.waiters.remove((fact.module, fact.origin, past))
+
+
+def check_waits(world: World, item: Item) -> None:
+    """Nobody waits for what is past."""
+    for module, _, moment in item.waiters:
+        if item.reached & moment:
+            words = ", ".join(describe_moments(moment))
+            world.broken(WAITS, item.id, f"'{module}' still waits for {words} of {item}, which is past")
+
+
+def _check_none(world: World, key: tuple[str, int, TaskId]) -> None:
+    if world.waits.get(key):
+        module, _, task = key
+        world.broken(WAITS, task, f"'{module}' waits for {world.name(task)}, which is over")

@@ -1,0 +1,162 @@
+"""How messages come into a run: under which parent, with which constraints; and what those hold back."""
+
+from tca_tools.check.kills import check_below
+from tca_tools.check.records import (
+    END_PLANNING,
+    FAN_OUT,
+    SAFE,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    Hold,
+    Item,
+)
+from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
+from tca_tools.check.taps import check_sent
+from tca_tools.check.world import World
+from tca_wire import facts
+from tca_wire.constraints import Constraint
+from tca_wire.points import ROOT, describe_moments
+from tca_wire.vocabulary import MessageClass, Role
+
+ROUNDING = 1e-9
+"""Seconds by which sums of times may differ."""
+
+CENTRAL = "central"
+_OF_MONITORS = (Role.CONDITION, Role.SET_UP, Role.ACTION)
+AT_BIRTH = START_PLANNING | END_PLANNING
+"""What a task that is no goal has reached as soon as it is sent."""
+
+
+def received(world: World, fact: facts.Received) -> None:
+    """A message is sent."""
+    name = f"{fact.message} {{{fact.id}}}"
+    if not world.new_number(fact.id):
+        again = fact.id in world.items or fact.id in world.over
+        what = "was received before" if again else f"came after {world.name(world.newest)}"
+        world.broken(NUMBERS, fact.id, f"{name} {what}")
+        if again:
+            return
+    if world.is_whole and fact.sender not in world.joined and fact.sender != CENTRAL:
+        world.broken(PRESENT, fact.id, f"{name} was sent by '{fact.sender}', which is not there")
+    item = Item(fact, None)
+    world.add(item)
+    if item.role:
+        _made_by_central(world, item)
+    if item.message_class in (MessageClass.BROADCAST, MessageClass.VARIABLE):
+        world.finish(item)  # it goes on in its copies
+    if item.is_task:
+        _plant(world, item, fact)
+    elif fact.parent != ROOT or fact.constraints:
+        world.broken(PLAIN, fact.id, f"{fact.message_class} {name} is under {world.name(fact.parent)}, or constrained")
+    elif item.message_class not in FAN_OUT:
+        world.later.append(lambda: _check_on_its_way(world, item))
+
+
+def _made_by_central(world: World, item: Item) -> None:
+    """What it was made for knows of it."""
+    if item.role is Role.LISTENER:
+        world.later.append(lambda: check_sent(world, item))
+    if item.role in _OF_MONITORS and (monitor := world.items.get(item.about)) is not None:
+        monitor.again = False  # where it was retried, it has begun to watch again
+        monitor.asked = item.id if item.role is Role.CONDITION else monitor.asked
+        monitor.has_fired = monitor.has_fired or item.role is Role.ACTION
+        world.touched[monitor] = None
+        world.flagged.append(monitor)
+
+
+def _plant(world: World, item: Item, fact: facts.Received) -> None:
+    """A task hangs under its parent."""
+    parent = world.task(fact.parent, "got a child") if fact.parent != ROOT else None
+    if parent is None and fact.parent != ROOT:
+        item.is_orphan = True
+        if fact.parent >= item.id:
+            world.broken(PARENT, item.id, f"{item} hangs under {world.name(fact.parent)}, which is no older")
+    if parent is not None:
+        item.parent, item.is_orphan = parent, parent.is_orphan
+        parent.children[item.id] = item
+        parent.unplanned += item.is_goal
+        item.is_suspended = parent.is_suspended and item.role not in SAFE
+        if parent.is_killed:
+            world.later.append(lambda: check_below(world, parent))
+    _constrain(world, fact.constraints)
+    if not item.is_goal:
+        world.later.append(lambda: _check_birth(world, item))
+
+
+def _check_on_its_way(world: World, item: Item) -> None:
+    if not (item.is_begun or item.is_queued or item.is_over):
+        world.broken(SETTLED, item.id, f"{item} was sent, and is neither with a handler nor in a queue")
+
+
+def _check_birth(world: World, item: Item) -> None:
+    if item.reached & AT_BIRTH != AT_BIRTH:
+        world.broken(ORDER, item.id, f"{item.message_class} {item} is no leaf of planning: it was not planned at birth")
+
+
+# --- constraints -----------------------------------------------------------------------------------------------------
+
+
+def constrained(world: World, fact: facts.Constrained) -> None:
+    """Constraints come between tasks that exist."""
+    _constrain(world, fact.constraints)
+
+
+def _constrain(world: World, constraints: list[Constraint]) -> None:
+    for constraint in constraints:
+        after = world.task(constraint.after.task, "got a constraint")
+        if after is None:
+            continue
+        if after.reached & int(constraint.after.moment):
+            world.broken(CONSTRAINT, after.id, f"constraint {constraint} on {after} came when that was past")
+        before = world.point_task(constraint.before.task, "is waited for")
+        after.is_stranger = after.is_stranger or (before is None and world.is_strange(constraint.before.task))
+        hold = Hold(constraint, before, constraint.delay if constraint.before.task == ROOT else None)
+        after.holds.append(hold)
+        if before is not None:
+            before.followers.append((hold, after))
+
+
+def timed_out(world: World, fact: facts.TimedOut) -> None:
+    """A delay is over."""
+    constraint = fact.constraint
+    after = world.task(constraint.after.task, "got past a delay")
+    if after is None:
+        return
+    hold = next((hold for hold in after.holds if hold.constraint == constraint and not hold.is_over), None)
+    if hold is None:
+        if not after.is_stranger:
+            world.broken(DELAY, after.id, f"a delay of {after} was over that it never had, or twice: {constraint}")
+        return
+    hold.is_over = True
+    if hold.due is None and hold.before is not None and not hold.before.is_stranger:
+        world.broken(DELAY, after.id, f"a delay of {after} was over before it began: {constraint}")
+    elif hold.due is not None and world.now < hold.due - ROUNDING:
+        early = hold.due - world.now
+        world.broken(DELAY, after.id, f"a delay of {after} was over {early:.6g} s too early: {constraint}")
+
+
+def not_met(item: Item, moments: int) -> str:
+    """What those moments of a task come after and is not past, in words."""
+    unmet = [hold for hold in item.holds if hold.moment & moments and not hold.is_met]
+    return ", ".join(map(_said, unmet)) if unmet else ""
+
+
+def not_startable(item: Item) -> str:
+    """What a task is begun after and is not past, in words; its planning may have to wait for its own achieving."""
+    if not item.holds:
+        return ""
+    first = START_HANDLING | (START_PLANNING if item.is_goal else START_ACHIEVING)
+    if any(hold.before is item and hold.moment == START_PLANNING for hold in item.holds):
+        first |= START_ACHIEVING
+    unmet = [hold for hold in item.holds if hold.moment & first and hold.before is not item and not hold.is_met]
+    return ", ".join(map(_said, unmet))
+
+
+def _said(hold: Hold) -> str:
+    constraint = hold.constraint
+    if constraint.before.task == ROOT:
+        return f"{constraint.delay:g} s"
+    delay = f"{constraint.delay:g} s after " if constraint.delay else ""
+    moments = ", ".join(describe_moments(constraint.before.moment))
+    return f"{delay}{moments} of {hold.before or constraint.before.task}"

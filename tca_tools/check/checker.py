@@ -1,0 +1,146 @@
+"""Holds the entries of a journal against the rules, one after the other, at a bounded cost for each fact."""
+
+from collections.abc import Callable
+from typing import Any
+
+from tca_tools.check import asking, births, failing, handling, kills, moments, presence, taps
+from tca_tools.check.rules import CLOCK, Violation
+from tca_tools.check.settled import check_settled
+from tca_tools.check.world import World
+from tca_tools.history import History
+from tca_wire import facts
+
+Report = Callable[[Violation], None]
+
+
+class Checker:
+    """What was read of a journal, and ``world``, where it stands. Give it every entry, then ``close`` it."""
+
+    def __init__(self, report: Report, follow: Callable[[World], None] = lambda _: None) -> None:
+        self._report = report
+        self._follow = follow  #: is called when an event is known with all its facts
+        self.world = World(report, is_whole=False)
+        self.history: History | None = None  #: is folded along, for properties that ask for all records
+        self.events = 0
+        self.facts = 0
+        self.gaps: list[str] = []  #: what is missing, in words
+        self.is_closed = False  #: central ended of its own will
+        self._is_open = False  #: an event is being folded
+        self._epoch, self._segment = "", 0
+        self.began = 0.0
+
+    def take(self, entry: facts.Entry) -> None:
+        """The next entry. Several of one number are one event."""
+        if not (self._is_open and entry.number == self.world.event):
+            self._end_event()
+            self._begin_event(entry)
+        if self.history is not None:
+            self.history.apply(entry)
+        world = self.world
+        self.facts += len(entry.facts)
+        for fact in entry.facts:
+            kind = type(fact)
+            if fold := FOLD.get(kind):
+                fold(world, fact)
+            elif isinstance(fact, facts.Opened):
+                self._opened(fact, entry)
+                world = self.world
+            elif isinstance(fact, facts.Closed):
+                if self.is_closed:
+                    world.broken(CLOCK, 0, "central ended a second time")
+                self.is_closed = True
+
+    def close(self) -> None:
+        """That was all."""
+        self._end_event()
+
+    def _begin_event(self, entry: facts.Entry) -> None:
+        world = self.world
+        if not self.events:
+            self.began = entry.time
+            if not (entry.facts and isinstance(entry.facts[0], facts.Opened)):
+                self.gaps.append("it begins in the middle of a segment: what was sent before is not known")
+        elif not isinstance(entry.facts[0] if entry.facts else None, facts.Opened):
+            self._check_clock(entry)
+        world.begin(entry)
+        self._is_open = True
+        self.events += 1
+
+    def _check_clock(self, entry: facts.Entry) -> None:
+        world = self.world
+        if entry.time < world.now or entry.number < world.event:
+            before, after = f"event {world.event} at {world.now:g} s", f"event {entry.number} at {entry.time:g} s"
+            world.broken(CLOCK, 0, f"{after} comes after {before}")
+        elif self.is_closed:
+            world.broken(CLOCK, 0, f"event {entry.number} comes after central ended")
+
+    def _end_event(self) -> None:
+        if not self._is_open:
+            return
+        self._is_open = False
+        world = self.world
+        world.end()
+        handling.check_places(world)
+        check_settled(world)
+        world.history = self.history
+        self._follow(world)
+        world.events += 1
+
+    def _opened(self, fact: facts.Opened, entry: facts.Entry) -> None:
+        """A segment begins: of this run, of another one, or after some that are missing."""
+        is_other = fact.epoch != self._epoch
+        is_next = fact.segment == self._segment + 1
+        if is_other or not is_next:
+            if is_other and self._epoch:
+                self.gaps.append(f"at {entry.time:.2f} s another run begins ({fact.epoch})")
+            if not is_other or fact.segment != 1:
+                first = 1 if is_other else self._segment + 1
+                which = (
+                    f"segment {first} is"
+                    if first == fact.segment - 1
+                    else f"segments {first} to {fact.segment - 1} are"
+                )
+                self.gaps.append(f"{which} missing: what was sent before {entry.time:.2f} s is not known")
+            self.world = World(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
+            self.world.begin(entry)
+        self._epoch, self._segment, self.is_closed = fact.epoch, fact.segment, False
+
+
+FOLD: dict[type, Callable[[World, Any], None]] = {
+    facts.ModuleJoined: presence.joined,
+    facts.ModuleLeft: presence.left,
+    facts.ResourceChanged: presence.resource,
+    facts.FormatDefined: presence.format_defined,
+    facts.HandlerAdded: presence.handler,
+    facts.HandlerRemoved: presence.no_handler,
+    facts.Received: births.received,
+    facts.Constrained: births.constrained,
+    facts.TimedOut: births.timed_out,
+    facts.Queued: handling.queued,
+    facts.Unqueued: handling.unqueued,
+    facts.Delivered: handling.delivered,
+    facts.Returned: handling.returned,
+    facts.Failed: handling.failed,
+    facts.Dropped: handling.dropped,
+    facts.Reached: moments.reached,
+    facts.Killed: kills.killed,
+    facts.SuspendedOrResumed: kills.suspended,
+    facts.Retried: kills.retried,
+    facts.Attached: failing.attached,
+    facts.Removed: failing.removed,
+    facts.Caught: failing.caught,
+    facts.Reissued: failing.reissued,
+    facts.Unhandled: failing.unhandled,
+    facts.Recovered: failing.recovered,
+    facts.TapAdded: taps.tap_added,
+    facts.TapFired: taps.fired,
+    facts.MonitorTested: taps.tested,
+    facts.MonitorEnded: taps.monitor_ended,
+    facts.Answered: asking.answered,
+    facts.WaitBegan: asking.wait_began,
+    facts.WaitEnded: asking.wait_ended,
+    facts.Claimed: presence.claimed,
+    facts.Granted: presence.granted,
+    facts.ClaimEnded: presence.claim_ended,
+}
+"""One row per kind of fact that the rules are about."""

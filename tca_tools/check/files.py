@@ -1,0 +1,67 @@
+"""Properties from Python files: those of the explorer as they are, and those made here."""
+
+import runpy
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tca_tools.check.language import BadProperty, property_from
+from tca_tools.check.properties import Property, words_of
+from tca_tools.check.records import Item
+from tca_tools.check.world import World
+
+
+class Foreign(Property):
+    """A property of the explorer (tca_explorer.Property), asked of a journal: it remembers a number."""
+
+    def __init__(self, stated: Any) -> None:
+        super().__init__(words_of(stated))
+        self._stated = stated
+        self._memory = 0
+
+    def after(self, world: World, changed: Iterable[Item]) -> str:
+        """After an event: what is wrong."""
+        del changed
+        self._memory, wrong = self._stated.seen(world, self._memory)
+        if wrong and self._stated.predicates:
+            found = self._stated.predicates[-1](world)
+            self.blame(one for one in (found if isinstance(found, list | tuple) else ()) if hasattr(one, "id"))
+        return str(wrong)
+
+    def at_end(self, world: World) -> str:
+        """When the journal is read: what is wrong."""
+        return str(self._stated.ended(world, self._memory))
+
+
+def properties_in(path: Path) -> list[Property]:
+    """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts in PROPERTIES."""
+    try:
+        names = runpy.run_path(str(path), run_name=path.stem)
+        found = [one for value in names.values() for one in _found(value)]
+        texts = names.get("PROPERTIES", ())
+        found += [property_from(text) for text in texts if isinstance(text, str)]
+    except BadProperty as error:
+        raise click.UsageError(f"{path}: {error}") from None
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, the file is what is wrong
+        where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        line = f", line {where[-1]}" if where else ""
+        raise click.UsageError(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from None
+    if not found:
+        raise click.UsageError(f"{path} has no property: put some at its top level, or texts into a list PROPERTIES")
+    return found
+
+
+def _found(value: Any) -> list[Property]:
+    if isinstance(value, Property):
+        return [value]
+    if isinstance(value, type):
+        return []
+    if callable(getattr(value, "seen", None)) and callable(getattr(value, "ended", None)):
+        return [Foreign(value)]
+    inside = getattr(value, "properties", value)
+    if isinstance(inside, list | tuple):
+        return [one for item in inside if not isinstance(item, list | tuple) for one in _found(item)]
+    return []

@@ -1,0 +1,150 @@
+"""Who is there: modules, what they handle, their resources, and who has locked or reserved those."""
+
+from tca_tools.check.records import Item, Place
+from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, NUMBERS, PRESENT
+from tca_tools.check.world import World, said
+from tca_wire import facts
+
+
+def joined(world: World, fact: facts.ModuleJoined) -> None:
+    """A module is there."""
+    if fact.module in world.joined:
+        world.broken(PRESENT, 0, f"module '{fact.module}' joined, and is there already")
+    world.joined[fact.module] = None
+
+
+def left(world: World, fact: facts.ModuleLeft) -> None:
+    """A module is gone."""
+    _must_be_there(world, fact.module, "left")
+    world.joined.pop(fact.module, None)
+    for message, handlers in world.handlers.items():
+        if fact.module in handlers:
+            world.broken(PRESENT, 0, f"module '{fact.module}' left, and still handles {message}")
+    for place in world.places.values():
+        if place.module == fact.module:
+            if place.capacity:
+                world.broken(PRESENT, 0, f"module '{fact.module}' left, and {said(place)} still takes {place.capacity}")
+            place.capacity = 0 if place.capacity is not None else None
+            world.places_touched[place] = None
+            world.slots_lost.add(place)
+
+
+def resource(world: World, fact: facts.ResourceChanged) -> None:
+    """A resource takes more or fewer at a time: one slot came, or is gone."""
+    _must_be_there(world, fact.module, f"offered resource '{fact.resource}'")
+    place = world.place(fact.module, fact.resource)
+    before = place.capacity if place.capacity is not None else 0 if world.is_whole else None
+    if before is not None and abs(fact.capacity - before) != 1:
+        world.broken(CAPACITY, 0, f"{said(place)} takes {fact.capacity} at a time, and took {before} before")
+    if before is None or fact.capacity < before:
+        world.slots_lost.add(place)
+    place.capacity = fact.capacity
+
+
+def format_defined(world: World, fact: facts.FormatDefined) -> None:
+    """A message is declared."""
+    world.classes[fact.message] = fact.message_class
+
+
+def handler(world: World, fact: facts.HandlerAdded) -> None:
+    """A module handles a message."""
+    _must_be_there(world, fact.module, f"handles {fact.message}")
+    handlers = world.handlers.setdefault(fact.message, {})
+    if fact.module in handlers:
+        world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} already")
+    handlers[fact.module] = fact.resource
+    _handlers_changed(world, fact.message)
+
+
+def no_handler(world: World, fact: facts.HandlerRemoved) -> None:
+    """A module handles a message no longer."""
+    handlers = world.handlers.get(fact.message, {})
+    if handlers.pop(fact.module, None) is None and world.is_whole:
+        world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} no longer, and did not before")
+    if not handlers:
+        world.handlers.pop(fact.message, None)
+    _handlers_changed(world, fact.message)
+
+
+def _handlers_changed(world: World, message: str) -> None:
+    world.rehandled.add(message)
+    if ("", "") in world.places:
+        world.place("", "")
+
+
+def _must_be_there(world: World, module: str, what: str) -> None:
+    if world.is_whole and module not in world.joined:
+        world.broken(PRESENT, 0, f"module '{module}' {what}, and is not there")
+
+
+# --- locks and reservations ------------------------------------------------------------------------------------------
+
+
+def claimed(world: World, fact: facts.Claimed) -> None:
+    """A module wants a resource for itself."""
+    if not world.new_number(fact.id):
+        world.broken(NUMBERS, 0, f"claim {{{fact.id}}} came after {world.name(world.newest)}")
+    world.claims[fact.id] = fact
+    world.place(fact.module, fact.resource).claims[fact.id] = fact
+    holder = world.deliveries.get(fact.origin) or world.items.get(fact.origin)
+    if holder is not None:
+        holder.claims[fact.id] = fact
+
+
+def granted(world: World, fact: facts.Granted) -> None:
+    """It has it."""
+    claim = world.claims.get(fact.id)
+    if claim is None:
+        _unknown(world, fact.id, "granted")
+        return
+    place = world.place(claim.module, claim.resource)
+    if place.held_by is not None:
+        what = "twice" if place.held_by is claim else f"while {place.held_by.sender} had it ({{{place.held_by.id}}})"
+        world.broken(GRANTED, claim.origin, f"{_said(claim)} was granted {what}")
+    inside = [item for item in place.runs.values() if not _is_own(claim, place, item)]
+    if inside:
+        world.later.append(lambda: _check_alone(world, claim, place, inside))
+    place.claims.pop(fact.id, None)
+    place.held_by = claim
+
+
+def _is_own(claim: facts.Claimed, place: Place, item: Item) -> bool:
+    """Whether it is the one who asks who is in; of handlers within handlers only the module is known."""
+    return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
+
+
+def _check_alone(world: World, claim: facts.Claimed, place: Place, inside: list[Item]) -> None:
+    """Who was in when it was granted was lost with the same event, or should not have been."""
+    if still := [item for item in inside if item.place is place]:
+        world.broken(GRANTED, still[0].id, f"{_said(claim)} was granted while {still[0]} was in it")
+
+
+def claim_ended(world: World, fact: facts.ClaimEnded) -> None:
+    """It is released, or given up."""
+    claim = world.claims.pop(fact.id, None)
+    if claim is None:
+        _unknown(world, fact.id, "released or given up")
+        return
+    place = world.place(claim.module, claim.resource)
+    place.claims.pop(fact.id, None)
+    if place.held_by is claim:
+        place.held_by = None
+    holder = world.deliveries.get(claim.origin) or world.items.get(claim.origin)
+    if holder is not None:
+        holder.claims.pop(fact.id, None)
+
+
+def _unknown(world: World, claim: int, what: str) -> None:
+    if world.first and claim >= world.first:
+        world.broken(GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation")
+
+
+def check_claims(world: World, item: Item) -> None:
+    """What was claimed for a task or message ends with it."""
+    for claim in item.claims.values():
+        world.broken(GRANTED, item.id, f"{_said(claim)} outlives {item}, for which it was made")
+
+
+def _said(claim: facts.Claimed) -> str:
+    kind = "reservation" if claim.is_reserved else "lock"
+    return f"the {kind} {{{claim.id}}} of '{claim.resource}' by {claim.sender}"

@@ -1,0 +1,225 @@
+"""What is known of the messages, resources and claims of a run at one event. Plain records; the fold fills them.
+
+Of a message under way properties see the names that the explorer gives them (tca_explorer's world), so that the same
+property can be asked of a scenario and of a journal.
+"""
+
+from typing import Any
+
+from tca_wire import facts
+from tca_wire.constraints import Constraint
+from tca_wire.formats import decode_untyped
+from tca_wire.points import ALL_MOMENTS, Moment
+from tca_wire.vocabulary import MessageClass, Role
+
+SURVIVORS = frozenset((Role.EXCEPTION, Role.TERMINATION, Role.CANCEL))
+"""What is not killed with the task above it."""
+SAFE = frozenset((Role.TERMINATION, Role.CANCEL))
+"""What is not suspended with it."""
+FAN_OUT = frozenset((MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE))
+"""What goes to all who handle it, in a copy for each."""
+_FIRES = (Role.LISTENER, Role.ACTION)
+
+START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
+START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
+START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
+
+
+class Hold:
+    """A constraint on a moment of a task."""
+
+    __slots__ = ("before", "constraint", "due", "is_over", "moment", "needs")
+
+    def __init__(self, constraint: Constraint, before: "Item | None", due: float | None) -> None:
+        self.constraint = constraint
+        self.before = before  #: the task that is waited for (None: the root, or it ended before the journal began)
+        self.needs = int(constraint.before.moment)
+        self.moment = int(constraint.after.moment)
+        self.due = due  #: when its delay is over, once that is known
+        self.is_over = False  #: its delay is over
+
+    @property
+    def is_met(self) -> bool:
+        """Whether it holds nothing back any more."""
+        if self.constraint.delay:
+            return self.is_over
+        return self.before is None or bool(self.before.reached & self.needs)
+
+
+class Place:
+    """A resource of a module."""
+
+    __slots__ = ("capacity", "claims", "held_by", "module", "name", "nested", "runs", "waiting")
+
+    def __init__(self, module: str, name: str) -> None:
+        self.module, self.name = module, name
+        self.capacity: int | None = None  #: None: not known
+        self.runs: dict[int, Item] = {}  #: what its handlers have, by delivery
+        self.nested: dict[int, Item] = {}  #: what a handler that waits for its own module may have taken in between
+        self.waiting: dict[int, Item] = {}  #: by delivery
+        self.claims: dict[int, facts.Claimed] = {}  #: locks and reservations that are waited for
+        self.held_by: facts.Claimed | None = None
+
+
+class Item:
+    """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
+
+    __slots__ = (
+        "about",
+        "again",
+        "asked",
+        "attempts",
+        "begun_in",
+        "body",
+        "children",
+        "claims",
+        "copies",
+        "deciding",
+        "ended_handlers",
+        "failure",
+        "fired",
+        "followers",
+        "given_as",
+        "has_fired",
+        "holds",
+        "id",
+        "invocations",
+        "is_answered",
+        "is_begun",
+        "is_dropped",
+        "is_goal",
+        "is_killed",
+        "is_new",
+        "is_orphan",
+        "is_over",
+        "is_retried",
+        "is_stranger",
+        "is_suspended",
+        "is_task",
+        "is_void",
+        "message",
+        "message_class",
+        "must_fail",
+        "origin",
+        "original",
+        "parent",
+        "place",
+        "reached",
+        "recovering",
+        "returned",
+        "role",
+        "searches",
+        "sender",
+        "unplanned",
+        "untested",
+        "waiters",
+        "waits_at",
+    )  # fmt: skip
+
+    def __init__(self, fact: facts.Received, parent: "Item | None") -> None:
+        self.id = self.given_as = fact.id
+        self.message, self.message_class, self.sender = fact.message, fact.message_class, fact.sender
+        self.parent, self.body, self.role, self.about, self.origin = (
+            parent, fact.body, fact.role, fact.about, fact.origin
+        )  # fmt: skip
+        self.is_task, self.is_goal = fact.message_class.is_task, fact.message_class.is_goal
+        self.is_orphan = False  #: what it hangs under was sent before the journal begins
+        self.is_stranger = False  #: what holds it is not known, for the same reason
+        self.original: Item | None = None  #: of a copy
+        self.copies = 0  #: number of those that are not over
+        self.reached = 0
+        self.children: dict[int, Item] = {}  #: those that have not ended
+        self.unplanned = 0  #: number of goals among them that are not planned
+        self.holds: list[Hold] = []
+        self.followers: list[tuple[Hold, Item]] = []  #: the constraints of others that wait for it
+        self.waits_at: Place | None = None  #: the resource whose queue it is in; one without a name: for a handler
+        self.place: Place | None = None  #: the resource whose handler has it
+        self.begun_in = -1  #: the event in which it was begun
+        self.asked = 0  #: of a monitor: its condition under way
+        self.untested = 0  #: of a monitor: answers to its condition that it has not looked at
+        self.is_begun = self.is_killed = self.is_suspended = self.is_over = False
+        self.is_new, self.is_retried, self.has_fired = True, False, False
+        self.is_answered = self.is_dropped = False
+        self.returned = False  #: its handler is done, for good
+        self.again = False  #: it is to be handled once more
+        self.must_fail = False  #: its handler failed, and the failure is still to be raised
+        self.attempts = 1
+        self.failure = ""
+        self.deciding = 0  #: the exception handler that decides what becomes of it
+        self.recovering: tuple[int, ...] = ()
+        self.searches: list[int] = []  #: searches for exception handlers that must come: after which one (0: anew)
+        self.ended_handlers: list[int] = []  #: exception handlers that have just ended
+        self.is_void = False  #: of an exception handler: it decides nothing any more
+        self.invocations: dict[int, int] = {}  #: how often each attachment was called here
+        self.fired: set[int] = set()  #: the wiretaps that were fired for it
+        self.claims: dict[int, facts.Claimed] = {}  #: what was claimed for it
+        self.waiters: list[tuple[str, int, int]] = []  #: who waits for which moment of it
+
+    def __str__(self) -> str:
+        return f"{self.message} {{{self.id}}}"
+
+    # --- what properties see ---------------------------------------------------------------------------------------
+
+    @property
+    def parent_id(self) -> int:
+        """The task that it is under (0: the root)."""
+        return self.parent.id if self.parent else 0
+
+    @property
+    def data(self) -> Any:
+        """What was sent with it, as plain values."""
+        return decode_untyped(self.body)
+
+    @property
+    def module(self) -> str:
+        """The module whose handler has it now."""
+        return self.place.module if self.place else ""
+
+    @property
+    def is_handled(self) -> bool:
+        """Whether a handler has it now."""
+        return self.place is not None
+
+    @property
+    def is_queued(self) -> bool:
+        """Whether it waits for a resource, or for a handler."""
+        return self.waits_at is not None
+
+    def has(self, moment: int) -> bool:
+        """Whether it has reached a moment. A killed task has reached all when it ends."""
+        return bool(self.reached & moment)
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether it and everything under it has been expanded; of a command always."""
+        return bool(self.reached & END_PLANNING)
+
+    @property
+    def is_being_achieved(self) -> bool:
+        """Whether its achieving has started and not ended."""
+        return bool(self.reached & START_ACHIEVING) and not self.reached & END_ACHIEVING
+
+    @property
+    def is_achieved(self) -> bool:
+        """Whether it was achieved, not killed, with the last event."""
+        return bool(self.reached & END_ACHIEVING) and not self.is_killed
+
+    @property
+    def is_planned_ahead(self) -> bool:
+        """Whether it was begun before it may be achieved."""
+        return self.is_begun and not self.reached & START_ACHIEVING
+
+    @property
+    def is_recovering(self) -> bool:
+        """Whether an exception handler is at work on its failure."""
+        return bool(self.recovering)
+
+    @property
+    def is_fire(self) -> bool:
+        """Whether a wiretap or a monitor has just sent it."""
+        return self.is_new and self.role in _FIRES
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it is a task that has reached all its moments."""
+        return self.reached == ALL_MOMENTS

@@ -1,0 +1,39 @@
+"""What a check has found, as text: what was read, which rule is broken where, and the story of the message."""
+
+from collections.abc import Iterator
+
+import click
+
+from tca_tools.check.rules import Violation
+from tca_tools.past import Past
+from tca_tools.story import story
+from tca_tools.terminal import cut, printable
+
+_LONGEST_STORY = 40
+"""Sentences of one story that are shown."""
+
+
+def violation_lines(violation: Violation, past: Past, width: int | None) -> Iterator[str]:
+    """One violation, with the story of its message until then."""
+    where = f"at {violation.time:.3f} s, event {violation.event}"
+    yield click.style(cut(printable(f"BROKEN {where}: {violation.rule}"), width), fg="red", bold=True)
+    yield cut(printable(f"  {violation.what}"), width)
+    if violation.source:
+        yield click.style(cut(f"  the rule: {violation.source}", width), dim=True)
+    yield from _story(violation, past, width)
+
+
+def _story(violation: Violation, past: Past, width: int | None) -> Iterator[str]:
+    until = past.times[min(violation.place, len(past.times) - 1)] if past.times else 0.0
+    told = [sentence for sentence in story(past, violation.message) if sentence.time <= until]
+    if not told:
+        return
+    yield f"  the story of {printable(past.describe(violation.message))} until then:"
+    if len(told) > _LONGEST_STORY:
+        yield f"     ... {len(told) - _LONGEST_STORY} sentences ..."
+    for sentence in told[-_LONGEST_STORY:]:
+        ends = None if sentence.seconds is None else sentence.time + sentence.seconds
+        lasted = (
+            f", {sentence.seconds:.3f} s" if sentence.seconds is not None and ends is not None and ends <= until else ""
+        )
+        yield cut(f"  {sentence.time:10.3f}  {printable(sentence.text)}{lasted}", width)

@@ -1,0 +1,166 @@
+"""Wiretaps and monitors: what they hold, when they send what."""
+
+from tca_tools.check.records import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    Hold,
+    Item,
+)
+from tca_tools.check.rules import MONITOR, NUMBERS, TAPPED
+from tca_tools.check.world import World
+from tca_wire import facts
+from tca_wire.constraints import Constraint
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, Role
+
+_FIRED_BEFORE = {
+    Condition.BEFORE_HANDLING: START_HANDLING,
+    Condition.BEFORE_PLANNING: START_PLANNING,
+    Condition.BEFORE_ACHIEVING: START_ACHIEVING,
+    Condition.WHEN_PLANNED: END_PLANNING,
+    Condition.WHEN_ACHIEVED: END_ACHIEVING,
+}
+"""Which moment of the tapped task comes after the wiretap has fired."""
+_HELD_UNTIL = {
+    Condition.BEFORE_HANDLING: END_HANDLING,
+    Condition.BEFORE_PLANNING: END_PLANNING,
+    Condition.BEFORE_ACHIEVING: END_ACHIEVING,
+}
+"""Which moment of the listener that moment comes after."""
+
+
+def tap_added(world: World, fact: facts.TapAdded) -> None:
+    """A wiretap."""
+    if not world.new_number(fact.id):
+        world.broken(NUMBERS, 0, f"wiretap {{{fact.id}}} came after {world.name(world.newest)}")
+    if fact.task != ROOT:
+        world.task(fact.task, "got a wiretap")
+    world.taps[fact.id] = fact
+    if fact.condition in _FIRED_BEFORE:
+        world.taps_before.setdefault(fact.message, {})[fact.id] = fact
+
+
+def forget_task(world: World, item: Item) -> None:
+    """A task has ended, and its own wiretaps are gone."""
+    of_message = world.taps_before.get(item.message)
+    for tap in [tap for tap in of_message.values() if tap.task == item.id] if of_message else ():
+        del world.taps_before[item.message][tap.id]
+
+
+def fired(world: World, fact: facts.TapFired) -> None:
+    """A wiretap sends its listener."""
+    tap = world.taps.get(fact.tap)
+    if tap is None:
+        if world.is_whole:
+            world.broken(TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, and is not there")
+        elif (tapped := world.items.get(fact.tapped)) is not None:
+            tapped.is_stranger = True  # what holds it is not known
+        return
+    tapped = world.items.get(fact.tapped)
+    if tapped is not None:
+        tapped.fired.add(tap.id)
+        if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
+            whose = world.name(tap.task) if tap.task else tap.message
+            world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
+    listener = world.item(fact.listener, "was sent by a wiretap") if fact.listener else None
+    if listener is not None:
+        _sent(world, tap, fact, tapped, listener)
+
+
+def _sent(world: World, tap: facts.TapAdded, fact: facts.TapFired, tapped: Item | None, listener: Item) -> None:
+    if listener.fired:
+        world.broken(TAPPED, listener.id, f"{listener} was sent by a wiretap twice")
+    listener.fired.add(tap.id)
+    if listener.role is not Role.LISTENER or listener.about != fact.tapped or listener.message != tap.listener:
+        world.broken(
+            TAPPED, listener.id, f"{listener} was sent for {world.name(fact.tapped)}: {tap.listener} should be"
+        )
+    if tapped is not None and tapped.is_task and listener.is_task and (end := _HELD_UNTIL.get(tap.condition)):
+        _hold(tapped, listener, _FIRED_BEFORE[tap.condition], end)
+
+
+def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
+    if not tapped.reached & moment and not listener.reached & end:
+        points = Point(TaskId(listener.id), Moment(end)), Point(TaskId(tapped.id), Moment(moment))
+        hold = Hold(Constraint(*points), listener, None)
+        tapped.holds.append(hold)
+        listener.followers.append((hold, tapped))
+
+
+def check_fired(world: World, item: Item, moments: int) -> None:
+    """A task goes on: all wiretaps that were there when it was sent have been fired."""
+    of_message = world.taps_before.get(item.message)
+    if not of_message or item.role is Role.LISTENER or not item.is_task:
+        return
+    for tap in of_message.values():
+        if _FIRED_BEFORE[tap.condition] & moments and tap.id < item.id and tap.id not in item.fired and not tap.task:
+            what = f"{item} went on, and wiretap {{{tap.id}}} ({tap.listener} {tap.condition}) was not fired"
+            world.broken(TAPPED, item.id, what)
+
+
+def check_sent(world: World, listener: Item) -> None:
+    """A listener is sent by a wiretap."""
+    if not listener.fired and world.is_whole:
+        world.broken(
+            TAPPED, listener.id, f"{listener} listens to {world.name(listener.about)}, and no wiretap was fired"
+        )
+
+
+# --- monitors --------------------------------------------------------------------------------------------------------
+
+
+def tested(world: World, fact: facts.MonitorTested) -> None:
+    """The condition of a monitor was asked."""
+    item = _watching(world, fact.monitor, "was tested")
+    if item is None:
+        return
+    if item.returned and not item.again:
+        world.broken(MONITOR, item.id, f"{item} was tested, and watches no longer")
+    if not item.untested:
+        world.broken(MONITOR, item.id, f"{item} was tested, and its condition was not answered")
+    item.untested = 0
+
+
+def answered(world: World, condition: Item) -> None:
+    """The condition of a monitor was answered: it is tested with the same event, if it still watches."""
+    monitor = world.items.get(condition.about)
+    if (
+        monitor is not None
+        and not monitor.is_stranger
+        and monitor.asked == condition.id
+        and not (monitor.returned or monitor.is_killed)
+    ):
+        monitor.asked, monitor.untested = 0, 1
+        world.later.append(lambda: _check_tested(world, monitor))
+
+
+def _check_tested(world: World, monitor: Item) -> None:
+    if monitor.untested and not (monitor.again or monitor.is_killed):
+        world.broken(MONITOR, monitor.id, f"the condition of {monitor} was answered, and that came to nothing")
+    monitor.untested = 0
+
+
+def monitor_ended(world: World, fact: facts.MonitorEnded) -> None:
+    """A monitor watches no longer."""
+    item = _watching(world, fact.monitor, "ended")
+    if item is None:
+        return
+    if item.returned and not (item.again or item.is_killed):
+        world.broken(MONITOR, item.id, f"{item} ended a second time")
+    item.again, item.returned, item.asked = False, True, 0
+
+
+def _watching(world: World, monitor: int, what: str) -> Item | None:
+    item = world.task(monitor, what)
+    if item is None or item.is_stranger:
+        return None
+    if not item.message_class.is_monitor:
+        world.broken(MONITOR, item.id, f"{item} {what}, and is no monitor")
+        return None
+    if not item.reached & START_HANDLING:
+        world.broken(MONITOR, item.id, f"{item} {what}, and had not begun to watch")
+    return item

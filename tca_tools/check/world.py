@@ -1,0 +1,238 @@
+"""What is under way at one event of a run, folded from the facts and from nothing else; and what was found wrong.
+
+It keeps what has not ended and the names of what has, so it stays small. A journal may begin in the middle: what was
+sent before is a stranger, of which nothing is claimed.
+"""
+
+from collections.abc import Callable
+from sys import intern
+from typing import NamedTuple
+
+from tca_tools.check.records import FAN_OUT, Item, Place
+from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
+from tca_tools.past import Past
+from tca_tools.then import Then
+from tca_wire import facts
+from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import MessageClass
+from tca_wire.wording import place as words_of_place
+
+
+class Gone(NamedTuple):
+    """What is remembered of a message that is over."""
+
+    message: str
+    message_class: MessageClass
+    sender: str
+
+
+class World:
+    """The messages under way. What ended with the last event is still there; what ended before is not."""
+
+    def __init__(self, report: Callable[[Violation], None], *, is_whole: bool, events: int = 0) -> None:
+        self._report = report
+        self.is_whole = is_whole  #: the journal is known from the beginning of the run
+        self.first = 1 if is_whole else 0  #: the first number of which all must be known (0: not known yet)
+        self.newest = 0  #: the highest number given so far
+        self.events = events  #: how many were seen before this one
+        self.event = 0  #: its number
+        self.now = 0.0
+        self.items: dict[int, Item] = {}  #: by number, oldest first; each copy of a broadcast has one of its own
+        self.deliveries: dict[int, Item] = {}  #: of tasks that are handled again: by delivery
+        self.history: Past | None = None  #: all records so far, where properties ask for them
+        self.strange: set[int] = set()  #: deliveries of what was sent before the journal begins
+        self.over: dict[int, Gone] = {}  #: the messages that are not under way any more
+        self.joined: dict[str, None] = {}
+        self.handlers: dict[str, dict[str, str]] = {}  #: for each message its handlers: module and resource
+        self.places: dict[tuple[str, str], Place] = {}
+        self.claims: dict[int, facts.Claimed] = {}
+        self.taps: dict[int, facts.TapAdded] = {}
+        self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: those that hold, by message
+        self.attached: dict[int, facts.Attached] = {}
+        self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there
+        self.waits: dict[tuple[str, int, int], list[int]] = {}  #: by module, origin and task: for which moments
+        self.classes: dict[str, MessageClass] = {}  #: of the declared messages
+        # Of the event that is being folded:
+        self.touched: dict[Item, None] = {}
+        self.places_touched: dict[Place, None] = {}
+        self.slots_lost: set[Place] = set()
+        self.rehandled: set[str] = set()  #: messages that got or lost a handler
+        self.later: list[Callable[[], None]] = []  #: what must be true when all of the event is known
+        self.flagged: list[Item] = []  #: what is as it is for one event only
+
+    # --- for properties --------------------------------------------------------------------------------------------
+
+    @property
+    def then(self) -> Then:
+        """All that is known of the run until now: every task, what it waits for, what ended long ago."""
+        if self.history is None:
+            raise ValueError("the records are kept only where properties come from a file")
+        return Then(self.history)
+
+    @property
+    def messages(self) -> list[Item]:
+        """Everything under way, oldest first."""
+        return list(self.items.values())
+
+    @property
+    def tasks(self) -> list[Item]:
+        """The tasks among them."""
+        return [item for item in self.items.values() if item.is_task]
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """Those connected, oldest first."""
+        return tuple(self.joined)
+
+    @property
+    def held_by(self) -> dict[tuple[str, str], facts.Claimed]:
+        """The locks and reservations in force, by module and resource."""
+        return {key: place.held_by for key, place in self.places.items() if place.held_by}
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """The tasks that have not ended."""
+        return tuple(f"{task} has not ended" for task in self.tasks if not task.is_over)
+
+    def parent(self, task: Item) -> Item | None:
+        """The task that *task* is under; None: the root."""
+        return task.parent
+
+    def children(self, task: Item) -> list[Item]:
+        """The tasks under *task* that have not ended, oldest first."""
+        return list(task.children.values())
+
+    # --- what the fold needs ---------------------------------------------------------------------------------------
+
+    def broken(self, rule: Rule, message: int, what: str) -> None:
+        """A rule is broken."""
+        self._report(Violation(rule.text, rule.source, self.events, self.event, self.now, message, what))
+
+    def begin(self, entry: facts.Entry) -> None:
+        """An event begins: forget what ended with the one before."""
+        self.event, self.now = entry.number, entry.time
+        for item in self.flagged:
+            item.is_new = item.is_retried = item.has_fired = False
+            if item.is_over and self.items.pop(item.id, None) is not None:
+                self.over[item.id] = Gone(item.message, item.message_class, item.sender)
+                self.deliveries.pop(item.given_as, None)
+        self.flagged.clear()
+        self.touched.clear()
+        self.places_touched.clear()
+        self.slots_lost.clear()
+        self.rehandled.clear()
+        self.later.clear()
+
+    def end(self) -> None:
+        """All facts of the event are known."""
+        for check in self.later:
+            check()
+
+    def new_number(self, number: int) -> bool:
+        """A number is given to something; whether it is a new one."""
+        if not self.first:
+            self.first = number
+        is_new = number > self.newest
+        self.newest = max(self.newest, number)
+        return is_new
+
+    def add(self, item: Item) -> None:
+        """A message is under way."""
+        item.message, item.sender = intern(item.message), intern(item.sender)
+        self.items[item.id] = item
+        self.flagged.append(item)
+        self.touched[item] = None
+
+    def finish(self, item: Item) -> None:
+        """A message is over."""
+        item.is_over = True
+        self.flagged.append(item)
+        self.touched[item] = None
+
+    def item(self, number: int, what: str) -> Item | None:
+        """The message under way of that number, to which *what* happens; None, with a complaint if it can't."""
+        item = self.deliveries.get(number) or self.items.get(number)
+        if item is not None:
+            self.touched[item] = None
+            return item
+        if number in self.over:
+            self.broken(ENDED, number, f"{self.name(number)} {what}, though it is over")
+        elif self.first and number >= self.first and number not in self.strange:
+            self.broken(KNOWN, number, f"message {{{number}}} {what}, and was never sent")
+        return None
+
+    def task(self, number: int, what: str) -> Item | None:
+        """The same for a task that has not ended."""
+        item = self.item(number, what)
+        if item is not None and not item.is_task:
+            self.broken(KNOWN, number, f"{item} {what}, and is no task but a {item.message_class}")
+            return None
+        if item is not None and item.is_over:
+            self.broken(ENDED, number, f"{item} {what} after its end")
+            return None
+        return item
+
+    def delivery(self, fact: facts.Queued | facts.Delivered, what: str) -> Item | None:
+        """What is queued or delivered: the message itself, a task that is handled again, or a new copy."""
+        if fact.id == fact.message_id or fact.id in self.items or fact.id in self.deliveries:
+            return self.item(fact.id, what)
+        original = self.items.get(fact.message_id)
+        if original is None and fact.message_id not in self.over:
+            self.item(fact.message_id, what)
+            self.strange.add(fact.id)
+            return None
+        self.new_number(fact.id)
+        if original is not None and original.is_task:
+            original.again, original.deciding = False, 0
+            self.deliveries.pop(original.given_as, None)
+            original.given_as, self.deliveries[fact.id] = fact.id, original
+            original.attempts += 1
+            self.touched[original] = None
+            return original
+        return self._copy(fact, original or self.over[fact.message_id], what)
+
+    def _copy(self, fact: facts.Queued | facts.Delivered, original: Item | Gone, what: str) -> Item | None:
+        if original.message_class not in FAN_OUT:
+            name = f"{original.message} {{{fact.message_id}}}"
+            self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")
+            return None
+        body = original.body if isinstance(original, Item) else b""
+        copy = Item(
+            facts.Received(
+                fact.id, original.message, original.message_class, original.sender, ROOT, 0, False, body, []
+            ),
+            None,
+        )
+        copy.original = original if isinstance(original, Item) else None
+        if copy.original is not None:
+            copy.original.copies += 1
+        self.add(copy)
+        return copy
+
+    def is_strange(self, number: int) -> bool:
+        """Whether it was sent before the journal begins."""
+        return 0 < number < self.first and number not in self.over and number not in self.items
+
+    def point_task(self, task: TaskId, what: str) -> Item | None:
+        """The task of a point: None if it is over, or from before the journal, or the root."""
+        if task == ROOT or task in self.over:
+            return None
+        return self.item(task, what)
+
+    def place(self, module: str, resource: str) -> Place:
+        """A resource; one without a name stands for all that waits for a handler."""
+        place = self.places.get((module, resource))
+        if place is None:
+            place = self.places[module, resource] = Place(module, resource)
+        self.places_touched[place] = None
+        return place
+
+    def name(self, number: int) -> str:
+        """A message's name with its number."""
+        item = self.deliveries.get(number) or self.items.get(number) or self.over.get(number)
+        return f"{item.message if item else '?'} {{{number}}}"
+
+
+def said(place: Place) -> str:
+    """A resource in words."""
+    return words_of_place(place.module, place.name) or "a handler"

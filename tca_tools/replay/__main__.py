@@ -1,0 +1,51 @@
+"""``tca replay``: a run message by message; on a terminal with keys, elsewhere as lines of text."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from tca_tools.errors import ToolError
+from tca_tools.logs import open_log
+from tca_tools.replay.growth import growth_lines
+from tca_tools.replay.recording import Recording
+from tca_tools.terminal import line_width
+
+
+@click.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option("--speed", metavar="FACTOR", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
+              help="How fast time passes while it plays.")  # fmt: skip
+@click.option("--at", metavar="SECONDS", type=float, help="Begin there (default: at the start).")
+@click.option("--text", is_flag=True, help="As lines of text, as where there is no terminal.")
+def replay(log_path: Path | None, speed: float, at: float | None, text: bool) -> None:
+    """Re-create the task tree message by message.
+
+    LOG is a journal directory or one of its segments; without it, the newest run. Keys: right and left for the next
+    message and the one before, space to play, + and - for the speed, f for the next failure, / to search, g to go to a
+    time, up and down to choose a task. Without a terminal the tree's growth is printed, a line for each step.
+    """
+    journal = open_log(log_path)
+    as_text = text or not (sys.stdout.isatty() and sys.stdin.isatty())
+    if not as_text:
+        click.echo(f"reading {journal.path} ...", err=True)
+    recording = Recording(journal)
+    if as_text:
+        start = at if at is not None else float("-inf")
+        for line in growth_lines(recording, start, line_width()):
+            click.echo(line)
+    else:
+        _run(recording, journal.name, speed, at)
+    journal.check()
+
+
+def _run(recording: Recording, name: str, speed: float, at: float | None) -> None:
+    try:
+        from tca_tools.replay.app import Replay  # noqa: PLC0415 - textual is an extra
+    except ImportError as error:
+        raise ToolError(f"'{error.name}' is missing: pip install 'tca[replay]', or use --text") from None
+    Replay(recording, name, speed=speed, at=at).run()
+
+
+if __name__ == "__main__":
+    replay(prog_name="python -m tca_tools.replay")

@@ -1,0 +1,278 @@
+"""The replay on the terminal: what the keys do, and when time passes. Knows the recording and the panes."""
+
+from typing import ClassVar
+
+from textual.app import App, ComposeResult
+from textual.binding import Binding
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Footer, Input
+
+from tca_tools.replay.panes import MessagesPane, StoryPane, TimeBar, TreePane
+from tca_tools.replay.recording import Recording
+from tca_tools.replay.tree import Outline
+from tca_tools.terminal import printable
+from tca_wire.wording import subject_of
+
+FRAMES = 15
+"""How often the screen is drawn in a second while time passes."""
+SPEEDS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0, 500.0, 1000.0, 5000.0)
+_FAR = 20
+
+
+class Replay(App[None]):
+    """A run, message by message."""
+
+    CSS = """
+    #bar { height: 2; padding: 0 1; background: $panel; }
+    #main { height: 2fr; }
+    #tree { width: 3fr; border: round $primary-darken-2; padding: 0 1; scrollbar-size-horizontal: 0; }
+    #tree:focus { border: round $primary; }
+    #story { width: 2fr; border: round $primary-darken-2; padding: 0 1; }
+    #messages { height: 1fr; border: round $primary-darken-2; padding: 0 1; }
+    #ask { display: none; height: 3; }
+    #ask.asked { display: block; }
+    """
+    BINDINGS: ClassVar = [
+        Binding("right", "step(1)", "next message", priority=True),
+        Binding("left", "step(-1)", "the one before", priority=True),
+        Binding("space", "play", "play/pause"),
+        Binding("plus,equals_sign", "speed(1)", "faster", key_display="+"),
+        Binding("minus", "speed(-1)", "slower", key_display="-"),
+        Binding("r", "turn", "backwards"),
+        Binding("f", "failure(1)", "next failure"),
+        Binding("F", "failure(-1)", "failure before", show=False),
+        Binding("g", "ask_time", "go to time"),
+        Binding("slash", "ask_name", "search", key_display="/"),
+        Binding("n", "search(1)", "next found", show=False),
+        Binding("N", "search(-1)", "found before", show=False),
+        Binding("enter", "fold", "open/close", priority=True),
+        Binding("up", "select(-1)", show=False, priority=True),
+        Binding("down", "select(1)", show=False, priority=True),
+        Binding("shift+right,ctrl+right", f"step({_FAR})", show=False),
+        Binding("shift+left,ctrl+left", f"step({-_FAR})", show=False),
+        Binding("home", "go_to_start", show=False, priority=True),
+        Binding("end", "go_to_end", show=False, priority=True),
+        Binding("escape", "stop_asking", show=False),
+        Binding("q", "quit", "quit"),
+    ]
+
+    ENABLE_COMMAND_PALETTE = False
+
+    def __init__(self, recording: Recording, name: str, *, speed: float = 1.0, at: float | None = None) -> None:
+        super().__init__()
+        self.title = printable(name)
+        self.recording = recording
+        self.outline = Outline(recording)
+        self.place = 0 if at is None else recording.place_of(at)
+        self.speed = speed
+        self.direction = 1
+        self.is_playing = False
+        self.selected = 0
+        self.follows = True
+        """The selected task is the one that the message at the cursor is about, until another is chosen."""
+        self._clock = 0.0
+        self._wanted = ""
+        self._asked = ""
+        self._said = ""
+
+    def compose(self) -> ComposeResult:
+        """The panes."""
+        yield TimeBar(self.recording, self._heading)
+        with Vertical():
+            with Horizontal(id="main"):
+                yield TreePane()
+                yield StoryPane(self.recording)
+            yield MessagesPane(self.recording)
+        yield Input(id="ask")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """The screen is there."""
+        self.query_one("#tree").border_title = "task tree"
+        self.query_one("#story").border_title = "story"
+        self.query_one("#messages").border_title = "messages"
+        self.query_one(TreePane).focus()
+        self.set_interval(1 / FRAMES, self._pass)
+        self.call_after_refresh(self.go_to, self.place)
+
+    def _heading(self) -> str:
+        recording = self.recording
+        how = f"{'playing' if self.is_playing else 'paused'}{'' if self.direction > 0 else ' backwards'}"
+        where = f"{recording.time(self.place):.3f} s of {recording.time(recording.last):.3f} s"
+        event = f"event {self.place + 1} of {recording.last + 1}"
+        counts = f"{self.outline.living} tasks under way"
+        said = f"   {self._said}" if self._said else ""
+        return f"{self.title}   {where}   {event}   {counts}   {how}, speed {self.speed:g}{said}"
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """While something is typed the keys are for that."""
+        del parameters
+        is_asking = isinstance(self.focused, Input)
+        return not is_asking or action not in ("step", "fold", "select", "go_to_start", "go_to_end")
+
+    # --- moving ------------------------------------------------------------------------------------------------------
+
+    def go_to(self, place: int, said: str = "") -> None:
+        """Show the run as it was after an event."""
+        self.place = min(max(place, 0), self.recording.last)
+        self._said = said
+        then = self.recording.then(self.place)
+        if self.follows and (about := self._about()):
+            self.selected = about
+        if self.selected not in then.tasks:
+            self.selected = int(then.top[0]) if then.top else 0
+        rows = self.outline.rows(then, self.selected)
+        self.query_one(TreePane).show(rows, then, self.selected)
+        self.query_one(StoryPane).show(self.selected, then)
+        self.query_one(MessagesPane).show(self.place)
+        self.query_one(TimeBar).show(self.place)
+
+    def _about(self) -> int:
+        """The task that the event at the cursor is about: the first that is named."""
+        tasks = self.recording.past.tasks
+        for fact in self.recording.facts(self.place):
+            for number in (subject_of(fact), getattr(fact, "origin", 0)):
+                if number in tasks:
+                    return number
+        return 0
+
+    def _pass(self) -> None:
+        """Let time pass."""
+        if not self.is_playing:
+            return
+        self._clock += self.direction * self.speed / FRAMES
+        place = self.recording.place_of(self._clock)
+        is_over = place in (0, self.recording.last) and place == self.place
+        if is_over and not self.recording.time(0) < self._clock < self.recording.time(self.recording.last):
+            self.is_playing = False
+            self.go_to(place)
+        elif place != self.place:
+            self.go_to(place)
+
+    def action_step(self, step: int) -> None:
+        """Go to the next message, or to the one before."""
+        self.is_playing = False
+        self.go_to(self.place + step)
+
+    def action_play(self) -> None:
+        """Let time pass, or hold it."""
+        self.is_playing = not self.is_playing
+        self._clock = self.recording.time(self.place)
+        is_at_end = self.place == (self.recording.last if self.direction > 0 else 0)
+        if self.is_playing and is_at_end:
+            self.go_to(0 if self.direction > 0 else self.recording.last)
+            self._clock = self.recording.time(self.place)
+        self.go_to(self.place)
+
+    def action_turn(self) -> None:
+        """Let time pass the other way."""
+        self.direction = -self.direction
+        self._clock = self.recording.time(self.place)
+        self.go_to(self.place)
+
+    def action_speed(self, step: int) -> None:
+        """Let time pass faster or slower."""
+        higher = [speed for speed in SPEEDS if speed > self.speed]
+        lower = [speed for speed in SPEEDS if speed < self.speed]
+        self.speed = next(iter(higher if step > 0 else lower[::-1]), self.speed)
+        self.go_to(self.place)
+
+    def action_failure(self, step: int) -> None:
+        """Go to the next failure, or to the one before."""
+        self.is_playing = False
+        found = self.recording.next_failure(self.place, step)
+        if found is None:
+            self.go_to(self.place, f"no failure {'follows' if step > 0 else 'before'}")
+            return
+        self.follows = True
+        self.go_to(found)
+
+    def action_go_to_start(self) -> None:
+        """Go to the first event."""
+        self.action_step(-self.place)
+
+    def action_go_to_end(self) -> None:
+        """Go to the last event."""
+        self.action_step(self.recording.last)
+
+    def on_time_bar_wanted(self, wanted: TimeBar.Wanted) -> None:
+        """The bar of time was clicked."""
+        self.is_playing = False
+        self.go_to(wanted.place)
+
+    # --- choosing ----------------------------------------------------------------------------------------------------
+
+    def action_select(self, step: int) -> None:
+        """Choose the task on the next line."""
+        tree = self.query_one(TreePane)
+        tasks = [row.task for row in tree.rows if row.task]
+        if tasks:
+            place = tasks.index(self.selected) + step if self.selected in tasks else 0
+            self._select(tasks[min(max(place, 0), len(tasks) - 1)])
+
+    def on_tree_pane_chosen(self, chosen: TreePane.Chosen) -> None:
+        """A task was clicked."""
+        self._select(chosen.task)
+
+    def _select(self, task: int) -> None:
+        self.selected, self.follows = task, False
+        self.go_to(self.place)
+
+    def action_fold(self) -> None:
+        """Open or close the selected task."""
+        tree = self.query_one(TreePane)
+        place = tree.place_of(self.selected)
+        if place is not None:
+            is_open = place + 1 < len(tree.rows) and tree.rows[place + 1].parent == self.selected
+            self.outline.toggle(self.selected, is_open=is_open)
+            self.follows = False
+            self.go_to(self.place)
+
+    # --- asking ------------------------------------------------------------------------------------------------------
+
+    def action_ask_time(self) -> None:
+        """Ask where to go."""
+        self._ask("time", "go to: seconds, as in 12.5")
+
+    def action_ask_name(self) -> None:
+        """Ask what to look for."""
+        self._ask("name", "search: part of a task's name, or its number")
+
+    def _ask(self, what: str, words: str) -> None:
+        self._asked = what
+        self.is_playing = False
+        ask = self.query_one("#ask", Input)
+        ask.value, ask.placeholder = "", words
+        ask.add_class("asked")
+        ask.focus()
+
+    def action_stop_asking(self) -> None:
+        """Nothing is asked any more."""
+        self.query_one("#ask").remove_class("asked")
+        self.query_one(TreePane).focus()
+
+    def on_input_submitted(self, submitted: Input.Submitted) -> None:
+        """The answer."""
+        self.action_stop_asking()
+        text = submitted.value.strip()
+        if self._asked == "name":
+            self._wanted = text or self._wanted
+            self.action_search(1)
+            return
+        try:
+            self.go_to(self.recording.place_of(float(text.removesuffix("s"))))
+        except ValueError:
+            self.go_to(self.place, f"'{printable(text)}' is no time: write seconds, as in 12.5")
+
+    def action_search(self, step: int) -> None:
+        """Go to the birth of the next task that is looked for."""
+        if not self._wanted:
+            self.action_ask_name()
+            return
+        found = self.recording.search(self._wanted, self.place, step)
+        if found is None:
+            where = "later" if step > 0 else "before"
+            self.go_to(self.place, f"no task '{printable(self._wanted)}' is sent {where}")
+            return
+        self.selected, self.follows = found, False
+        self.go_to(self.recording.place_of_record(self.recording.past.tasks[found].received))

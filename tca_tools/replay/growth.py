@@ -1,0 +1,33 @@
+"""How the tree grew, as lines of text: each state that a task came to, one after the other."""
+
+from collections.abc import Iterator
+
+import click
+
+from tca_tools.replay.recording import Recording
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.text import COLOURS
+from tca_tools.terminal import cut, printable
+from tca_tools.then import Then
+
+_DEEPEST = 12
+
+
+def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
+    """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it waits."""
+    past = recording.past
+    changes = [
+        (time, number, order) for number, task in past.tasks.items() for order, (time, _) in enumerate(task.states)
+    ]
+    for time, number, order in sorted(changes):
+        clock = recording.time(recording.place_of_record(time))
+        if clock < start:
+            continue
+        then = Then(past, time)
+        task, state = then.tasks[number], past.tasks[number].states[order][1]
+        depth = recording.depths[number]
+        indent = "  " * depth if depth <= _DEEPEST else f"{'  ' * _DEEPEST}[{depth}] "
+        line = f"{clock:10.3f}  {' ' if order else '+'} {indent}{printable(str(task))}: "
+        note = words.note(then, task)
+        rest = cut(f"{state}" + (f", {note}" if note else ""), None if width is None else max(width - len(line), 8))
+        yield line + click.style(rest[: len(state)], fg=COLOURS[state]) + rest[len(state) :]

@@ -1,0 +1,247 @@
+"""The panes of the replay: the tree, the messages around the cursor, the story of a task, and the bar of time.
+
+Each draws only the lines that are seen.
+"""
+
+from collections.abc import Callable
+
+from rich.text import Text
+from textual.events import Click
+from textual.geometry import Region, Size
+from textual.message import Message
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+from textual.widget import Widget
+
+from tca_tools.data import data_text
+from tca_tools.log import BAD_NEWS
+from tca_tools.records import State
+from tca_tools.replay.recording import Recording
+from tca_tools.replay.tree import Row
+from tca_tools.story import Sentence, story
+from tca_tools.tasktree_viz import words
+from tca_tools.tasktree_viz.text import COLOURS
+from tca_tools.terminal import cut, printable
+from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
+from tca_wire.facts import kind_of
+from tca_wire.points import TaskId
+
+_STATE_WIDTH = 11
+_NAME_WIDTH = 44
+
+
+def colour_of(state: State) -> str:
+    """As ``tca tree`` has it, but for what is too dark on many screens."""
+    colour = COLOURS[state]
+    return "grey62" if colour == "bright_black" else colour
+
+
+class TreePane(ScrollView, can_focus=True):
+    """The task tree as it was, a line a task."""
+
+    class Chosen(Message):
+        """A task was clicked."""
+
+        def __init__(self, task: int) -> None:
+            super().__init__()
+            self.task = task
+
+    def __init__(self) -> None:
+        super().__init__(id="tree")
+        self.rows: list[Row] = []
+        self.then: Then | None = None
+        self.selected = 0
+        self._name_width = 20
+
+    def show(self, rows: list[Row], then: Then, selected: int) -> None:
+        """Show other rows, and keep the selected one in sight."""
+        self.rows, self.then, self.selected = rows, then, selected
+        names = (len(row.guides) + len(self._called(row)) for row in rows)
+        self._name_width = min(max(names, default=20), _NAME_WIDTH)
+        self.virtual_size = Size(self.size.width, len(rows))
+        if (place := self.place_of(selected)) is not None:
+            self.scroll_to_region(Region(0, place, 1, 1), animate=False, force=True, immediate=True)
+        self.refresh()
+
+    def place_of(self, task: int) -> int | None:
+        """The line of a task."""
+        return next((place for place, row in enumerate(self.rows) if row.task == task and task), None)
+
+    def _called(self, row: Row) -> str:
+        if not row.task or self.then is None:
+            return f"+ {row.folded} more"
+        return printable(str(self.then.past.tasks[row.task])) + (f" + {row.folded}" if row.folded else "")
+
+    def render_line(self, y: int) -> Strip:
+        """One line, drawn when it is seen."""
+        place = y + int(self.scroll_offset.y)
+        if place >= len(self.rows) or self.then is None:
+            return Strip.blank(self.size.width, self.rich_style)
+        row, then = self.rows[place], self.then
+        if not row.task:
+            return self._strip(Text.assemble((f"{row.guides}{self._called(row)}", "dim")))
+        task = then.tasks[row.task]
+        state = task.state
+        is_chosen = row.task == self.selected
+        name = Text.assemble((row.guides, "dim"), (self._called(row), "bold reverse" if is_chosen else ""))
+        name.truncate(self._name_width, overflow="ellipsis", pad=True)
+        note = words.note(then, task)
+        return self._strip(Text.assemble(name, "  ", (f"{state:{_STATE_WIDTH}}", colour_of(state)), " ", (note, "dim")))
+
+    def _strip(self, line: Text) -> Strip:
+        width = self.size.width
+        line.truncate(width, overflow="ellipsis", pad=True)
+        return (
+            Strip(line.render(self.app.console), line.cell_len).adjust_cell_length(width).apply_style(self.rich_style)
+        )
+
+    def on_click(self, event: Click) -> None:
+        """Choose the task under the mouse."""
+        offset = event.get_content_offset(self)
+        place = offset.y + int(self.scroll_offset.y) if offset else len(self.rows)
+        if place < len(self.rows) and self.rows[place].task:
+            self.post_message(self.Chosen(self.rows[place].task))
+
+
+class MessagesPane(Widget):
+    """The messages around the cursor, a line a fact; those of the event at the cursor stand out."""
+
+    def __init__(self, recording: Recording) -> None:
+        super().__init__(id="messages")
+        self._recording = recording
+        self._place = 0
+
+    def show(self, place: int) -> None:
+        """Show what is around another event."""
+        self._place = place
+        self.refresh()
+
+    def render(self) -> Text:
+        """As many lines as there is room for."""
+        room = max(self.size.height, 1)
+        here = self._lines(self._place)
+        above: list[Text] = []
+        place = self._place - 1
+        while place >= 0 and len(above) < room // 3:
+            above = [*self._lines(place), *above]
+            place -= 1
+        above = above[-(room // 3) :]
+        lines = [*above, *here]
+        place = self._place + 1
+        while place <= self._recording.last and len(lines) < room:
+            lines += self._lines(place)
+            place += 1
+        return Text("\n").join(lines[:room])
+
+    def _lines(self, place: int) -> list[Text]:
+        time, is_here = self._recording.time(place), place == self._place
+        lines = []
+        for number, fact in enumerate(self._recording.facts(place)):
+            kind = kind_of(fact)
+            start = f"{'>' if is_here else ' '}{time:9.3f}  " if not number else " " * 12
+            said = (
+                f"{kind:15} {printable(self._recording.wording.words(fact))}  {data_text(getattr(fact, 'body', b''))}"
+            )
+            style = "red" if kind in BAD_NEWS else "bold" if is_here else "dim"
+            line = Text.assemble((start, "bold" if is_here else "dim"), (said.rstrip(), style))
+            line.truncate(max(self.size.width, 1), overflow="ellipsis")
+            line.no_wrap = True
+            lines.append(line)
+        return lines
+
+
+class StoryPane(Widget):
+    """What became of the selected task until now, and why it waits."""
+
+    def __init__(self, recording: Recording) -> None:
+        super().__init__(id="story")
+        self._recording = recording
+        self._told: list[Sentence] = []
+        self._shown = 0
+        self._then: Then | None = None
+
+    def show(self, task: int, then: Then) -> None:
+        """Show another task, or another moment."""
+        if task != self._shown:
+            self._shown, self._told = task, story(self._recording.past, task)
+        self._then = then
+        self.refresh()
+
+    def render(self) -> Text:
+        """The newest sentences, as many as there is room for."""
+        then = self._then
+        if then is None or self._shown not in then.tasks:
+            return Text("no task is selected: up and down choose one, / looks for one", style="dim")
+        task = then.tasks[self._shown]
+        head = Text.assemble((printable(str(task)), "bold"), "  ", (f"{task.state}", colour_of(task.state)))
+        lines = [head]
+        if data := words.data(task):
+            lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
+        if reasons := why_waiting(then, TaskId(self._shown)):
+            lines.append(Text.assemble((printable(f"waits {', and '.join(reasons)}"), "yellow")))
+        told = [sentence for sentence in self._told if sentence.time <= then.moment]
+        room = max(self.size.height - 2 * len(lines), 1)
+        return Text("\n").join([*lines, Text(), *(self._sentence(sentence, then) for sentence in told[-room:])])
+
+    def _sentence(self, sentence: Sentence, then: Then) -> Text:
+        clock = self._recording.time(self._recording.place_of_record(sentence.time))
+        text, seconds = printable(sentence.text), sentence.seconds
+        is_over = seconds is not None and sentence.time + seconds <= then.moment
+        lasted = f", {seconds:.3f} s" if is_over else ""
+        style = "red" if text.startswith(("failed", "killed")) else ""
+        return Text.assemble((f"{clock:9.3f}  ", "dim"), (text + lasted, style))
+
+
+class TimeBar(Widget):
+    """From the beginning to the end: where the cursor is, where something failed. A click goes there."""
+
+    class Wanted(Message):
+        """A place was clicked."""
+
+        def __init__(self, place: int) -> None:
+            super().__init__()
+            self.place = place
+
+    def __init__(self, recording: Recording, say: Callable[[], str]) -> None:
+        super().__init__(id="bar")
+        self._recording = recording
+        self._say = say
+        self.place = 0
+        self._marks: tuple[int, set[int]] = (0, set())
+        """For a width, the columns in which something failed."""
+
+    def show(self, place: int) -> None:
+        """Move the cursor."""
+        self.place = place
+        self.refresh()
+
+    def _column(self, place: int) -> int:
+        recording = self._recording
+        start, end = recording.time(0), recording.time(recording.last)
+        share = (recording.time(place) - start) / (end - start) if end > start else 1.0
+        return min(int(share * (self.size.width - 1)), self.size.width - 1)
+
+    def render(self) -> Text:
+        """The words above, the bar below."""
+        width = max(self.size.width, 1)
+        here = self._column(self.place)
+        bar = Text("━" * here + "●" + "─" * (width - here - 1), style="cyan")
+        if self._marks[0] != width:
+            self._marks = width, {self._column(place) for place in self._recording.failures}
+        for column in self._marks[1]:
+            bar.stylize("bold red", column, column + 1)
+        bar.stylize("bold white", here, here + 1)
+        said = Text(self._say(), style="bold")
+        said.truncate(width, overflow="ellipsis")
+        return Text("\n").join([said, bar])
+
+    def on_click(self, event: Click) -> None:
+        """Go to the time under the mouse."""
+        offset = event.get_content_offset(self)
+        if offset is None:
+            return
+        recording = self._recording
+        start, end = recording.time(0), recording.time(recording.last)
+        wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
+        self.post_message(self.Wanted(recording.place_of(wanted)))

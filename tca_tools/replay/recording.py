@@ -1,0 +1,146 @@
+"""A journal that was read to its end: its entries, all records, and where in it what is. Pure; knows no terminal."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator
+
+from tca_tools.history import History
+from tca_tools.past import Past
+from tca_tools.then import Then
+from tca_wire import facts
+from tca_wire.points import ROOT, Moment
+from tca_wire.wording import Wording
+
+
+class Recording:
+    """A run as it was written. A *place* is the number of an event, from 0 on."""
+
+    def __init__(self, entries: Iterable[facts.Entry]) -> None:
+        self.events: list[list[facts.Entry]] = []
+        """The entries of each event: one, or several of the same number."""
+        self.failures: list[int] = []
+        """The places at which something failed."""
+        self._copies: dict[int, int] = {}
+        self.past: Past = History.until(self._kept(entries))
+        self.wording = Wording(lambda number: self.past.name(self._copies.get(number, number)))
+        self.depths = _depths(self.past)
+        self.sizes = _sizes(self.past)
+
+    def _kept(self, entries: Iterable[facts.Entry]) -> Iterator[facts.Entry]:
+        number = None
+        for entry in entries:
+            if entry.number != number or not self.events:
+                self.events.append([])
+                number = entry.number
+            self.events[-1].append(entry)
+            for fact in entry.facts:
+                if isinstance(fact, facts.Delivered | facts.Queued) and fact.id != fact.message_id:
+                    self._copies[fact.id] = fact.message_id
+                elif isinstance(fact, facts.Failed) and self.failures[-1:] != [len(self.events) - 1]:
+                    self.failures.append(len(self.events) - 1)
+            yield entry
+
+    @property
+    def last(self) -> int:
+        """The last place."""
+        return max(len(self.events) - 1, 0)
+
+    def time(self, place: int) -> float:
+        """What the clock showed."""
+        return self.past.clock[place] if self.past.clock else 0.0
+
+    def then(self, place: int) -> Then:
+        """What was known at a place."""
+        if not self.past.times:
+            return Then(self.past)
+        return Then(self.past, self.past.times[place], self.past.clock[place])
+
+    def place_of(self, time: float) -> int:
+        """The last place at which the clock showed no more than *time*."""
+        return max(bisect_right(self.past.clock, time) - 1, 0)
+
+    def place_of_record(self, time: float) -> int:
+        """The place of a time that a record tells."""
+        return min(bisect_left(self.past.times, time), self.last)
+
+    def facts(self, place: int) -> Iterator[facts.Fact]:
+        """What happened there."""
+        for entry in self.events[place]:
+            yield from entry.facts
+
+    def next_failure(self, place: int, step: int) -> int | None:
+        """The next place at which something failed, or (step -1) the one before."""
+        if step > 0:
+            found = self.failures[bisect_right(self.failures, place) :][:1]
+        else:
+            found = self.failures[: bisect_left(self.failures, place)][-1:]
+        return found[0] if found else None
+
+    def search(self, text: str, place: int, step: int) -> int | None:
+        """The next task (or, step -1, the one before) that is sent after a place and has *text* in its name, or is of
+        that number.
+        """
+        wanted, numbers = text.casefold(), list(self.past.tasks)
+        if wanted.strip("{}").isdecimal() and int(wanted.strip("{}")) in self.past.tasks:
+            return int(wanted.strip("{}"))
+        now = self.past.times[place] if self.past.times else 0.0
+        here = bisect_right(self.past.births, now) if step > 0 else bisect_left(self.past.births, now)
+        order = numbers[here:] if step > 0 else reversed(numbers[:here])
+        return next((number for number in order if wanted in self.past.tasks[number].name.casefold()), None)
+
+
+def _depths(past: Past) -> dict[int, int]:
+    """How deep each task is: parents have smaller numbers, and come first where numbers are in order."""
+    depths = {int(ROOT): -1}
+    for number in sorted(past.tasks):
+        depths[number] = depths[past.tasks[number].parent] + 1
+    return depths
+
+
+def _sizes(past: Past) -> dict[int, int]:
+    """How many tasks each subtree has in the end."""
+    sizes = dict.fromkeys(past.tasks, 1)
+    for number in sorted(past.tasks, reverse=True):
+        if (parent := past.tasks[number].parent) != ROOT:
+            sizes[parent] += sizes[number]
+    return sizes
+
+
+class Living:
+    """The tasks that had been sent and not ended, by what they are under. Moving costs what changes in between."""
+
+    def __init__(self, past: Past) -> None:
+        self._births = [(task.received, number, task.parent) for number, task in past.tasks.items()]
+        ends = [(task.reached[Moment.END_ACHIEVING], number, task.parent)
+                for number, task in past.tasks.items() if Moment.END_ACHIEVING in task.reached]  # fmt: skip
+        self._ends = sorted(ends)
+        self._born = self._ended = 0
+        self.below: dict[int, dict[int, None]] = {}
+
+    def move(self, time: float) -> None:
+        """Be at *time*."""
+        while self._born < len(self._births) and self._births[self._born][0] <= time:
+            self._add(self._births[self._born])
+            self._born += 1
+        while self._ended < len(self._ends) and self._ends[self._ended][0] <= time:
+            self._remove(self._ends[self._ended])
+            self._ended += 1
+        while self._ended and self._ends[self._ended - 1][0] > time:
+            self._ended -= 1
+            self._add(self._ends[self._ended])
+        while self._born and self._births[self._born - 1][0] > time:
+            self._born -= 1
+            self._remove(self._births[self._born])
+
+    @property
+    def number(self) -> int:
+        """How many there are."""
+        return self._born - self._ended
+
+    def _add(self, one: tuple[float, int, int]) -> None:
+        self.below.setdefault(one[2], {})[one[1]] = None
+
+    def _remove(self, one: tuple[float, int, int]) -> None:
+        children = self.below.get(one[2], {})
+        children.pop(one[1], None)
+        if not children:
+            self.below.pop(one[2], None)

@@ -1,0 +1,141 @@
+"""Journals of the real core, and what becomes of them when single facts are lost, told twice or put in another place."""
+
+from collections.abc import Callable, Iterable, Iterator
+
+from central.player import ANY, Player, before, point
+
+from tca_tools.check.checker import Checker
+from tca_tools.check.rules import Violation
+from tca_wire import facts, headers
+from tca_wire.constraints import Flags
+from tca_wire.facts import JOURNAL_VERSION, Entry, kind_of
+from tca_wire.journal import record
+from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Condition, MessageClass
+
+OPENED = Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION, "epoch", 1, 1_700_000_000.0, "0.1.0")])
+
+
+def checked(entries: Iterable[Entry]) -> list[Violation]:
+    """What is wrong with a journal."""
+    found: list[Violation] = []
+    checker = Checker(found.append)
+    for entry in entries:
+        checker.take(entry)
+    checker.close()
+    return found
+
+
+def walk() -> list[Entry]:
+    """A walk with everything: queries, failures, retries, wiretaps, monitors, kills, suspension, locks, delays."""
+    player = Player()
+    _join(player)
+    _walk(player)
+    _talk(player)
+    _end(player)
+    return [OPENED, *player.entries]
+
+
+def _join(player: Player) -> None:
+    player.module("planner", "goal walk", "goal step", capacity=2)
+    player.module("legs", "command move", "query where", "inform note")
+    player.module("checker", "command check")
+    player.module("maps", "multi-query all", "broadcast pose", "variable mode")
+    player.module("expert", "exception handler recover")
+    player.module("user")
+    monitor = MessageFormat("look", MessageClass.POINT_MONITOR, ANY, "", ["where", "note"])
+    _request(player, headers.Register, [monitor])
+    _request(player, headers.Tap, Condition.BEFORE_HANDLING, "check", "move", TaskId(0))
+    _request(player, headers.Attach, Attachment("slipped", "recover", 1), TaskId(0), "move")
+
+
+def _walk(player: Player) -> None:
+    top = player.task("user", "walk")
+    _request(player, headers.WaitFor, point(top, Moment.END_ACHIEVING))
+    first = player.task("planner/1", "step", under=top)
+    second = player.task("planner/1", "step", under=top)
+    held = (before(point(first, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 3.0),)
+    player.send("planner/1", "look", under=top, watch=WatchOptions(), constraints=held)
+    player.reply("planner/1")
+    _step(player, first, slips=True)
+    _request(player, headers.Suspend, TaskId(second))
+    _request(player, headers.Suspend, TaskId(second), True)
+    _step(player, second, slips=False)
+
+
+def _talk(player: Player) -> None:
+    player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
+    player.send("user", "note")
+    player.receive("maps", headers.GiveUp(player.numbers["maps"]))
+    player.reply("legs/1", value=1)
+    player.send("user", "pose")
+    player.reply("maps/1")
+    player.set_variable("user", "mode", 3)
+    player.reply("maps/1")
+    player.send("user", "all")
+    player.reply("maps/1", value=1)
+    player.tick(10)
+    while any(player.delivered(slot) for slot in ("legs/1", "checker/1")):
+        for slot in ("legs/1", "checker/1"):
+            if player.delivered(slot):
+                player.reply(slot, value=1)
+
+
+def _end(player: Player) -> None:
+    for _ in range(2):
+        player.receive("maps", headers.Lock(player.number("maps"), "legs", "legs"))
+        player.receive("maps", headers.GiveUp(player.numbers["maps"]))
+    player.send("user", "note")
+    player.reply("legs/1")
+    in_vain = player.task("user", "walk")
+    player.task("user", "move", under=in_vain)
+    _request(player, headers.Kill, TaskId(in_vain), "enough")
+    for slot in ("planner/1", "planner/2", "checker/1"):
+        while player.delivered(slot):
+            player.reply(slot)
+    player.lose("legs/1")
+
+
+def _request(player: Player, header: Callable[..., object], *fields: object) -> None:
+    player.receive("user", header(player.number("user"), *fields))
+
+
+def _step(player: Player, step: int, *, slips: bool) -> None:
+    """A step is planned, then walked; where it slips it is tried again."""
+    planner = next(slot for slot in ("planner/1", "planner/2") if step in player.delivered(slot))
+    player.send(planner, "where", under=step, origin=step)
+    player.reply("legs/1", value=5)
+    move = player.task(planner, "move", under=step, flags=Flags.SEQ_ACH)
+    player.reply(planner, step)
+    player.reply("checker/1")
+    if slips:
+        player.fail("legs/1", "slipped")
+        player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(move)))
+        player.reply("expert/1")
+        player.reply("checker/1")
+    player.reply("legs/1")
+
+
+Change = Callable[[list[facts.Fact], int], list[facts.Fact]]
+
+
+def lost(told: list[facts.Fact], place: int) -> list[facts.Fact]:
+    return told[:place] + told[place + 1 :]
+
+
+def twice(told: list[facts.Fact], place: int) -> list[facts.Fact]:
+    return told[: place + 1] + told[place:]
+
+
+def changed(entries: list[Entry], change: Change, *kinds: str) -> Iterator[tuple[str, list[Entry]]]:
+    """The journal with one fact changed, for each fact of these kinds (all, if none is named)."""
+    for number, entry in enumerate(entries):
+        for place, fact in enumerate(entry.facts):
+            if not kinds or kind_of(fact) in kinds:
+                other = Entry(entry.number, entry.time, change(entry.facts, place))
+                yield f"{kind_of(fact)} {fact}", [*entries[:number], other, *entries[number + 1 :]]
+
+
+def encoded(entries: Iterable[Entry]) -> bytes:
+    return b"".join(map(record, entries))

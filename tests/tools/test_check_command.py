@@ -1,0 +1,290 @@
+"""``tca check`` as people use it: what it says, the properties they state, and journals that are not whole."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from central.player import Player
+from click.testing import CliRunner, Result
+from tools.runs import OPENED, encoded, lost, walk
+
+from tca_tools.check.__main__ import check
+from tca_tools.check.language import BadProperty, predicate_from, property_from
+from tca_wire.constraints import Flags
+from tca_wire.facts import Closed, Entry, kind_of
+
+Check = Callable[..., Result]
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(check, [str(argument) for argument in arguments], prog_name="tca check")
+
+
+def written(path: Path, entries: list[Entry], *, closed: bool = True) -> Path:
+    last = entries[-1]
+    end = [Entry(last.number + 1, last.time, [Closed("interrupted")])] if closed else []
+    path.write_bytes(encoded([*entries, *end]))
+    return path
+
+
+def steps(*, ahead: int, slots: int = 3) -> list[Entry]:
+    """A walk of three steps that are planned while others are walked; *ahead* of them at most."""
+    player = Player()
+    player.module("planner", "goal walk", "goal take steps", capacity=slots)
+    player.module("legs", "command move")
+    player.module("user")
+    top = player.task("user", "walk")
+    sent: list[int] = []
+    for number in range(3):
+        flags = Flags.SEQ_ACH | (Flags.DELAY_PLANNING if number > ahead else Flags.NONE)
+        sent.append(player.task("planner/1", "take steps", under=top, flags=flags))
+    player.reply("planner/1", top)
+    for step in sent:
+        slot = next((slot for slot in ("planner/1", "planner/2", "planner/3") if step in player.delivered(slot)), "")
+        player.task(slot, "move", under=step)
+        player.reply(slot, step)
+        player.reply("legs/1")
+    return [OPENED, *player.entries]
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Path:
+    return written(tmp_path / "walk.tcaj", walk())
+
+
+# --- the rules -------------------------------------------------------------------------------------------------------
+
+
+def test_a_good_run(journal: Path) -> None:
+    result = run(journal)
+    assert result.exit_code == 0, result.output
+    first, second = result.stdout.splitlines()
+    assert first.startswith("walk.tcaj: ")
+    assert first.endswith("events, 0.00 s to 79.00 s")
+    assert second.startswith("good: ")
+    assert second.endswith(" rules")
+
+
+def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: Path) -> None:
+    entries = walk()
+    place = next(at for at, entry in enumerate(entries) if "returned" in map(kind_of, entry.facts) and at > 30)
+    entry = entries[place]
+    entries[place] = Entry(entry.number, entry.time, lost(entry.facts, 0))
+    result = run(written(tmp_path / "broken.tcaj", entries))
+    assert result.exit_code == 1
+    lines = result.stdout.splitlines()
+    broken = next(number for number, line in enumerate(lines) if line.startswith("BROKEN"))
+    assert f"event {entry.number}: " in lines[broken]
+    assert lines[broken + 2].startswith("  the rule: ")
+    assert "  the story of " in lines[broken + 3]
+    assert "  command made by central: listener for move {8}" in lines[broken + 4]
+    assert sum(line.startswith("BROKEN") for line in lines) == 1
+    assert lines[-1].endswith("--all shows them")
+    everything = run(tmp_path / "broken.tcaj", "--all")
+    assert sum(line.startswith("BROKEN") for line in everything.stdout.splitlines()) > 1
+
+
+def test_it_runs_as_a_program(journal: Path) -> None:
+    command = [sys.executable, "-m", "tca_tools.check", str(journal), "--property", "never stuck"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "good: never stuck"
+
+
+# --- properties ------------------------------------------------------------------------------------------------------
+
+
+def test_planning_one_step_ahead_and_two(tmp_path: Path) -> None:
+    wanted = "at most 1 planned ahead of take steps"
+    good = run(written(tmp_path / "good.tcaj", steps(ahead=1)), "--property", wanted)
+    assert good.exit_code == 0, good.output
+    assert good.stdout.splitlines()[-1] == f"good: {wanted}"
+    none = run(tmp_path / "good.tcaj", "--property", "at most 0 planned ahead of take steps")
+    assert none.exit_code == 1
+    bad = run(written(tmp_path / "bad.tcaj", steps(ahead=2)), "--property", wanted)
+    assert bad.exit_code == 1
+    lines = bad.stdout.splitlines()
+    assert any(line.startswith("BROKEN at ") and line.endswith(wanted) for line in lines)
+    assert "  here 2: take steps {2}, take steps {3}" in lines or "  here 2: take steps {3}, take steps {4}" in lines
+    assert any("goal sent by planner" in line for line in lines)
+
+
+HOLDS = [
+    "never failed of step",
+    "at most 2 handled by planner",
+    "at most 1 handled of move",
+    "at most 1 failed of move in all",
+    "at most 1 move retried in all",
+    "step begun before move begun",
+    "begun of step before begun of move",
+    "eventually achieved of walk",
+    "eventually fired of look",
+    "never stuck",
+    "never handled of mode with x=1",
+    "never look recovering",
+    "sent of walk before handled of 'move'",
+]
+BROKEN = [
+    ("never failed of move", "  move {8}"),
+    ("always handled of move", "  here it is not"),
+    ("at most 0 queued of anything", "  here 1: "),
+    ("at most 1 step achieved in all", "  here it comes to 2: step {5}"),
+    ("move begun before step begun", "  the second came first: step {4}"),
+    ("eventually suspended of walk", "  it never did"),
+    ("never recovering of anything", "  move {8}"),
+]
+
+
+@pytest.mark.parametrize("text", HOLDS)
+def test_what_holds(journal: Path, text: str) -> None:
+    result = run(journal, "--property", text)
+    assert result.exit_code == 0, result.output
+    assert f"good: {text}" in result.stdout
+
+
+@pytest.mark.parametrize(("text", "why"), BROKEN)
+def test_what_does_not(journal: Path, text: str, why: str) -> None:
+    result = run(journal, "--property", text)
+    assert result.exit_code == 1
+    assert f": {text}\n" in result.stdout
+    assert any(line.startswith(why) for line in result.stdout.splitlines()), result.stdout
+
+
+def test_data_are_compared() -> None:
+    held = predicate_from("handled of 'move leg' with leg=2, pose.x=1.5, mode=slow")
+    assert (held.message, held.words) == ("move leg", "move leg handled with leg=2, pose.x=1.5, mode='slow'")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("at most one handled of move", "'one' is no number: write 'at most 1 ...'"),
+        ("never planed ahead of step", "did you mean 'planned ahead'?"),
+        ("never", "it has no shape that is known: 'never P', "),
+        ("never handled of ''", "it names no message"),
+        ("nothing of move", "it has no shape that is known"),
+        ("x before y", "names no state of a message"),
+        ("a before b begun before c begun before d begun", "it can be read in several ways: put the names"),
+    ],
+)
+def test_a_text_that_is_no_property(journal: Path, text: str, why: str) -> None:
+    with pytest.raises(BadProperty, match=r"^property '"):
+        property_from(text)
+    result = run(journal, "--property", text)
+    assert result.exit_code == 2
+    assert why in result.stderr
+
+
+def test_a_name_that_the_journal_does_not_have(journal: Path) -> None:
+    result = run(journal, "--property", "never failed of mvoe")
+    assert result.exit_code == 2
+    assert "the journal has no message 'mvoe': did you mean 'move'?" in result.stderr
+    assert "no module 'leg'" in run(journal, "--property", "at most 1 handled by leg").stderr
+
+
+FILE = """
+from tca_explorer import World, achieved, at_most, before, begun, planned_ahead
+from tca_module import Command, Goal
+from tca_tools.check import properties
+
+STEP, MOVE = Goal("step", int), Command("move", int)
+
+def at_the_legs(world: World):
+    return [seen for seen in world.messages if seen.module == "legs"]
+
+def ever_recovering(world):
+    return [task for task in world.then.tasks.values() if task.state == "recovering"]
+
+ORDER = before(begun(STEP), begun(MOVE))
+ONE = at_most(1, at_the_legs)
+AHEAD = at_most(1, planned_ahead(STEP))
+WRONG = before(achieved(MOVE), begun(STEP))
+MORE = [properties.never(ever_recovering), properties.at_most(2, "handled of step")]
+PROPERTIES = ["never stuck"]
+"""
+
+
+def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: Path) -> None:
+    """The properties of a scenario are asked of a real run as they are."""
+    file = tmp_path / "properties.py"
+    file.write_text(FILE)
+    result = run(journal, file)
+    assert result.exit_code == 1
+    good = [line.removeprefix("good: ") for line in result.stdout.splitlines() if line.startswith("good: ")]
+    assert set(good[1:]) == {
+        "step begun before move begun",
+        "at most 1 at the legs",
+        "at most 1 step planned ahead",
+        "at most 2 handled of step",
+        "never stuck",
+    }
+    assert "move achieved before step begun\n  the second came first: step {4}\n" in result.stdout
+    assert "never ever recovering\n  move {8}\n  the story of move {8}" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("x = 1", "has no property"),
+        ("1 / 0", "line 1: can't be run: ZeroDivisionError"),
+        ("PROPERTIES = ['never']", "property 'never': it has no shape"),
+    ],
+)
+def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: str) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text(content)
+    result = run(journal, file)
+    assert result.exit_code == 2
+    assert why in result.stderr
+
+
+def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text(
+        "from tca_tools.check.properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'"
+    )
+    result = run(journal, file)
+    assert result.exit_code == 2
+    assert "property 'it' can't be asked: AttributeError: " in result.stderr
+
+
+# --- journals that are not whole ------------------------------------------------------------------------------------
+
+
+def test_a_journal_that_is_cut(tmp_path: Path) -> None:
+    entries = walk()
+    result = run(written(tmp_path / "cut.tcaj", entries[: len(entries) // 2], closed=False))
+    assert result.exit_code == 0
+    assert "it is not closed: central runs still, or was stopped by force" in result.stdout
+    torn = tmp_path / "torn.tcaj"
+    torn.write_bytes(encoded(entries)[:-7])
+    assert run(torn).exit_code == 0
+
+
+def test_a_journal_that_is_damaged(journal: Path) -> None:
+    content = bytearray(journal.read_bytes())
+    content[len(content) // 2] ^= 1
+    journal.write_bytes(content)
+    result = run(journal)
+    assert result.exit_code == 1
+    assert "good: " in result.stdout
+    assert f"{journal}, byte " in result.stderr
+
+
+def test_a_segment_of_the_middle(tmp_path: Path) -> None:
+    entries = walk()
+    first: Any = entries[0].facts[0]
+    middle = len(entries) // 2
+    opened = Entry(entries[middle].number, entries[middle].time, [first.__class__(1, "epoch", 2, 0.0, "0.1.0")])
+    result = run(written(tmp_path / "00000002.tcaj", [opened, *entries[middle:]]))
+    assert result.exit_code == 0, result.output
+    assert "  segment 1 is missing: what was sent before" in result.stdout
+
+
+def test_wrong_usage(journal: Path, tmp_path: Path) -> None:
+    assert run(tmp_path / "x.tcaj").exit_code == 2
+    assert run(journal, tmp_path / "x.py").exit_code == 2
+    assert run(journal, journal).exit_code == 2

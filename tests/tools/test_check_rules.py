@@ -1,0 +1,266 @@
+"""The rules that a journal is held against: what central writes keeps them, and a single fact that is wrong is found."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from central.player import Player
+from central.transcript import Transcript
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life, operation
+from tools.runs import OPENED, Change, changed, checked, lost, twice, walk
+from tools.story import THIS, Story, stumbling
+
+from tca_tools.check import rules
+from tca_tools.check.checker import Checker
+from tca_wire import facts
+from tca_wire.constraints import Constraint, sequential_achievement
+from tca_wire.facts import Entry, kind_of
+from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
+
+TRANSCRIPTS = sorted((Path(__file__).parent.parent / "central" / "transcripts").glob("*.txt"))
+WALK = walk()
+
+WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
+"""Kinds of facts of which one more or less breaks no rule: nothing else in the journal depends on it."""
+
+
+# --- what central writes keeps the rules -----------------------------------------------------------------------------
+
+
+def test_a_walk_with_everything_keeps_all_rules() -> None:
+    kinds = {kind_of(fact) for entry in WALK for fact in entry.facts}
+    wanted = {"caught", "retried", "killed", "tested", "tapped", "granted", "timed out", "suspended", "wait ended"}
+    assert wanted <= kinds
+    assert checked(WALK) == []
+
+
+@pytest.mark.parametrize("path", TRANSCRIPTS, ids=lambda path: path.stem)
+def test_every_transcript_of_central_keeps_them(path: Path) -> None:
+    transcript = Transcript()
+    for block in path.read_text().strip().split("\n\n")[1:]:
+        for command in block.split("\n----")[0].splitlines():
+            transcript.play(command)
+    assert checked([OPENED, *transcript.player.entries]) == []
+
+
+@given(st.lists(operation, max_size=60))
+@settings(max_examples=150, deadline=None)
+def test_random_lives_keep_them(operations: list[tuple[str, int, int, int, int]]) -> None:
+    life = Life(Player(check=False))
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    assert checked([OPENED, *life.player.entries]) == []
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=3, deadline=None)
+def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> None:
+    life = Life(Player(check=False))
+    life.go_on(seed, 700)
+    entries = life.player.entries
+    assert checked([OPENED, *entries]) == []
+    for start in range(7, len(entries), 60):
+        assert checked(entries[start:]) == []
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=100, deadline=None)
+def test_many_long_lives_keep_them(seed: int) -> None:
+    life = Life(Player(check=False))
+    life.go_on(seed, 2_000)
+    assert checked([OPENED, *life.player.entries]) == []
+
+
+# --- what is wrong is found ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("change", [lost, twice])
+def test_a_fact_that_is_lost_or_told_twice_is_found(change: Change) -> None:
+    missed = [what for what, entries in changed(WALK, change) if not checked(entries)]
+    kinds = Counter(what.partition(" ")[0] for what in missed)
+    for kind in WITHOUT_TRACE:
+        del kinds[kind]
+    # That a copy came back, and that it was by a kill that a task ended, is not always known from anything else.
+    assert kinds <= Counter({"returned": 1, "killed": 1})
+
+
+def test_a_fact_that_comes_an_event_later_is_found() -> None:
+    for number in range(1, len(WALK) - 1):
+        entry, following = WALK[number : number + 2]
+        if kind_of(entry.facts[-1]) in ("reached", "answered", "caught"):
+            late = Entry(entry.number, entry.time, entry.facts[:-1])
+            after = Entry(following.number, following.time, [*following.facts, entry.facts[-1]])
+            assert checked([*WALK[:number], late, after, *WALK[number + 2 :]]), entry.facts[-1]
+
+
+def test_an_event_in_the_wrong_place_is_found() -> None:
+    for number in range(1, len(WALK) - 1):
+        assert checked([*WALK[:number], WALK[number + 1], WALK[number], *WALK[number + 2 :]])
+
+
+def _told(story: Story) -> list[str]:
+    return [violation.rule for violation in checked(story.entries)]
+
+
+def _two_legs(story: Story, constraint: Constraint | None = None) -> tuple[int, int]:
+    story.module("user").module("planner", "walk").module("legs", "move")
+    goal = story.goal("walk", "user")
+    story.delivered(goal, "planner").reached(goal, Moment.START_ACHIEVING)
+    story.say(facts.ResourceChanged("legs", "legs", 2))
+    one = story.command("move", "planner", goal)
+    story.delivered(one, "legs")
+    return one, story.command("move", "planner", goal, *[constraint] if constraint else [])
+
+
+def test_a_task_that_does_not_wait_for_the_one_before_it() -> None:
+    story = Story()
+    _, second = _two_legs(story, sequential_achievement(TaskId(2), THIS))
+    assert _told(story.at(1.0)) == []
+    story.delivered(second, "legs")
+    assert _told(story)[0] == rules.CONSTRAINT.text
+
+
+def test_a_delay_that_is_cut_short() -> None:
+    story = Story()
+    delay = Constraint(Point(ROOT, Moment.START_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 5.0)
+    _, second = _two_legs(story, delay)
+    held = Constraint(delay.before, Point(TaskId(second), Moment.START_ACHIEVING), 5.0)
+    story.at(4.0).say(facts.TimedOut(held)).delivered(second, "legs")
+    assert _told(story) == [rules.DELAY.text]
+
+
+def test_a_resource_over_its_capacity() -> None:
+    story = Story().module("user").module("legs", "move")
+    one, other = story.command("move", "user"), story.command("move", "user")
+    story.delivered(one, "legs").delivered(other, "legs")
+    assert _told(story) == [rules.CAPACITY.text]
+
+
+def test_a_message_that_waits_while_its_handler_has_nothing_to_do() -> None:
+    story = Story().module("user").module("legs", "move")
+    story.queued(story.command("move", "user"), "legs")
+    assert _told(story) == [rules.FREE.text]
+
+
+def test_somebody_gets_into_what_is_locked() -> None:
+    story = Story().module("user").module("legs", "move")
+    story.say(facts.Claimed(1, "legs", "legs", False, "user", 0), facts.Granted(1))
+    story._next_id = 2
+    story.at(1.0).delivered(story.command("move", "user"), "legs")
+    assert _told(story) == [rules.LOCKED.text]
+    story.say(facts.ClaimEnded(1, "released"), facts.ClaimEnded(1, "released"))
+    assert _told(story) == [rules.LOCKED.text, rules.GRANTED.text]
+
+
+def test_a_parent_that_ends_before_its_child() -> None:
+    story = Story()
+    one, _ = _two_legs(story)
+    story.at(1.0).returned(1).reached(1, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    broken = [violation for violation in checked(story.entries) if violation.rule == rules.FAMILY.text]
+    assert broken[0].what == f"walk {{1}} ended before move {{{one}}}, move {{3}}, which is under it"
+
+
+def test_a_failure_that_nobody_cares_for() -> None:
+    story = Story().module("user").module("legs", "move")
+    move = story.command("move", "user")
+    story.delivered(move, "legs")
+    story.at(1.0).say(facts.Returned(move, Outcome.FAILED, b""), facts.Failed(move, "slip", ""))
+    assert _told(story) == [rules.CAUGHT.text]
+
+
+def test_what_happens_after_the_end() -> None:
+    story = Story().module("user").module("legs", "move")
+    move = story.command("move", "user")
+    story.delivered(move, "legs").at(1.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    story.at(2.0).say(facts.Killed(TaskId(move), "late")).say(facts.Returned(move, Outcome.DONE, b""))
+    assert _told(story) == [rules.ENDED.text, rules.ENDED.text]
+
+
+def test_what_was_never_sent() -> None:
+    story = Story().module("user").module("legs", "move")
+    story.command("move", "user")
+    story.delivered(1, "legs").say(facts.Reached(TaskId(9), ALL_MOMENTS))
+    assert _told(story) == [rules.KNOWN.text]
+
+
+def test_a_module_that_is_not_there() -> None:
+    story = Story()
+    story.received("note", MessageClass.INFORM, "ghost")
+    assert rules.PRESENT.text in _told(story)
+
+
+def test_a_clock_that_goes_back() -> None:
+    story = Story().at(5.0).module("user").at(4.0).module("legs")
+    assert _told(story) == [rules.CLOCK.text]
+
+
+# --- journals of which something is missing --------------------------------------------------------------------------
+
+
+def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
+    found: list[str] = []
+    checker = Checker(lambda violation: found.append(violation.what))
+    for entry in entries:
+        checker.take(entry)
+    checker.close()
+    return checker.gaps, found
+
+
+def test_a_journal_that_begins_in_the_middle() -> None:
+    for start in range(2, len(WALK), 9):
+        assert _gaps(WALK[start:]) == (
+            ["it begins in the middle of a segment: what was sent before is not known"],
+            [],
+        )
+
+
+def test_a_segment_that_is_missing() -> None:
+    opened = facts.Opened(1, "epoch", 3, 0.0, "0.1.0")
+    middle = len(WALK) // 2
+    entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
+    gaps, found = _gaps(entries)
+    assert gaps == [f"segment 2 is missing: what was sent before {WALK[middle].time:.2f} s is not known"]
+    assert found == []
+
+
+def test_two_runs_one_after_the_other() -> None:
+    other = Entry(0, 0.0, [facts.Opened(1, "other", 1, 0.0, "0.1.0")])
+    gaps, found = _gaps([*WALK, other, *WALK[1:]])
+    assert gaps == ["at 0.00 s another run begins (other)"]
+    assert found == []
+
+
+def test_an_event_of_several_records_is_one() -> None:
+    halves = [
+        half
+        for entry in WALK
+        for half in (
+            Entry(entry.number, entry.time, entry.facts[: len(entry.facts) // 2]),
+            Entry(entry.number, entry.time, entry.facts[len(entry.facts) // 2 :]),
+        )
+    ]
+    assert checked(halves) == []
+
+
+def test_a_story_told_by_hand_is_seen_through() -> None:
+    """The builders of stories leave out what does not matter to them; here it would."""
+    assert checked(stumbling().entries)
+
+
+def test_what_ended_is_forgotten() -> None:
+    checker = Checker(lambda _: None)
+    life = Life(Player(check=False))
+    life.go_on(7, 1_500)
+    for entry in [OPENED, *life.player.entries]:
+        checker.take(entry)
+    checker.close()
+    assert len(checker.world.items) < len(checker.world.over) / 3
+
+
+def test_every_rule_names_its_source() -> None:
+    assert len(rules.RULES) > 25
+    assert all(rule.text and rule.source for rule in rules.RULES)
