@@ -75,7 +75,8 @@ async def _frame(reading: Reading, request: Request) -> Response:
 
 def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
     with reading:
-        reading.wait_for_more(since.get("entry", 0), _PATIENCE)
+        if since:  # a page that has nothing yet gets what there is
+            reading.wait_for_more(since.get("entry", 0), _PATIENCE)
         history = reading.feed.history
         told = {
             "name": reading.log.name,
