@@ -9,10 +9,10 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, Event, Received, Record
 from tca_explorer.actors import Actor, Line, Request
 from tca_explorer.errors import CentralFault, ScenarioError
+from tca_explorer.fold import Fold
 from tca_explorer.marks import Id, Number
 from tca_explorer.naming import renamed, renamed_rows, without_ids
 from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
-from tca_explorer.world import World
 from tca_wire import headers
 from tca_wire.controls import Monitor
 from tca_wire.declarations import Message
@@ -33,7 +33,7 @@ class Exchange:
         self.central = Central("explored")
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
         self.central.tree.newest = Id(0)
-        self.world = World()
+        self.fold = Fold()
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, Line] = {}  #: connections that central has not seen end
         self.facts: list[Fact] = []  #: recorded with the last action
@@ -56,7 +56,7 @@ class Exchange:
             effects = self.central.handle(event)
         except Exception as error:
             raise CentralFault(f"central can't handle {event}: {error!r}") from error
-        self.world.now = self.now
+        self.fold.now = self.now
         for effect in effects:
             if isinstance(effect, Record):
                 self._record(effect.entry.facts)
@@ -68,7 +68,7 @@ class Exchange:
     def _record(self, recorded: list[Fact]) -> None:
         self.facts += recorded
         self.names.update({fact.id: fact.message for fact in recorded if isinstance(fact, Birth)})
-        self.world.take(recorded)
+        self.fold.take(recorded)
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -85,7 +85,7 @@ class Exchange:
                 request = actor.awaited
                 if request is None or not request.unread:
                     return
-                actor.get(request.unread.popleft())
+                actor.read()
                 continue
             branches = actor.branches
             if len(branches) != 1 or branches[0].decisions:
@@ -110,7 +110,7 @@ class Exchange:
             number = self.next_number()
             header = replace(header, number=number)
             if step.wants_answer:
-                actor.requests.append(Request(number, header))
+                actor.ask(Request(number, header))
                 actor.get(Got(step.kind))
             else:
                 actor.number = number
@@ -134,9 +134,7 @@ class Exchange:
         actor.late_at = None if step.seconds is None else self.now + step.seconds
 
     def _give_up(self, line: Line, actor: Actor, step: GiveUp) -> None:
-        request = actor.requests[step.request]
-        request.is_over = True
-        request.unread.clear()
+        request = actor.requests.pop(step.request)
         actor.get(Got(step.kind))
         self.receive(line.name, headers.GiveUp(request.number))
 
@@ -157,11 +155,12 @@ class Exchange:
     # --- what comes back ---------------------------------------------------------------------------------------------
 
     def _get_delivery(self, line: Line, header: headers.Deliver, body: bytes) -> None:
-        actor = Actor(line.run.module.handlers[header.message], Given(body), header.delivery, header.task)
+        program = line.run.module.handlers[header.message]
+        actor = Actor(program, Given(body, bool(header.task)), header.delivery, header.task)
         context = renamed(header.context, actor.name)
         if isinstance(text := getattr(context, "text", None), str):
             context = replace(context, text=without_ids(text))
-        actor.given = Given(body, bool(header.task), context)
+        actor.life = program.beginning(Given(body, bool(header.task), context))
         actor.suspended = (header.suspended,)
         line.delivered.append(actor)
 
@@ -187,7 +186,7 @@ class Exchange:
     def _answer(self, line: Line, number: int, got: Got) -> bool:
         """Whether somebody wanted that answer."""
         for actor in line.actors:
-            for request in actor.requests:
+            for request in actor.requests.values():
                 if request.number == number and not request.is_over:
                     if isinstance(request.header, headers.Inspect) and got.body:
                         got = replace(got, body=renamed_rows(got.body, actor.name))

@@ -80,6 +80,7 @@ class Link:
         self.error: ScenarioError | None = None  #: what can't be played
         self._history = history
         self._at = 0
+        self._is_told = False  #: that its task was killed
         self._requests = 0
         self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
 
@@ -177,9 +178,8 @@ class Link:
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the script has been told that its task was killed; once told, it stays so."""
         del delivery
-        if any(got.kind == CANCELLED and got.choice for got in self._history[: self._at]):
-            return True
-        return bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+        self._is_told = self._is_told or bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+        return self._is_told
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the script has been told that its task is suspended."""

@@ -14,10 +14,11 @@ import msgspec
 
 from tca_central.events import ConnectionLost, Tick
 from tca_explorer.actors import Actor, Line, Run
+from tca_explorer.errors import ScenarioError
 from tca_explorer.exchange import Exchange, connection_of
+from tca_explorer.fold import Tracked
 from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Await, Given, Got
-from tca_explorer.world import Seen
 from tca_wire import headers
 from tca_wire.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
@@ -123,11 +124,11 @@ class Play(Exchange):
                 yield Action(Kind.SUSPEND, message, index, is_optional=True)
             yield from (Action(Kind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
 
-    def killable(self, message: str) -> list[Seen]:
+    def killable(self, message: str) -> list[Tracked]:
         """The tasks of that message which somebody may kill."""
-        return [task for task in self.world.tasks if task.message == message and not (task.is_killed or task.is_over)]
+        return [task for task in self.fold.tasks if task.message == message and not (task.is_killed or task.is_over)]
 
-    def suspendable(self, message: str) -> list[Seen]:
+    def suspendable(self, message: str) -> list[Tracked]:
         """The tasks of that message which somebody may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
@@ -136,7 +137,7 @@ class Play(Exchange):
     def perform(self, action: Action) -> None:
         """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if central can't."""
         self.facts = []
-        self.world.forget_what_is_over()
+        self.fold.forget_what_is_over()
         _PERFORM[action.kind](self, action)
         for line in list(self.lines.values()):
             if line.stack:
@@ -147,13 +148,17 @@ class Play(Exchange):
         actor = line.actor
         assert actor is not None
         line.begin(actor)
-        branch = actor.branches[action.index]
-        actor.history += branch.decisions
+        life, branch = actor.life, actor.branches[action.index]
+        actor.lives(*branch.decisions)
         actor.step = branch.step
-        self.take(line, actor)
+        try:
+            self.take(line, actor)
+        except ScenarioError as error:
+            raise ScenarioError(f"{actor.program.place(life, branch)}: {error}") from None
 
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
+        self.fold.passed = self.next_time - self.now
         self.now = self.next_time
         self.handle(Tick(self.now))
 

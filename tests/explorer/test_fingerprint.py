@@ -171,8 +171,8 @@ def test_the_world_is_as_central_is(name: str) -> None:
             if not actions:
                 break
             played.perform(choices.choice(actions))
-            assert not played.world.broken
-            living = {task.id: task for task in played.world.tasks if not task.is_over}
+            assert not played.fold.broken
+            living = {task.id: task for task in played.fold.tasks if not task.is_over}
             assert living.keys() == played.central.tree.tasks.keys()
             for task in played.central.tree.tasks.values():
                 seen = living[task.id]
