@@ -139,6 +139,7 @@ class Run:
         self.name = module.name if number == 1 else f"{module.name} run {number}"
         self.lines: list[Line] = []  #: those that central has not seen end; the module's own first
         self.steps_joined = 0
+        self.first = deque(module.first)  #: what it still does before it handles anything
         self.is_alive = True
         self.is_leaving = False
 
@@ -146,6 +147,11 @@ class Run:
     def is_joined(self) -> bool:
         """Whether all its connections have been there."""
         return self.steps_joined == self.steps_to_join
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether it does what it does before it handles anything."""
+        return self.steps_joined == 1 and self.is_alive and bool(self.first or self.lines[0].actors)
 
     @property
     def steps_to_join(self) -> int:

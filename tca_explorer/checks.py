@@ -11,15 +11,11 @@ MOST = 64
 
 def checked_number(number: Any, what: str, *, least: int, most: int | None = None) -> int:
     """*number*, if it is a whole one in that range. Raises ScenarioError."""
-    if (
-        not isinstance(number, int)
-        or isinstance(number, bool)
-        or number < least
-        or (most is not None and number > most)
-    ):
+    is_number = isinstance(number, int) and not isinstance(number, bool)
+    if not is_number or not least <= number <= (number if most is None else most):
         fits = f"{least} to {most}" if most is not None else f"{least} or more"
         raise ScenarioError(f"{what} can't be {number!r:.60}: {fits}, a whole number")
-    return number
+    return int(number)
 
 
 def checked_name(name: Any, what: str) -> str:

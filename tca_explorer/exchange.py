@@ -12,10 +12,10 @@ from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.fold import Fold
 from tca_explorer.marks import Id, Number
 from tca_explorer.naming import renamed, renamed_rows, without_ids
+from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
 from tca_wire import headers
 from tca_wire.controls import Monitor
-from tca_wire.declarations import Message
 from tca_wire.facts import Fact
 from tca_wire.facts import Received as Birth
 from tca_wire.points import TaskId
@@ -29,7 +29,7 @@ _NEED_NO_HANDLER = (MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageCla
 class Exchange:
     """Central, the connections to it, and the scripts that use them."""
 
-    def __init__(self, known: dict[str, Message[Any, Any]]) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         self.central = Central("explored")
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
         self.central.tree.newest = Id(0)
@@ -38,7 +38,8 @@ class Exchange:
         self.lines: dict[str, Line] = {}  #: connections that central has not seen end
         self.facts: list[Fact] = []  #: recorded with the last action
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
-        self._known = known  #: what some module handles
+        self.scenario = scenario
+        self._known = scenario.messages()  #: what some module handles
         self._number = Number(0)
 
     def next_number(self) -> Number:
@@ -101,6 +102,8 @@ class Exchange:
 
     def _ask(self, line: Line, actor: Actor, step: Ask) -> None:
         self._declare(line, step)
+        if isinstance(step.header, headers.Lock):
+            self._check_lock(step.header)
         header = renamed(step.header, actor.real)
         if getattr(header, "origin", 0):
             header = replace(header, origin=actor.delivery)
@@ -115,6 +118,18 @@ class Exchange:
             else:
                 actor.number = number
         self.receive(line.name, header, step.body)
+
+    def _check_lock(self, header: headers.Lock) -> None:
+        """A module that is lost takes its resources along; one that nobody ever has is a mistake."""
+        owners = self.scenario.owners(header.resource)
+        if not owners or header.module not in ("", *owners):
+            whose = f"module '{header.module}'" if header.module else "no module"
+            raise ScenarioError(f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
+                                "lock or reserve one that is there")  # fmt: skip
+        if not header.module and len(owners) > 1:
+            raise ScenarioError(
+                f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
+            )
 
     def _declare(self, line: Line, step: Ask) -> None:
         """A module declares a message when it first uses it."""
@@ -148,6 +163,8 @@ class Exchange:
         if actor.delivery:
             header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
             self.receive(line.name, header, step.body)
+        elif line.run.steps_joined == 1:
+            raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
     def _hang(self, _line: Line, _actor: Actor, _step: Hang) -> None:
         """It never gets anything for that step."""

@@ -321,7 +321,7 @@ def _attributes(kind: type, names: tuple[str, ...]) -> tuple[tuple[str, Write | 
 def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
     for name in sorted(play.runs):
         run = play.runs[name]
-        walk.add([name, run.steps_joined, run.is_alive, run.is_leaving])
+        walk.add([name, run.steps_joined, len(run.first), run.is_alive, run.is_leaving])
         connections = play.central.registry.connections
         lines = [(walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines]
         for number, line in sorted(lines, key=itemgetter(0)):

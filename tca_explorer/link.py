@@ -107,7 +107,10 @@ class Link:
     def decide(self, kind: str, alternatives: Sequence[str]) -> int:
         """Which of these: each is explored."""
         if self._at < len(self._history):
-            return self._past(kind).choice
+            got = self._past(kind)
+            if got.choice >= len(alternatives) or alternatives[got.choice] != got.words:
+                self._refuse_change()
+            return got.choice
         if self.stopped is None:
             self.stopped = Fork(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
         raise self.stopped
@@ -120,11 +123,13 @@ class Link:
     def _past(self, kind: str) -> Got:
         got = self._history[self._at]
         if got.kind != kind:
-            self.error = ScenarioError("it does not do the same when it is run again: it may use nothing but its "
-                                       "arguments")  # fmt: skip
-            raise self.error
+            self._refuse_change()
         self._at += 1
         return got
+
+    def _refuse_change(self) -> NoReturn:
+        self.error = ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments")
+        raise self.error
 
     # --- what the module library calls: see tca_module/connection.py -------------------------------------------------
 

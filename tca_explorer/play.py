@@ -58,8 +58,7 @@ class Play(Exchange):
     """A run so far. ``perform`` is the only way it changes."""
 
     def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario.messages())
-        self.scenario = scenario
+        super().__init__(scenario)
         self.runs: dict[str, Run] = {}  #: of modules, by name, until their last connection has ended
         self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
         self.kills = dict(scenario.may_be_killed)
@@ -68,9 +67,8 @@ class Play(Exchange):
         self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
         self._started = dict.fromkeys(scenario.modules, 0)  #: how often
         for module in scenario.modules.values():
-            run = self._start(module.name)
-            while not (module.arrives_late or run.is_joined):
-                self._join(run)
+            self._start(module.name)
+        self._start_all()
         if self.kills or self.suspensions:
             self.receive(SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY))
 
@@ -108,7 +106,8 @@ class Play(Exchange):
         for run in self.runs.values():
             if run.is_alive:
                 if not run.is_joined:
-                    yield Action(Kind.JOIN, run.name)
+                    if not run.is_starting:
+                        yield Action(Kind.JOIN, run.name)
                 elif run.module.may_leave and not run.is_leaving:
                     yield Action(Kind.LEAVE, run.name, is_optional=True)
                 yield from (Action(Kind.BYE, line.name) for line in run.may_say_goodbye())
@@ -139,8 +138,14 @@ class Play(Exchange):
         self.facts = []
         self.fold.forget_what_is_over()
         _PERFORM[action.kind](self, action)
+        self._go_on()
+
+    def _go_on(self) -> None:
         for line in list(self.lines.values()):
             if line.stack:
+                self.go_on(line)
+            while line.run.is_starting and not line.stack and line is line.run.lines[0]:
+                line.stack.append(Actor(line.run.first.popleft(), Given(NOTHING)))
                 self.go_on(line)
 
     def _take_step(self, action: Action) -> None:
@@ -172,6 +177,29 @@ class Play(Exchange):
         run = Run(self.scenario.modules[module], self._started[module])
         self.runs[run.name] = run
         return run
+
+    def _start_all(self) -> None:
+        """Until all are there; those that wait for each other, or choose, go on with that in the run."""
+        moved = True
+        while moved:
+            moved = False
+            for run in self.runs.values():
+                while self._starts_further(run):
+                    moved = True
+
+    def _starts_further(self, run: Run) -> bool:
+        """The next step of a module that joins before the run; False if there is none, or more than one."""
+        if run.module.arrives_late or run.is_joined:
+            return False
+        if not run.is_starting:
+            self._join(run)
+        else:
+            actor = run.lines[0].actor
+            if actor is None or actor.step is not None or len(actor.branches) > 1:
+                return False
+            self._take_step(Action(Kind.STEP, run.lines[0].name))
+        self._go_on()
+        return True
 
     def _join(self, run: Run) -> None:
         """The next step of joining."""

@@ -1,6 +1,7 @@
 """The scripts of a scenario: plain functions that do what a module's handlers do, with the module library's calls."""
 
 import inspect
+import re
 import traceback
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -26,8 +27,9 @@ T = TypeVar("T")
 _OF_THE_WORLD = (QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
-_BY_CHANCE = (Refusal.TOO_LATE, Refusal.OVERLOAD, Refusal.UNKNOWN)
-"""What central refuses because of what happened meanwhile: a module that is lost takes its resources along."""
+_BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
+"""What central refuses because of what happened meanwhile: a module that is lost takes its resources along. (That a
+scenario has no such resource at all is found out when it is asked for: see Exchange.)"""
 
 
 class _Choices:
@@ -39,7 +41,7 @@ class _Choices:
         """One of these: each is explored."""
         if not alternatives:
             raise ScenarioError("choose() has nothing to choose from: give it the alternatives")
-        return alternatives[self._explored.decide(CHOOSE, [str(one) for one in alternatives])]
+        return alternatives[self._explored.decide(CHOOSE, [_without_address(str(one)) for one in alternatives])]
 
     def hang(self) -> NoReturn:
         """Never go on, and never return."""
@@ -120,7 +122,7 @@ class Program:
             step = self._called(link, given)
         except (Pause, Fork):
             assert link.stopped is not None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ScenarioError(f"{self._where(error)}: {_described(link.error or error)}") from error
         if link.error is not None:  # and the script went on
             raise ScenarioError(f"{self._where(link.error)}: {link.error}")
@@ -163,7 +165,12 @@ class Program:
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 
 
-def _described(error: Exception) -> str:
+def _without_address(words: str) -> str:
+    """Words for an object without where it is in memory."""
+    return re.sub(r" at 0x[0-9a-f]+", "", words)
+
+
+def _described(error: BaseException) -> str:
     known = isinstance(error, ExplorerError) or type(error).__module__.startswith(("tca_module", "tca_wire"))
     return str(error) if known else repr(error)
 

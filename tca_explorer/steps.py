@@ -5,6 +5,7 @@ but its data and what it got: ``OWN`` is the task that it handles, ``known(0)`` 
 """
 
 from typing import Any
+from zlib import crc32
 
 import msgspec
 
@@ -51,8 +52,8 @@ class Ask(_Step, frozen=True):
 
     @property
     def kind(self) -> str:
-        """What is sent, and of which message."""
-        return f"{type(self.header).__name__} {getattr(self.header, 'message', '')}"
+        """What is sent, with which data."""
+        return f"{type(self.header).__name__} {crc32(msgspec.msgpack.encode(self.header) + self.body)}"
 
 
 class Await(_Step, frozen=True):

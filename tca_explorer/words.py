@@ -135,6 +135,8 @@ def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
         return f"waits for {point_in_words(header.point, lambda task: _name(play, task))}"
     if isinstance(header, headers.Lock):
         return f"waits to {'reserve' if header.reserve else 'lock'} {header.resource}"
+    if isinstance(header, headers.WaitUntilHandled):
+        return f"waits until {', '.join(header.messages)} are handled"
     return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
 
 

@@ -43,7 +43,7 @@ def busy() -> Scenario:
     """Everything that modules do, with pools, priorities, nested queries and decisions."""
     scenario = Scenario("busy")
     for name in ("legs", "more legs"):
-        legs = scenario.module(name, may_be_lost=name == "legs", comes_back=True)
+        legs = scenario.module(name, may_be_lost=int(name == "legs"), comes_back=True)
         legs.handles(STEP, pool="all")(lambda _: None)
         legs.handles(HEIGHTS)(lambda _: 1)
 
