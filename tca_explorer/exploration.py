@@ -25,8 +25,8 @@ LIMIT = 100_000
 KEPT_BYTES = 256 << 20
 """How much the snapshots of states yet to be left may hold; what has none is played again from the start."""
 
-WATCHED_EVERY = 64
-"""Steps from one call of *watch* to the next."""
+WATCHED_EVERY = 32
+"""States that are gone on from between one call of *watch* and the next."""
 
 
 def explore(
@@ -80,7 +80,8 @@ class _Exploration:
         violation = self._arrive(None, None, Play(self.scenario))
         while self.frontier and violation is None and len(self.known) <= self.limit:
             violation = self._leave(self.frontier.popleft())
-            if self.watch is not None and not self.steps % WATCHED_EVERY:
+            left = len(self.known) - len(self.frontier)
+            if self.watch is not None and not left % WATCHED_EVERY:
                 self.watch(len(self.known), len(self.frontier))
         is_complete = not self.frontier and violation is None
         states = list(self.known.values())
