@@ -65,6 +65,20 @@ def test_the_scenario_in_the_documentation_is_good(tmp_path: Path) -> None:
     assert result.stdout.startswith("fetching: good, "), result.output
 
 
+def test_the_counterexample_in_the_documentation_is_that_of_its_scenario(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
+    code = page.partition("```python\n")[2].partition("```")[0]
+    hasty = re.sub(r"task.command\(GRASP\).*", "task.command(GRASP, sequential=False)", code)
+    assert hasty != code
+    assert "With `task.command(GRASP, sequential=False)`" in page
+    shown = page.partition("```\nfetching: NOT")[2].partition("```")[0].splitlines()
+    written = iter(tca_explore(tmp_path, hasty).stdout.splitlines())
+    assert next(written) == f"fetching: NOT{shown[0]}"
+    for line in shown[1:]:
+        assert line.strip() == "..." or line in written, line
+    assert not list(written)
+
+
 def test_people_who_look_at_a_terminal_see_how_far_it_is(tmp_path: Path) -> None:
     """In a line of the terminal that is gone in the end; what is written elsewhere has nothing of it."""
     path = tmp_path / "scenarios.py"
