@@ -1,15 +1,17 @@
 """The search itself: what it takes for known, what it checks, in which order, and what it says of it."""
 
+import contextlib
 from typing import Any
 
 import pytest
-from explorer.scenarios import NOTE, REST, STEP, WALK, walking
+from explorer.scenarios import NOTE, REST, STEP, WALK, WHERE, walking
 
 from tca_central.resources import Queue
 from tca_explorer import (
     Property,
     Scenario,
     Script,
+    Seen,
     Task,
     World,
     achieved,
@@ -24,6 +26,7 @@ from tca_explorer import (
 )
 from tca_explorer.play import Play
 from tca_explorer.snapshot import Snapshots
+from tca_module import TaskFailed, TaskKilled
 from tca_wire.declarations import Command
 
 
@@ -199,3 +202,105 @@ def test_what_ends_is_judged_before_what_goes_on() -> None:
     result = explore(walking(never_stuck(), never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
+
+
+# --- what tells states from each other -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("result", ["well", "badly"])
+def test_how_a_task_ended_that_can_still_be_asked_for(result: str) -> None:
+    """When the step has ended nothing of it is left but its result, or its failure."""
+    scenario = Scenario("asked later")
+    legs = scenario.module("legs")
+
+    @legs.handles(STEP)
+    def step(task: Task) -> object:
+        return task.choose("well", "badly")
+
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        step = me.command(STEP)
+        me.goal(REST).wait()
+        me.inform(NOTE, step.result())
+
+    assert not explore(scenario, never(sent(NOTE, result))).ok
+
+
+@pytest.mark.parametrize("answer", [1, 2])
+def test_an_answer_that_was_not_read_yet(answer: int) -> None:
+    scenario = Scenario("read later")
+    legs = scenario.module("legs")
+    legs.handles(WHERE)(lambda task: task.choose(1, 2))
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        where = me.query_send(WHERE)
+        me.goal(REST).wait()
+        me.inform(NOTE, where.receive())
+
+    assert not explore(scenario, never(sent(NOTE, answer))).ok
+
+
+@pytest.mark.parametrize("rest", ["is long", "is short"])
+def test_what_a_script_has_decided(rest: str) -> None:
+    scenario = Scenario("decided")
+    legs = scenario.module("legs")
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        found = me.choose("is long", "is short")
+        me.goal(REST).wait()
+        me.inform(NOTE, found)
+
+    assert not explore(scenario, never(sent(NOTE, rest))).ok
+
+
+def lost_or_killed(*properties: Property) -> Scenario:
+    """What may still happen is part of the state: a step that may be killed once, on legs that may be lost once."""
+    scenario = Scenario("still to come", *properties)
+    scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        for _ in range(2):
+            with contextlib.suppress(TaskFailed, TaskKilled):
+                me.command(STEP).wait()
+
+    scenario.may_kill(STEP)
+    return scenario
+
+
+def test_what_may_still_happen() -> None:
+    assert explore(lost_or_killed(never_stuck(), at_most_in_all(1, killed_and_over))).ok
+    assert not explore(lost_or_killed(never_stuck(), never(killed_and_over))).ok
+    assert not explore(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly)).ok
+    assert explore(lost_or_killed(never_stuck()), at_most_in_all(2, ended_badly)).ok
+
+
+def killed_and_over(world: World) -> list[Seen]:
+    return [task for task in world.tasks if task.is_over and task.is_killed and not task.failure]
+
+
+def ended_badly(world: World) -> list[Seen]:
+    return [task for task in world.tasks if task.is_over and task.is_killed]
+
+
+@pytest.mark.parametrize("seconds", [1.0, 2.0])
+def test_how_long_something_still_takes(seconds: float) -> None:
+    """Between the first command and the second there is nothing but a time that was chosen."""
+    scenario = Scenario("how long")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.command(STEP, delay=1.0 if me.choose("soon", "late") == "soon" else 2.0)
+
+    assert not explore(scenario, never(lambda world: world.passed == seconds)).ok
+    assert explore(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0))).ok

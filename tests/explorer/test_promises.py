@@ -90,6 +90,7 @@ KEPT: dict[str, Told] = {
     "another moment is not constrained": [*TWO, Constrained([after(1, EA, 2, SA)]), reached(2, SP)],
     "a delay": [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 1.0, reached(1, EA), 3.0, reached(2, SA)],
     "a delay from now": [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), 2.0, reached(1, SA)],
+    "a moment before one whose delay has not begun": [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), reached(2, SP)],
     "another moment is not delayed": [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), reached(1, SP)],
     "what has ended is past": [
         *TWO, Constrained([after(1, EA, 2, SA)]), Constrained([after(1, EP, 2, SP)]),
