@@ -151,12 +151,13 @@ class Run:
     @property
     def is_starting(self) -> bool:
         """Whether it does what it does before it handles anything."""
-        return self.steps_joined == 1 and self.is_alive and bool(self.first or self.lines[0].actors)
+        is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
+        return is_first and bool(self.first or self.lines[0].actors)
 
     @property
     def steps_to_join(self) -> int:
         """Saying hello; and, where it handles anything, saying what, and a hello for each slot."""
-        return 2 + len(self.module.slots) if self.module.formats else 1
+        return 2 + len(self.module.slots) if self.module.formats or self.module.first else 1
 
     def may_say_goodbye(self) -> list[Line]:
         """Those of its lines that may end now because it leaves: what does nothing, its own line last."""

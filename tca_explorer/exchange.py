@@ -163,7 +163,7 @@ class Exchange:
         if actor.delivery:
             header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
             self.receive(line.name, header, step.body)
-        elif line.run.steps_joined == 1:
+        elif not line.run.is_joined:
             raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
     def _hang(self, _line: Line, _actor: Actor, _step: Hang) -> None:

@@ -38,6 +38,7 @@ class ScenarioModule:
         self.story: Program | None = None  #: what the module does by itself
         self._capacities = {name: _checked_capacity(name, capacity)}
         self._required = _checked_messages(name, requires)
+        self._wait = Program(f"requires in {name}", lambda me: me.wait_until_handled(*self._awaited()), None)
         self._first: list[Program] = []
 
     def __getattr__(self, name: str) -> NoReturn:
@@ -96,9 +97,10 @@ class ScenarioModule:
     @property
     def first(self) -> list[Program]:
         """What it does before it handles anything."""
-        required = [message for message in self._required if message.name not in self.handlers]
-        wait = Program(f"requires in {self.name}", lambda me: me.wait_until_handled(*required), None)
-        return [*([wait] if required else []), *self._first]
+        return [*([self._wait] if self._awaited() else []), *self._first]
+
+    def _awaited(self) -> list[Message[Any, Any]]:
+        return [message for message in self._required if message.name not in self.handlers]
 
     @property
     def slots(self) -> list[str]:

@@ -140,6 +140,29 @@ def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
         explore(scenario)
 
 
+def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
+    """Also of one that handles nothing, and has joined with one word."""
+    scenario = walking(never_stuck())
+
+    @scenario.module("slipper").does
+    def slip(_: Script) -> None:
+        raise SLIPPED(text="ice")
+
+    assert explore(scenario).ok
+
+
+def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
+    scenario = Scenario("only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck())
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+    mouth = scenario.module("mouth", arrives_late=True, requires=[STEP])
+    mouth.does(lambda me: me.inform(NOTE, "later"))
+    mouth.at_start(lambda module: module.inform(NOTE, "first"))
+    scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
+    result = explore(scenario)
+    assert result.ok, report(result)
+    assert not result.vacuous
+
+
 def test_a_module_waits_for_what_it_requires() -> None:
     scenario = Scenario("requiring", before(begun(STEP), begun(REST)), never_stuck())
     planner = scenario.module("planner", requires=[STEP, WALK])
