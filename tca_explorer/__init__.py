@@ -1,7 +1,7 @@
 """Explores every interleaving of a small scenario against the real core of central: bounded model checking."""
 
 from tca_explorer.errors import ExplorerError, ScenarioError
-from tca_explorer.exploration import Result, Violation, explore
+from tca_explorer.exploration import explore
 from tca_explorer.properties import (
     Property,
     achieved,
@@ -26,14 +26,17 @@ from tca_explorer.properties import (
     retried,
     sent,
     suspended,
+    within,
 )
 from tca_explorer.scenario import Scenario, ScenarioModule
 from tca_explorer.script import Script, Task
+from tca_explorer.states import Result, Violation
 from tca_explorer.transcript import report
-from tca_explorer.world import Seen, World
+from tca_explorer.world import Held, Seen, World
 
 __all__ = [
     "ExplorerError",
+    "Held",
     "Property",
     "Result",
     "Scenario",
@@ -68,4 +71,5 @@ __all__ = [
     "retried",
     "sent",
     "suspended",
+    "within",
 ]

@@ -7,7 +7,8 @@ from tca_explorer.link import CANCELLED, SUSPENDED
 from tca_explorer.marks import Id, Number
 from tca_explorer.scenario import ScenarioModule
 from tca_explorer.script import Program
-from tca_explorer.steps import OWN, Await, Branch, Given, Got, History, Step, known, place_of
+from tca_explorer.steps import OWN, Await, Branch, Given, Got, Step, known, place_of
+from tca_wire.headers import Lock
 from tca_wire.points import TaskId
 
 
@@ -29,28 +30,20 @@ class Actor:
         self.delivery = delivery  #: that it handles; 0: none, a module does this by itself
         self.task = task  #: that it handles; 0: none
         self.known: list[TaskId] = []  #: what else it has heard of, by place
-        self.given = given
-        self.history: History = ()
-        self.requests: list[Request] = []  #: by place
+        self.life = program.beginning(given)
+        self.requests: dict[int, Request] = {}  #: by place; those of which nothing more can come are left out
+        self.asked = 0  #: how many there were
         self.step: Step | None = None  #: that it is waiting to get something for
         self.number = Number(0)  #: of what it has just asked
         self.late_at: float | None = None  #: when it waits no longer
         self.is_told = False  #: that its task was killed
         self.was_told = False  #: the same, when it last got something
-        self._seen: tuple[History, tuple[Branch, ...]] | None = None  #: the branches after that history
         self.suspended: tuple[bool, ...] = (False,)  #: what it has been told of that since it last got something
 
     @property
     def branches(self) -> tuple[Branch, ...]:
         """How it may go on. Raises ScenarioError."""
-        if self._seen is None or self._seen[0] is not self.history:
-            self._seen = self.history, self.program.branches(self.given, self.history)
-        return self._seen[1]
-
-    @property
-    def life(self) -> int:
-        """A number for what it was given and has got; of scripts of one function, equal ones have the same."""
-        return self.program.life(self.given, self.history)
+        return self.program.branches(self.life)
 
     @property
     def awaited(self) -> Request | None:
@@ -64,9 +57,27 @@ class Actor:
             return False
         return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
 
+    def ask(self, request: Request) -> None:
+        """It has made a request."""
+        self.requests[self.asked] = request
+        self.asked += 1
+
+    def read(self) -> None:
+        """It gets the answer that is there to what it waits for."""
+        assert isinstance(self.step, Await)
+        place = self.step.request
+        request = self.requests[place]
+        self.get(request.unread.popleft())
+        if request.is_over and not request.unread and not isinstance(request.header, Lock):  # one can be given back
+            del self.requests[place]
+
+    def lives(self, *got: Got) -> None:
+        """That is part of its life now."""
+        self.life = self.program.live(self.life, *got)
+
     def get(self, got: Got) -> None:
         """Something came back for its step."""
-        self.history = (*self.history, got)
+        self.lives(got)
         self.step, self.number, self.late_at = None, Number(0), None
         self.was_told = self.is_told
         self.suspended = self.suspended[-1:]
@@ -128,6 +139,7 @@ class Run:
         self.name = module.name if number == 1 else f"{module.name} run {number}"
         self.lines: list[Line] = []  #: those that central has not seen end; the module's own first
         self.steps_joined = 0
+        self.first = deque(module.first)  #: what it still does before it handles anything
         self.is_alive = True
         self.is_leaving = False
 
@@ -137,9 +149,15 @@ class Run:
         return self.steps_joined == self.steps_to_join
 
     @property
+    def is_starting(self) -> bool:
+        """Whether it does what it does before it handles anything."""
+        is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
+        return is_first and bool(self.first or self.lines[0].actors)
+
+    @property
     def steps_to_join(self) -> int:
         """Saying hello; and, where it handles anything, saying what, and a hello for each slot."""
-        return 2 + len(self.module.slots) if self.module.formats else 1
+        return 2 + len(self.module.slots) if self.module.formats or self.module.first else 1
 
     def may_say_goodbye(self) -> list[Line]:
         """Those of its lines that may end now because it leaves: what does nothing, its own line last."""

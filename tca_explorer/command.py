@@ -1,7 +1,10 @@
 """``tca explore``: explores the scenarios of a file."""
 
 import runpy
+import sys
 import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -25,13 +28,30 @@ def explore_file(context: click.Context, path: Path, limit: int) -> None:
     """
     is_good = True
     for scenario in _scenarios(path):
-        try:
-            result = explore(scenario, limit=limit)
-        except ScenarioError as error:
-            raise click.UsageError(f"{path}: scenario '{scenario.title}': {error}") from None
+        with _progress(scenario.title) as watch:
+            try:
+                result = explore(scenario, limit=limit, watch=watch)
+            except ScenarioError as error:
+                raise click.UsageError(f"{path}: scenario '{scenario.title}': {error}") from None
         click.echo(report(result))
         is_good = is_good and result.ok
     context.exit(not is_good)
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Who says how far it has come, in a line that is gone in the end; only to people, who look at a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+
+    def show(states: int, to_go: int) -> None:
+        click.echo(f"\r\x1b[K{title}: {states:,} states, {to_go:,} of them to go on from", err=True, nl=False)
+
+    try:
+        yield show
+    finally:
+        click.echo("\r\x1b[K", err=True, nl=False)
 
 
 def _scenarios(path: Path) -> list[Scenario]:

@@ -9,13 +9,13 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, Event, Received, Record
 from tca_explorer.actors import Actor, Line, Request
 from tca_explorer.errors import CentralFault, ScenarioError
+from tca_explorer.fold import Fold
 from tca_explorer.marks import Id, Number
 from tca_explorer.naming import renamed, renamed_rows, without_ids
+from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
-from tca_explorer.world import World
 from tca_wire import headers
 from tca_wire.controls import Monitor
-from tca_wire.declarations import Message
 from tca_wire.facts import Fact
 from tca_wire.facts import Received as Birth
 from tca_wire.points import TaskId
@@ -29,16 +29,17 @@ _NEED_NO_HANDLER = (MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageCla
 class Exchange:
     """Central, the connections to it, and the scripts that use them."""
 
-    def __init__(self, known: dict[str, Message[Any, Any]]) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         self.central = Central("explored")
         self.central.look_after = 0  # what waits for ever is for the scenario's properties to find
         self.central.tree.newest = Id(0)
-        self.world = World()
+        self.fold = Fold()
         self.now = 0.0  #: seconds since the run began
         self.lines: dict[str, Line] = {}  #: connections that central has not seen end
         self.facts: list[Fact] = []  #: recorded with the last action
         self.names: dict[int, str] = {}  #: of all messages ever sent; for people
-        self._known = known  #: what some module handles
+        self.scenario = scenario
+        self._known = scenario.messages()  #: what some module handles
         self._number = Number(0)
 
     def next_number(self) -> Number:
@@ -56,7 +57,7 @@ class Exchange:
             effects = self.central.handle(event)
         except Exception as error:
             raise CentralFault(f"central can't handle {event}: {error!r}") from error
-        self.world.now = self.now
+        self.fold.now = self.now
         for effect in effects:
             if isinstance(effect, Record):
                 self._record(effect.entry.facts)
@@ -68,7 +69,7 @@ class Exchange:
     def _record(self, recorded: list[Fact]) -> None:
         self.facts += recorded
         self.names.update({fact.id: fact.message for fact in recorded if isinstance(fact, Birth)})
-        self.world.take(recorded)
+        self.fold.take(recorded)
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -85,7 +86,7 @@ class Exchange:
                 request = actor.awaited
                 if request is None or not request.unread:
                     return
-                actor.get(request.unread.popleft())
+                actor.read()
                 continue
             branches = actor.branches
             if len(branches) != 1 or branches[0].decisions:
@@ -101,6 +102,8 @@ class Exchange:
 
     def _ask(self, line: Line, actor: Actor, step: Ask) -> None:
         self._declare(line, step)
+        if isinstance(step.header, headers.Lock):
+            self._check_lock(step.header)
         header = renamed(step.header, actor.real)
         if getattr(header, "origin", 0):
             header = replace(header, origin=actor.delivery)
@@ -110,11 +113,23 @@ class Exchange:
             number = self.next_number()
             header = replace(header, number=number)
             if step.wants_answer:
-                actor.requests.append(Request(number, header))
+                actor.ask(Request(number, header))
                 actor.get(Got(step.kind))
             else:
                 actor.number = number
         self.receive(line.name, header, step.body)
+
+    def _check_lock(self, header: headers.Lock) -> None:
+        """A module that is lost takes its resources along; one that nobody ever has is a mistake."""
+        owners = self.scenario.owners(header.resource)
+        if not owners or header.module not in ("", *owners):
+            whose = f"module '{header.module}'" if header.module else "no module"
+            raise ScenarioError(f"{whose} of the scenario has a resource '{header.resource}' that handles something: "
+                                "lock or reserve one that is there")  # fmt: skip
+        if not header.module and len(owners) > 1:
+            raise ScenarioError(
+                f"modules {', '.join(owners)} have a resource '{header.resource}': say which with module="
+            )
 
     def _declare(self, line: Line, step: Ask) -> None:
         """A module declares a message when it first uses it."""
@@ -134,9 +149,7 @@ class Exchange:
         actor.late_at = None if step.seconds is None else self.now + step.seconds
 
     def _give_up(self, line: Line, actor: Actor, step: GiveUp) -> None:
-        request = actor.requests[step.request]
-        request.is_over = True
-        request.unread.clear()
+        request = actor.requests.pop(step.request)
         actor.get(Got(step.kind))
         self.receive(line.name, headers.GiveUp(request.number))
 
@@ -150,6 +163,8 @@ class Exchange:
         if actor.delivery:
             header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
             self.receive(line.name, header, step.body)
+        elif not line.run.is_joined:
+            raise ScenarioError(f"an error here ends the module: {step.failure}: {step.text}")
 
     def _hang(self, _line: Line, _actor: Actor, _step: Hang) -> None:
         """It never gets anything for that step."""
@@ -157,11 +172,12 @@ class Exchange:
     # --- what comes back ---------------------------------------------------------------------------------------------
 
     def _get_delivery(self, line: Line, header: headers.Deliver, body: bytes) -> None:
-        actor = Actor(line.run.module.handlers[header.message], Given(body), header.delivery, header.task)
+        program = line.run.module.handlers[header.message]
+        actor = Actor(program, Given(body, bool(header.task)), header.delivery, header.task)
         context = renamed(header.context, actor.name)
         if isinstance(text := getattr(context, "text", None), str):
             context = replace(context, text=without_ids(text))
-        actor.given = Given(body, bool(header.task), context)
+        actor.life = program.beginning(Given(body, bool(header.task), context))
         actor.suspended = (header.suspended,)
         line.delivered.append(actor)
 
@@ -187,7 +203,7 @@ class Exchange:
     def _answer(self, line: Line, number: int, got: Got) -> bool:
         """Whether somebody wanted that answer."""
         for actor in line.actors:
-            for request in actor.requests:
+            for request in actor.requests.values():
                 if request.number == number and not request.is_over:
                     if isinstance(request.header, headers.Inspect) and got.body:
                         got = replace(got, body=renamed_rows(got.body, actor.name))

@@ -1,109 +1,106 @@
 """Goes through every run of a scenario, breadth first: what it finds wrong is shown by the shortest run that does."""
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 
 import msgspec
 
 from tca_central.invariants import check_invariants
+from tca_explorer import circles
+from tca_explorer.checks import checked_number
 from tca_explorer.errors import CentralFault, ScenarioError
-from tca_explorer.fingerprint import fingerprint
+from tca_explorer.fingerprint import Detail, recognised
 from tca_explorer.play import Action, Play
-from tca_explorer.properties import Property
+from tca_explorer.properties import NeverStuck, Property, checked_properties
 from tca_explorer.scenario import Scenario
+from tca_explorer.snapshot import Snapshots
+from tca_explorer.states import Result, State, Violation, Way, replayed
+from tca_explorer.waiting import Waiting, carried, waiting
 from tca_explorer.words import unfinished
 from tca_explorer.world import World
 
 LIMIT = 100_000
 """States after which an exploration ends without an answer, unless said otherwise."""
 
-KEPT_PLAYS = 1000
-"""States on the way whose play is kept; that of the others is played again from the start when it is needed."""
+KEPT_BYTES = 256 << 20
+"""How much the snapshots of states yet to be left may hold; what has none is played again from the start."""
+
+WATCHED_EVERY = 32
+"""States that are gone on from between one call of *watch* and the next."""
 
 
-class Violation(msgspec.Struct, frozen=True):
-    """Something that must be true and is not, after these actions."""
-
-    broken: str
-    """What must be true."""
-    why: str
-    """What is wrong in the last state."""
-    actions: tuple[Action, ...]
-
-
-class Result(msgspec.Struct, frozen=True):
-    """What an exploration found."""
-
-    scenario: Scenario
-    states: int
-    steps: int
-    """Ways from one state to another."""
-    ends: int
-    """States in which nothing further need happen."""
-    longest: int | None
-    """Actions of the longest run; None if a run need not end, or not all were explored."""
-    is_complete: bool
-    """Whether all runs were explored."""
-    violation: Violation | None = None
-
-    @property
-    def ok(self) -> bool:
-        """Whether everything is true in all runs, and all runs were explored."""
-        return self.is_complete and self.violation is None
-
-
-class _State:
-    """A state that was reached, by the action that first led to it."""
-
-    __slots__ = ("action", "before", "following", "memories", "play")
-
-    def __init__(self, before: "_State | None", action: Action | None, memories: tuple[int, ...]) -> None:
-        self.before = before
-        self.action = action
-        self.memories = memories  #: of the properties
-        self.following: list[_State] = []
-        self.play: Play | None = None  #: None: must be played again
-
-    def actions(self) -> tuple[Action, ...]:
-        """The shortest way here."""
-        actions: list[Action] = []
-        state = self
-        while state.before is not None and state.action is not None:
-            actions.append(state.action)
-            state = state.before
-        return tuple(reversed(actions))
-
-
-def explore(scenario: Scenario, *properties: Property, limit: int = LIMIT) -> Result:
+def explore(
+    scenario: Scenario, *properties: Property, limit: int = LIMIT, watch: Callable[[int, int], None] | None = None
+) -> Result:
     """Explore every run of *scenario*, until something is found that must not be, or *limit* states were seen.
 
-    Checks the properties of the scenario, these further *properties*, and central's own invariants. Raises
-    ScenarioError if a script can't be played.
+    Checks the properties of the scenario, these further *properties*, and central's own invariants. *watch* is called
+    from time to time with how many states were seen, and how many of them are still to be left. Raises ScenarioError if
+    a script can't be played.
     """
-    return _Exploration(scenario, (*scenario.properties, *properties), limit).run()
+    if not isinstance(scenario, Scenario):
+        raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
+    checked_number(limit, "explore(limit=...)", least=1)
+    judged = (*scenario.properties, *checked_properties(properties))
+    detail = Detail()
+    while True:
+        exploration = _Exploration(scenario, judged, limit, detail, watch)
+        try:
+            return exploration.run()
+        except _MoreDetail as more:
+            detail = more.detail
+
+
+class _MoreDetail(BaseException):
+    """States must be told apart by more."""
+
+    def __init__(self, detail: Detail) -> None:
+        super().__init__(detail)
+        self.detail = detail
 
 
 class _Exploration:
-    def __init__(self, scenario: Scenario, properties: Iterable[Property], limit: int) -> None:
+    def __init__(self, scenario: Scenario, properties: tuple[Property, ...], limit: int, detail: Detail,
+                 watch: Callable[[int, int], None] | None) -> None:  # fmt: skip
         self.scenario = scenario
-        self.properties = tuple(properties)
+        self.properties = properties
         self.limit = limit
-        self.known: dict[bytes, _State] = {}
-        self.frontier: deque[_State] = deque()
+        self.detail = detail
+        self.watch = watch
+        self.known: dict[bytes, State] = {}
+        self.frontier: deque[State] = deque()
         self.steps = 0
         self.ends = 0
-        self.kept = 0
+        self.saved = 0  #: bytes that snapshots hold
+        self.snapshots = Snapshots()
+        self.without_case = set(range(len(properties)))  #: the properties for which there was nothing to judge so far
 
     def run(self) -> Result:
-        """All states, nearest first."""
+        """All states, nearest first; then the circles, if there are any."""
         violation = self._arrive(None, None, Play(self.scenario))
         while self.frontier and violation is None and len(self.known) <= self.limit:
             violation = self._leave(self.frontier.popleft())
+            left = len(self.known) - len(self.frontier)
+            if self.watch is not None and not left % WATCHED_EVERY:
+                self.watch(len(self.known), len(self.frontier))
         is_complete = not self.frontier and violation is None
-        longest = _longest_way(list(self.known.values())) if is_complete else None
-        return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation)
+        states = list(self.known.values())
+        longest = _longest_way(states) if is_complete else None
+        if is_complete and longest is None:
+            violation = self._go_round(states)
+        vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
+        return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
+                      tuple(f"'{one}': there never is '{one.case}'" for one in vacuous))  # fmt: skip
 
-    def _leave(self, state: _State) -> Violation | None:
+    def _go_round(self, states: list[State]) -> Violation | None:
+        """Some runs go on for ever: judge what never happens in them."""
+        if not any(isinstance(one, NeverStuck) or one.may_be_owed for one in self.properties):
+            return None
+        if not self.detail.names:
+            raise _MoreDetail(msgspec.structs.replace(self.detail, names=True))
+        return circles.judge(self.scenario, self.properties, states)
+
+    def _leave(self, state: State) -> Violation | None:
         """Take every action that is possible in a state."""
         play = self._play_of(state)
         actions = play.actions()
@@ -112,41 +109,41 @@ class _Exploration:
             if violation := self._end(state, play):
                 return violation
         for action in actions:
-            violation = self._take(state, action, play if action is actions[-1] else _replay(self.scenario, state))
+            violation = self._take(state, action, play if action is actions[-1] else self._play_of(state))
             if violation is not None:
                 return violation
+        if state.snapshot is not None:
+            self.saved -= len(state.snapshot)
+            state.snapshot = None
         return None
 
-    def _play_of(self, state: _State) -> Play:
-        play, state.play = state.play, None
-        if play is None:
-            return _replay(self.scenario, state)
-        self.kept -= 1
-        return play
+    def _play_of(self, state: State) -> Play:
+        return self.snapshots.load(state.snapshot) if state.snapshot is not None else replayed(self.scenario, state)
 
-    def _take(self, state: _State, action: Action, play: Play) -> Violation | None:
+    def _take(self, state: State, action: Action, play: Play) -> Violation | None:
         self.steps += 1
+        waited = waiting(play) if self.detail.names else []
         try:
             play.perform(action)
         except CentralFault as fault:
             return Violation("central handles everything", str(fault), (*state.actions(), action))
-        return self._arrive(state, action, play)
+        return self._arrive(state, action, play, waited)
 
-    def _arrive(self, before: _State | None, action: Action | None, play: Play) -> Violation | None:
+    def _arrive(
+        self, before: State | None, action: Action | None, play: Play, waited: Sequence[Waiting] = ()
+    ) -> Violation | None:
         """A state is reached: check it, and remember it if it is new."""
-        memories = before.memories if before else (0,) * len(self.properties)
-        state = _State(before, action, memories)
-        if play.world.broken:
-            return Violation("what central promises", play.world.broken, state.actions())
-        seen = [_judged(one, play.world, memory) for one, memory in zip(self.properties, memories, strict=True)]
-        for one, (_, why) in zip(self.properties, seen, strict=True):
-            if why:
-                return Violation(str(one), why, state.actions())
-        state.memories = tuple(memory for memory, _ in seen)
-        key = fingerprint(play, state.memories)
+        state = State(before, action, before.memories if before else (0,) * len(self.properties))
+        if play.fold.broken:
+            return Violation("what central promises", play.fold.broken, state.actions())
+        if violation := self._judge(state, play, before.order if before else ()):
+            return violation
+        key, state.order = recognised(play, state.memories, self.detail)
         known = self.known.get(key)
         if before is not None:
             before.following.append(known or state)
+            if self.detail.names and action is not None:
+                before.ways.append(Way(action, known or state, carried(waited, play)))
         if known is not None:
             return None
         try:
@@ -155,29 +152,45 @@ class _Exploration:
             return Violation("central's own invariants", str(error), state.actions())
         self.known[key] = state
         self.frontier.append(state)
-        if self.kept < KEPT_PLAYS:
-            self.kept += 1
-            state.play = play
+        if self.saved < KEPT_BYTES:
+            state.snapshot = self.snapshots.save(play)
+            self.saved += len(state.snapshot)
         return None
 
-    def _end(self, state: _State, play: Play) -> Violation | None:
-        """A run may end here."""
-        play.world.unfinished = unfinished(play)
-        for one, memory in zip(self.properties, state.memories, strict=True):
-            if why := one.ended(play.world, memory):
+    def _judge(self, state: State, play: Play, order: tuple[int, ...]) -> Violation | None:
+        """What properties say of a state; what they remember from now on."""
+        world = World(play.fold, {message: place for place, message in enumerate(order)}, self._look_at_time)
+        memories = []
+        for number, (one, memory) in enumerate(zip(self.properties, state.memories, strict=True)):
+            try:
+                remembered, why = one.seen(world, memory)
+                if number in self.without_case and one.has_case(world):
+                    self.without_case.discard(number)
+            except Exception as error:
+                raise ScenarioError(f"property '{one}' can't be asked: {type(error).__name__}: {error}") from error
+            if why:
                 return Violation(str(one), why, state.actions())
+            memories.append(remembered)
+        state.memories = tuple(memories)
+        return None
+
+    def _look_at_time(self) -> None:
+        """A property looks at how long the run has lasted: that is part of the state then, from the beginning."""
+        if not self.detail.time:
+            raise _MoreDetail(msgspec.structs.replace(self.detail, time=True))
+
+    def _end(self, state: State, play: Play) -> Violation | None:
+        """A run may end here."""
+        left = "".join(f"\n{line}" for line in unfinished(play))
+        for one, memory in zip(self.properties, state.memories, strict=True):
+            if isinstance(one, NeverStuck) and left:
+                return Violation(str(one), f"nothing further need happen, and this is left:{left}", state.actions())
+            if one.is_owed(memory):
+                return Violation(str(one), f"nothing further need happen, and it never did{left}", state.actions())
         return None
 
 
-def _replay(scenario: Scenario, state: _State) -> Play:
-    """Play the run to a state again. Of 13 actions this takes a third of the time of a deep copy, of 50 as long."""
-    play = Play(scenario)
-    for action in state.actions():
-        play.perform(action)
-    return play
-
-
-def _longest_way(states: list[_State]) -> int | None:
+def _longest_way(states: list[State]) -> int | None:
     """The most actions from the first state to any; None if there is a way round in a circle."""
     ways_in = Counter(id(following) for state in states for following in state.following)
     length = dict.fromkeys(map(id, states), 0)
@@ -189,11 +202,3 @@ def _longest_way(states: list[_State]) -> int | None:
             if not ways_in[id(following)]:
                 ready.append(following)
     return max(length.values()) if len(ready) == len(states) else None
-
-
-def _judged(one: Property, world: World, memory: int) -> tuple[int, str]:
-    """What a property says; a predicate that can't be asked is a mistake in the scenario, not in the robot."""
-    try:
-        return one.seen(world, memory)
-    except Exception as error:
-        raise ScenarioError(f"property '{one}' can't be asked: {type(error).__name__}: {error}") from error

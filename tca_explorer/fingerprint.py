@@ -8,7 +8,7 @@ To take in too much costs states that could have been one; to leave out too much
 taken relative to now, so that what comes round every so many seconds comes to the same state again.
 """
 
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable
 from enum import Enum
 from functools import cache
@@ -22,10 +22,10 @@ from msgspec.structs import replace
 from tca_central.registry import MessageType
 from tca_explorer.actors import Actor
 from tca_explorer.exchange import connection_of
+from tca_explorer.fold import Tracked
 from tca_explorer.marks import Mark
 from tca_explorer.naming import without_ids
 from tca_explorer.play import Play
-from tca_explorer.world import Seen
 from tca_wire.points import ALL_MOMENTS
 
 IGNORED = {
@@ -70,8 +70,22 @@ IGNORED = {
 """By class: attributes that cannot influence what happens next."""
 
 
-def fingerprint(play: Play, memories: Iterable[int]) -> bytes:
+class Detail(msgspec.Struct, frozen=True):
+    """What states are told apart by beyond what decides what happens next: only where somebody needs it."""
+
+    time: bool = False
+    """How long the run has lasted: properties look at it."""
+    names: bool = False
+    """Which slot has what, and which message is older: who is who can be followed from state to state."""
+
+
+def fingerprint(play: Play, memories: Iterable[int], detail: Detail = Detail()) -> bytes:  # noqa: B008
     """What distinguishes this state from others. *memories* are what properties remember."""
+    return recognised(play, memories, detail)[0]
+
+
+def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[bytes, tuple[int, ...]]:
+    """The same, and the messages under way in an order that is that of all equal states."""
     walk = _Walk(play.rivals, play.now)
     central = play.central
     for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
@@ -79,11 +93,11 @@ def fingerprint(play: Play, memories: Iterable[int]) -> bytes:
         walk.add(list(central.tree.top_of_module[module].values()))
     walk.add(central)
     walk.finish()
-    _add_modules(walk, play)
+    _add_modules(walk, play, detail)
     _add_outcomes(walk, play)
-    _add_seen(walk, play)
-    walk.add(list(memories))
-    return walk.digest()
+    order = _add_seen(walk, play, detail)
+    walk.add([*memories, round(play.now, _DIGITS) if detail.time else None])
+    return walk.digest(), order
 
 
 class _Walk:
@@ -109,14 +123,14 @@ class _Walk:
         elif isinstance(value, Enum):
             self._out.append(value.value)
         elif isinstance(value, Mark):
-            self._out += "#", self.number_of_name(value)
+            self._out += _NAME, self.number_of_name(value)
         elif isinstance(value, msgspec.Struct):
             self._out.append(type(value).__name__)
             self.add(msgspec.structs.astuple(value))
         elif isinstance(value, tuple):  # one with names
             self.add_list(value)
         else:
-            self._out += "@", self.number_of(value)
+            self._out += _THING, self.number_of(value)
 
     def number_of_name(self, name: int) -> int:
         return self._names.setdefault((type(name), int(name)), len(self._names))
@@ -140,7 +154,7 @@ class _Walk:
             if self._later:
                 things = self._later.pop(0)
                 known = sorted(self._numbers[id(thing)] for thing in things if id(thing) in self._numbers)
-                self._out += "{", *known
+                self._out += _KNOWN, len(known), *known
                 for thing in things:
                     self.number_of(thing)
 
@@ -159,12 +173,12 @@ class _Walk:
         self._out.append(value if -(1 << 63) <= value < 1 << 63 else hex(value))  # MessagePack has no longer ones
 
     def add_list(self, values: Any) -> None:
-        self._out += "[", len(values)
+        self._out += _LIST, len(values)
         for value in values:
             self.add(value)
 
     def add_dict(self, values: dict[Any, Any]) -> None:
-        self._out += "{", len(values)
+        self._out += _DICT, len(values)
         for key, value in values.items():
             self.add(key)
             self.add(value)
@@ -216,7 +230,7 @@ class _Walk:
         for _time, _asked, timer in sorted(clock._queue, key=itemgetter(0, 1)):  # noqa: SLF001
             if not timer.is_cancelled:
                 self.add(timer)
-        self._out.append("]")
+        self._out.append(_END)
 
     def add_beginning(self, watch: Any, began: float | None) -> None:
         """Of a monitor's beginning only how much of its period is over matters."""
@@ -255,13 +269,16 @@ class _Walk:
         return blake2b(msgspec.msgpack.encode(self._out), digest_size=16).digest()
 
 
+_LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for code in range(6))
+"""What no value looks like."""
+
 _PLAIN = frozenset((str, bytes, bool, float, type(None)))
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
 _WRITE: dict[type, Callable[[_Walk, Any], None]] = {
     int: _Walk.add_int,
     **dict.fromkeys((list, tuple, deque), _Walk.add_list),
-    dict: _Walk.add_dict,
+    **dict.fromkeys((dict, OrderedDict), _Walk.add_dict),
 }
 
 Write = Callable[[_Walk, Any, Any], None]
@@ -308,25 +325,24 @@ def _attributes(kind: type, names: tuple[str, ...]) -> tuple[tuple[str, Write | 
 # --- the modules' side, and what properties see ----------------------------------------------------------------------
 
 
-def _add_modules(walk: _Walk, play: Play) -> None:
+def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
     for name in sorted(play.runs):
         run = play.runs[name]
-        walk.add([name, run.steps_joined, run.is_alive, run.is_leaving])
+        walk.add([name, run.steps_joined, len(run.first), run.is_alive, run.is_leaving])
         connections = play.central.registry.connections
         lines = [(walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines]
         for number, line in sorted(lines, key=itemgetter(0)):
-            walk.add(number)
+            walk.add([number, line.name if detail.names else len(line.actors)])
             for actor in line.actors:
                 _add_actor(walk, actor, has_begun=actor in line.stack)
     walk.add([*play.losses.values(), *play.kills.values(), *play.suspensions.values(), *play.suspended.values()])
 
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
-    walk.add([has_begun, actor.program.name, actor.life, actor.delivery, actor.number, actor.step is None,
+    walk.add([has_begun, actor.program.name, actor.life.number, actor.delivery, actor.number, actor.step is None,
               actor.is_told, actor.was_told, actor.suspended[-1], len(set(actor.suspended)), *actor.known])  # fmt: skip
-    for request in actor.requests:
-        if not request.is_over or request.unread:
-            walk.add([request.number, request.is_over, list(request.unread)])
+    for place, request in actor.requests.items():
+        walk.add([place, request.number, request.is_over, list(request.unread)])
     walk.add_time(actor, actor.late_at)
 
 
@@ -338,14 +354,21 @@ def _add_outcomes(walk: _Walk, play: Play) -> None:
         walk.add([number, outcome, failure, without_ids(text), body])
 
 
-def _add_seen(walk: _Walk, play: Play) -> None:
-    known = {walk.number_of_name(seen.id): seen for seen in play.world.seen.values() if not seen.is_over}
+def _add_seen(walk: _Walk, play: Play, detail: Detail) -> tuple[int, ...]:
+    """What properties see; the messages in the order in which it was taken in."""
+    known = {walk.number_of_name(seen.id): seen for seen in play.fold.seen.values() if not seen.is_over}
+    if detail.names:
+        walk.add(list(known))  # oldest first
     for number in sorted(known):
         seen = known[number]
         walk.add(_out_of_time(seen))
         walk.add([(moment, round(at - play.now, _DIGITS)) for moment, at in seen.not_before if at > play.now])
+    held_by = play.fold.held_by
+    walk.add([(*key, held_by[key].sender, held_by[key].is_reserved) for key in sorted(held_by)])
+    walk.add(sorted(play.fold.modules))
+    return tuple(known[number].id for number in sorted(known))
 
 
-def _out_of_time(seen: Seen) -> Seen:
+def _out_of_time(seen: Tracked) -> Tracked:
     """What is not only of the last action, and no time."""
     return replace(seen, not_before=(), is_new=False, is_retried=False, has_fired=False)

@@ -80,6 +80,7 @@ class Link:
         self.error: ScenarioError | None = None  #: what can't be played
         self._history = history
         self._at = 0
+        self._is_told = False  #: that its task was killed
         self._requests = 0
         self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
 
@@ -106,7 +107,10 @@ class Link:
     def decide(self, kind: str, alternatives: Sequence[str]) -> int:
         """Which of these: each is explored."""
         if self._at < len(self._history):
-            return self._past(kind).choice
+            got = self._past(kind)
+            if got.choice >= len(alternatives) or alternatives[got.choice] != got.words:
+                self._refuse_change()
+            return got.choice
         if self.stopped is None:
             self.stopped = Fork(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
         raise self.stopped
@@ -119,11 +123,13 @@ class Link:
     def _past(self, kind: str) -> Got:
         got = self._history[self._at]
         if got.kind != kind:
-            self.error = ScenarioError("it does not do the same when it is run again: it may use nothing but its "
-                                       "arguments")  # fmt: skip
-            raise self.error
+            self._refuse_change()
         self._at += 1
         return got
+
+    def _refuse_change(self) -> NoReturn:
+        self.error = ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments")
+        raise self.error
 
     # --- what the module library calls: see tca_module/connection.py -------------------------------------------------
 
@@ -177,9 +183,8 @@ class Link:
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the script has been told that its task was killed; once told, it stays so."""
         del delivery
-        if any(got.kind == CANCELLED and got.choice for got in self._history[: self._at]):
-            return True
-        return bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+        self._is_told = self._is_told or bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
+        return self._is_told
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the script has been told that its task is suspended."""

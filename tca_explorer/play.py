@@ -14,10 +14,11 @@ import msgspec
 
 from tca_central.events import ConnectionLost, Tick
 from tca_explorer.actors import Actor, Line, Run
+from tca_explorer.errors import ScenarioError
 from tca_explorer.exchange import Exchange, connection_of
+from tca_explorer.fold import Tracked
 from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Await, Given, Got
-from tca_explorer.world import Seen
 from tca_wire import headers
 from tca_wire.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
@@ -57,8 +58,7 @@ class Play(Exchange):
     """A run so far. ``perform`` is the only way it changes."""
 
     def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario.messages())
-        self.scenario = scenario
+        super().__init__(scenario)
         self.runs: dict[str, Run] = {}  #: of modules, by name, until their last connection has ended
         self.losses = {module.name: module.may_be_lost for module in scenario.modules.values()}
         self.kills = dict(scenario.may_be_killed)
@@ -67,9 +67,8 @@ class Play(Exchange):
         self.rivals = scenario.rivals()  #: by message: which may wait for the same resource
         self._started = dict.fromkeys(scenario.modules, 0)  #: how often
         for module in scenario.modules.values():
-            run = self._start(module.name)
-            while not (module.arrives_late or run.is_joined):
-                self._join(run)
+            self._start(module.name)
+        self._start_all()
         if self.kills or self.suspensions:
             self.receive(SOMEBODY, headers.Hello(self.next_number(), PROTOCOL_VERSION, SOMEBODY, SOMEBODY))
 
@@ -107,7 +106,8 @@ class Play(Exchange):
         for run in self.runs.values():
             if run.is_alive:
                 if not run.is_joined:
-                    yield Action(Kind.JOIN, run.name)
+                    if not run.is_starting:
+                        yield Action(Kind.JOIN, run.name)
                 elif run.module.may_leave and not run.is_leaving:
                     yield Action(Kind.LEAVE, run.name, is_optional=True)
                 yield from (Action(Kind.BYE, line.name) for line in run.may_say_goodbye())
@@ -123,11 +123,11 @@ class Play(Exchange):
                 yield Action(Kind.SUSPEND, message, index, is_optional=True)
             yield from (Action(Kind.RESUME, message, index) for index, _ in enumerate(self.suspended[message]))
 
-    def killable(self, message: str) -> list[Seen]:
+    def killable(self, message: str) -> list[Tracked]:
         """The tasks of that message which somebody may kill."""
-        return [task for task in self.world.tasks if task.message == message and not (task.is_killed or task.is_over)]
+        return [task for task in self.fold.tasks if task.message == message and not (task.is_killed or task.is_over)]
 
-    def suspendable(self, message: str) -> list[Seen]:
+    def suspendable(self, message: str) -> list[Tracked]:
         """The tasks of that message which somebody may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
@@ -136,10 +136,16 @@ class Play(Exchange):
     def perform(self, action: Action) -> None:
         """Let an action happen. Raises ScenarioError if a script can't go on, CentralFault if central can't."""
         self.facts = []
-        self.world.forget_what_is_over()
+        self.fold.forget_what_is_over()
         _PERFORM[action.kind](self, action)
+        self._go_on()
+
+    def _go_on(self) -> None:
         for line in list(self.lines.values()):
             if line.stack:
+                self.go_on(line)
+            while line.run.is_starting and not line.stack and line is line.run.lines[0]:
+                line.stack.append(Actor(line.run.first.popleft(), Given(NOTHING)))
                 self.go_on(line)
 
     def _take_step(self, action: Action) -> None:
@@ -147,13 +153,17 @@ class Play(Exchange):
         actor = line.actor
         assert actor is not None
         line.begin(actor)
-        branch = actor.branches[action.index]
-        actor.history += branch.decisions
+        life, branch = actor.life, actor.branches[action.index]
+        actor.lives(*branch.decisions)
         actor.step = branch.step
-        self.take(line, actor)
+        try:
+            self.take(line, actor)
+        except ScenarioError as error:
+            raise ScenarioError(f"{actor.program.place(life, branch)}: {error}") from None
 
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
+        self.fold.passed = self.next_time - self.now
         self.now = self.next_time
         self.handle(Tick(self.now))
 
@@ -167,6 +177,29 @@ class Play(Exchange):
         run = Run(self.scenario.modules[module], self._started[module])
         self.runs[run.name] = run
         return run
+
+    def _start_all(self) -> None:
+        """Until all are there; those that wait for each other, or choose, go on with that in the run."""
+        moved = True
+        while moved:
+            moved = False
+            for run in self.runs.values():
+                while self._starts_further(run):
+                    moved = True
+
+    def _starts_further(self, run: Run) -> bool:
+        """The next step of a module that joins before the run; False if there is none, or more than one."""
+        if run.module.arrives_late or run.is_joined:
+            return False
+        if not run.is_starting:
+            self._join(run)
+        else:
+            actor = run.lines[0].actor
+            if actor is None or actor.step is not None or len(actor.branches) > 1:
+                return False
+            self._take_step(Action(Kind.STEP, run.lines[0].name))
+        self._go_on()
+        return True
 
     def _join(self, run: Run) -> None:
         """The next step of joining."""

@@ -4,21 +4,30 @@ A predicate returns a truth value or the messages that it is true of; ``at_most`
 world after every action of every run, and remembers one number from the run so far.
 """
 
-from collections.abc import Callable, Sized
+from collections.abc import Callable, Iterable, Sized
 from typing import Any
 
 from msgspec import UNSET
 
-from tca_explorer.world import Seen, World
+from tca_central.clock import LONGEST
+from tca_explorer.checks import checked_number
+from tca_explorer.errors import ScenarioError
+from tca_explorer.world import Seen, World, shown
 from tca_wire.declarations import Message
 
 Predicate = Callable[[World], object]
+
+_MICROSECONDS = 1_000_000  # in a second
 
 
 class Property:
     """Something that must be true of every run."""
 
     def __init__(self, words: str, *predicates: Predicate) -> None:
+        for predicate in predicates:
+            if not callable(predicate):
+                raise ScenarioError(f"{predicate!r:.60} is no predicate: give begun(MESSAGE), ... or a "
+                                    "function of the World")  # fmt: skip
         self.words = words
         self.predicates = predicates
 
@@ -30,16 +39,29 @@ class Property:
         del world
         return memory, ""
 
-    def ended(self, world: World, memory: int) -> str:
-        """When nothing further needs to happen: what is wrong."""
-        del world, memory
+    may_be_owed = False
+    """Whether it says that something must happen."""
+
+    def is_owed(self, memory: int) -> bool:
+        """Whether something must still happen."""
+        del memory
+        return False
+
+    def has_case(self, world: World) -> bool:
+        """Whether there is anything to judge here; where there never is, that it holds says nothing."""
+        del world
+        return True
+
+    @property
+    def case(self) -> str:
+        """What there must be, once, to judge it by: in words."""
         return ""
 
 
 class _Never(Property):
     def seen(self, world: World, memory: int) -> tuple[int, str]:
         found = self.predicates[0](world)
-        return memory, _shown(found) or "here it is" if found else ""
+        return memory, shown(found) or "here it is" if found else ""
 
 
 class _Always(Property):
@@ -55,35 +77,92 @@ class _AtMost(Property):
     def seen(self, world: World, memory: int) -> tuple[int, str]:
         found = self.predicates[0](world)
         number = _number(found)
-        return memory, f"here {number}: {_shown(found)}" if number > self._most else ""
+        return memory, f"here {number}: {shown(found)}" if number > self._most else ""
+
+    def has_case(self, world: World) -> bool:
+        return bool(self.predicates[0](world))
+
+    @property
+    def case(self) -> str:
+        return _name(self.predicates[0])
 
 
 class _AtMostInAll(_AtMost):
     def seen(self, world: World, memory: int) -> tuple[int, str]:
         found = self.predicates[0](world)
         memory += _number(found)
-        return memory, f"here it comes to {memory}: {_shown(found)}" if memory > self._most else ""
+        return memory, f"here it comes to {memory}: {shown(found)}" if memory > self._most else ""
 
 
 class _Before(Property):
     def seen(self, world: World, memory: int) -> tuple[int, str]:
         first, second = self.predicates
-        memory = memory or bool(first(world))
+        memory = memory or int(bool(first(world)))
         found = None if memory else second(world)
-        return memory, f"the second came first{': ' * bool(_shown(found))}{_shown(found)}" if found else ""
+        return memory, f"the second came first{': ' * bool(shown(found))}{shown(found)}" if found else ""
+
+    def has_case(self, world: World) -> bool:
+        return bool(self.predicates[1](world))
+
+    @property
+    def case(self) -> str:
+        return _name(self.predicates[1])
 
 
 class _Eventually(Property):
+    may_be_owed = True
+
     def seen(self, world: World, memory: int) -> tuple[int, str]:
-        return memory or bool(self.predicates[0](world)), ""
+        return memory or int(bool(self.predicates[0](world))), ""
 
-    def ended(self, world: World, memory: int) -> str:
-        return "" if memory else "nothing further need happen, and it never did" + _unfinished(world)
+    def is_owed(self, memory: int) -> bool:
+        return not memory
 
 
-class _NeverStuck(Property):
-    def ended(self, world: World, memory: int) -> str:  # noqa: ARG002
-        return f"nothing further need happen, and this is left:{_unfinished(world)}" if world.unfinished else ""
+class _Within(Property):
+    """Remembers for how many microseconds the second has been owed, and one more; 0: it is not."""
+
+    may_be_owed = True
+
+    def __init__(self, words: str, first: Predicate, second: Predicate, seconds: float) -> None:
+        super().__init__(words, first, second)
+        self._most = round(seconds * _MICROSECONDS)
+
+    def seen(self, world: World, memory: int) -> tuple[int, str]:
+        first, second = self.predicates
+        if memory:
+            memory += round(world.passed * _MICROSECONDS)
+        is_late = memory - 1 > self._most
+        found = first(world)
+        if second(world):
+            return 0, self._late(memory) if is_late else ""
+        return memory or int(bool(found)), self._late(memory) if is_late else ""
+
+    def _late(self, memory: int) -> str:
+        return f"here {(memory - 1) / _MICROSECONDS:g} s have passed"
+
+    def is_owed(self, memory: int) -> bool:
+        return bool(memory)
+
+    def has_case(self, world: World) -> bool:
+        return bool(self.predicates[0](world))
+
+    @property
+    def case(self) -> str:
+        return _name(self.predicates[0])
+
+
+class NeverStuck(Property):
+    """Nobody waits for ever: see ``never_stuck``. What is left is for the exploration to say."""
+
+
+def checked_properties(properties: Iterable[Any]) -> tuple[Property, ...]:
+    """*properties*, if they are. Raises ScenarioError."""
+    found = tuple(properties)
+    for one in found:
+        if not isinstance(one, Property):
+            raise ScenarioError(f"{one!r:.60} is no property: give never(...), before(...), never_stuck(), ...")
+    return found
 
 
 def never(predicate: Predicate) -> Property:
@@ -98,6 +177,7 @@ def always(predicate: Predicate) -> Property:
 
 def at_most(number: int, predicate: Predicate) -> Property:
     """*predicate* is true of at most *number* messages at a time."""
+    checked_number(number, "at_most()", least=0)
     return _AtMost(f"at most {number} {_name(predicate)}", predicate, number)
 
 
@@ -105,6 +185,7 @@ def at_most_in_all(number: int, event: Predicate) -> Property:
     """In each run *event* happens at most *number* times: for what is true for one action only, such as ``sent``,
     ``fired`` and ``retried``.
     """
+    checked_number(number, "at_most_in_all()", least=0)
     return _AtMostInAll(f"at most {number} {_name(event)} in all", event, number)
 
 
@@ -114,15 +195,29 @@ def before(first: Predicate, second: Predicate) -> Property:
 
 
 def eventually(predicate: Predicate) -> Property:
-    """*predicate* becomes true in every run that ends. A run ends when nothing further need happen: losses, kills and
-    goodbyes need not. Runs that never end are not judged.
+    """*predicate* becomes true in every run: before it ends, which is when nothing further need happen (losses, kills
+    and goodbyes need not), or before it comes to go round in a circle for ever.
     """
     return _Eventually(f"eventually {_name(predicate)}", predicate)
 
 
+def within(seconds: float, first: Predicate, second: Predicate) -> Property:
+    """Whenever *first* is true, *second* becomes true with the same action, or before more than *seconds* have passed.
+
+    Time passes with delays, deadlines, periods and timeouts, and with nothing else: handlers take none of it, or last
+    until something is due. *first* should be true for a moment, such as ``sent``, or end.
+    """
+    is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+    if not (is_number and 0 <= seconds <= LONGEST):
+        raise ScenarioError(f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST:g}")
+    return _Within(f"{_name(second)} within {seconds:g} s of {_name(first)}", first, second, seconds)
+
+
 def never_stuck() -> Property:
-    """Every run that ends leaves no task behind, and no script that still waits."""
-    return _NeverStuck("never stuck")
+    """Nobody waits for ever: every run that ends leaves no task behind, and no script that still waits; and in a run
+    that goes round in a circle for ever, no task and no script waits for the same thing all the time.
+    """
+    return NeverStuck("never stuck")
 
 
 # --- predicates ------------------------------------------------------------------------------------------------------
@@ -231,11 +326,3 @@ def _number(found: object) -> int:
 def _name(predicate: Predicate) -> str:
     words = getattr(predicate, "words", "") or getattr(predicate, "__name__", repr(predicate))
     return str(words).replace("_", " ")
-
-
-def _shown(found: object) -> str:
-    return ", ".join(map(str, found)) if isinstance(found, list | tuple) else ""
-
-
-def _unfinished(world: World) -> str:
-    return "".join(f"\n{line}" for line in world.unfinished)

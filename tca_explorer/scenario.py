@@ -1,12 +1,14 @@
 """Scenarios as users write them: modules, what their handlers do, what may happen to them, and what must be true."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import combinations
-from typing import Any
+from typing import Any, NoReturn
 
+from tca_explorer.checks import MOST, checked_flag, checked_name, checked_number
 from tca_explorer.errors import ScenarioError
-from tca_explorer.properties import Property
+from tca_explorer.properties import Property, checked_properties
 from tca_explorer.script import Program
+from tca_module.sender import Sender
 from tca_wire.controls import Monitor
 from tca_wire.declarations import Message
 from tca_wire.parts import HandlerFormat
@@ -14,42 +16,68 @@ from tca_wire.parts import HandlerFormat
 Function = Callable[..., Any]
 
 
+_NOT_EXPLORED = frozenset((
+    "after", "central", "every", "on_readable", "run", "running", "stop", "stopping",
+    *(name for name in dir(Sender) if not name.startswith("_")),
+))  # fmt: skip
+"""What a module of the library has and a scenario's has not."""
+
+
 class ScenarioModule:
     """A module of a scenario. Made by ``Scenario.module``."""
 
     def __init__(self, name: str, capacity: int, *, may_be_lost: int, comes_back: bool, may_leave: bool,
-                 arrives_late: bool) -> None:  # fmt: skip
-        self.name = name
-        self.may_be_lost = may_be_lost
-        self.comes_back = comes_back
-        self.may_leave = may_leave
-        self.arrives_late = arrives_late
+                 arrives_late: bool, requires: Iterable[Message[Any, Any]]) -> None:  # fmt: skip
+        self.name = checked_name(name, "a module")
+        self.may_be_lost = checked_number(may_be_lost, f"may_be_lost= of module '{name}'", least=0)
+        self.comes_back = checked_flag(comes_back, f"comes_back= of module '{name}'")
+        self.may_leave = checked_flag(may_leave, f"may_leave= of module '{name}'")
+        self.arrives_late = checked_flag(arrives_late, f"arrives_late= of module '{name}'")
         self.handlers: dict[str, Program] = {}  #: by message name
         self.formats: list[HandlerFormat] = []  #: what central is told of them
         self.story: Program | None = None  #: what the module does by itself
-        self._capacities = {name: capacity}
+        self._capacities = {name: _checked_capacity(name, capacity)}
+        self._required = _checked_messages(name, requires)
+        self._wait = Program(f"requires in {name}", lambda me: me.wait_until_handled(*self._awaited()), None)
+        self._first: list[Program] = []
+
+    def __getattr__(self, name: str) -> NoReturn:
+        if name in _NOT_EXPLORED:
+            raise ScenarioError(f"{name} of module '{self.name}' is not explored: what a module sends by itself goes "
+                                "into a function under @module.does or @module.at_start")  # fmt: skip
+        raise AttributeError(f"a module of a scenario has no '{name}'")
 
     def resource(self, name: str, capacity: int = 1) -> str:
         """Declare a further resource of this module; handlers name it with ``resource=``."""
-        self._capacities[name] = capacity
+        self._capacities[checked_name(name, "a resource")] = _checked_capacity(name, capacity)
         return name
 
     def handles(
-        self, message: Message[Any, Any], *, resource: str = "", pool: str = ""
-    ) -> Callable[[Function], Function]:
-        """Declare the decorated function as this module's handler of *message*."""
+        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None,
+        direct: bool = False,
+    ) -> Callable[[Function], Function]:  # fmt: skip
+        """Declare the decorated function as this module's handler of *message*, as the module library's ``handles``
+        does. Messages that come *direct* are not explored.
+        """
         if not isinstance(message, Message):
             raise ScenarioError(f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none")
         if isinstance(message, Monitor):
             raise ScenarioError(f"{message!r} is a monitor: central carries it out, handle its parts")
         if message.name in self.handlers:
             raise ScenarioError(f"module '{self.name}' handles '{message.name}' already: one handler a message")
+        if direct:
+            raise ScenarioError(f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave it "
+                                "out, and each goes through central, which happens on the robot, too")  # fmt: skip
+        if pending is not None:
+            checked_number(pending, f"pending= of '{message.name}' in module '{self.name}'", least=1)
+        if not isinstance(pool, str):
+            raise ScenarioError(f"pool= of '{message.name}' in module '{self.name}' can't be {pool!r:.60}: a name")
         if resource and resource not in self._capacities:
             raise ScenarioError(f"module '{self.name}' has no resource '{resource}': declare it with resource()")
 
         def declare(function: Function) -> Function:
             self.handlers[message.name] = Program(f"'{message.name}' in {self.name}", function, message)
-            self.formats.append(HandlerFormat(message.name, resource or self.name, pool))
+            self.formats.append(HandlerFormat(message.name, resource or self.name, pool, pending or 0))
             return function
 
         return declare
@@ -60,6 +88,19 @@ class ScenarioModule:
             raise ScenarioError(f"module '{self.name}' does something already: make it one function, or two modules")
         self.story = Program(self.name, function, None)
         return function
+
+    def at_start(self, function: Function) -> Function:
+        """Declare the decorated function as what this module does once it has joined, before it handles anything."""
+        self._first.append(Program(f"at_start in {self.name}", function, None))
+        return function
+
+    @property
+    def first(self) -> list[Program]:
+        """What it does before it handles anything."""
+        return [*([self._wait] if self._awaited() else []), *self._first]
+
+    def _awaited(self) -> list[Message[Any, Any]]:
+        return [message for message in self._required if message.name not in self.handlers]
 
     @property
     def slots(self) -> list[str]:
@@ -75,34 +116,37 @@ class Scenario:
     """
 
     def __init__(self, title: str, *properties: Property) -> None:
-        self.title = title
-        self.properties = properties
+        self.title = checked_name(title, "a scenario")
+        self.properties = checked_properties(properties)
         self.modules: dict[str, ScenarioModule] = {}
         self.may_be_killed: dict[str, int] = {}  #: by message: how many such tasks
         self.may_be_suspended: dict[str, int] = {}  #: the same
 
     def module(
         self, name: str, *, capacity: int = 1, may_be_lost: int = 0, comes_back: bool = False, may_leave: bool = False,
-        arrives_late: bool = False,
+        arrives_late: bool = False, requires: Iterable[Message[Any, Any]] = (),
     ) -> ScenarioModule:  # fmt: skip
         """Add a module whose own resource takes *capacity* messages at a time.
 
         It may be lost (its process dies) at any moment, *may_be_lost* times; with *comes_back* it is started again each
         time. With *may_leave* it may say goodbye at any moment. With *arrives_late* it joins at some moment of the run
-        instead of before it.
+        instead of before it. It handles nothing before somebody handles all messages that it *requires*.
         """
         if name in self.modules:
             raise ScenarioError(f"there is a module '{name}' already: choose another name")
-        self.modules[name] = ScenarioModule(name, capacity, may_be_lost=may_be_lost, comes_back=comes_back,
-                                            may_leave=may_leave, arrives_late=arrives_late)  # fmt: skip
-        return self.modules[name]
+        module = ScenarioModule(name, capacity, may_be_lost=may_be_lost, comes_back=comes_back, may_leave=may_leave,
+                                arrives_late=arrives_late, requires=requires)  # fmt: skip
+        self.modules[name] = module
+        return module
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
         """Somebody may kill tasks of this message at any moment, so many of them."""
+        checked_number(times, "times= of may_kill()", least=0)
         self.may_be_killed[_task(message, "may_kill").name] = times
 
     def may_suspend(self, message: Message[Any, Any], times: int = 1) -> None:
         """Somebody may suspend tasks of this message at any moment, so many times; each is resumed some time later."""
+        checked_number(times, "times= of may_suspend()", least=0)
         self.may_be_suspended[_task(message, "may_suspend").name] = times
 
     def rivals(self) -> dict[str, int]:
@@ -114,6 +158,10 @@ class Scenario:
                     old, new = groups[one.message], groups[other.message]
                     groups = {name: new if group == old else group for name, group in groups.items()}
         return groups
+
+    def owners(self, resource: str) -> list[str]:
+        """The modules that have a resource of that name, which is one that handles something."""
+        return [module.name for module in self.modules.values() if resource in module.slots]
 
     def messages(self) -> dict[str, Message[Any, Any]]:
         """All messages that a module handles, by name. Raises ScenarioError where two differ in class."""
@@ -128,7 +176,20 @@ class Scenario:
         return found
 
 
+def _checked_capacity(resource: str, capacity: int) -> int:
+    return checked_number(capacity, f"the capacity of resource '{resource}'", least=1, most=MOST)
+
+
+def _checked_messages(module: str, messages: Any) -> list[Message[Any, Any]]:
+    required = list(messages) if isinstance(messages, Iterable) and not isinstance(messages, str) else [messages]
+    for message in required:
+        if not isinstance(message, Message):
+            raise ScenarioError(f"requires= of module '{module}' takes messages (Goal, Query, ...), and "
+                                f"{message!r:.60} is none")  # fmt: skip
+    return required
+
+
 def _task(message: Message[Any, Any], call: str) -> Message[Any, Any]:
-    if not message.message_class.is_task:
+    if not isinstance(message, Message) or not message.message_class.is_task:
         raise ScenarioError(f"{call}() wants a goal or command, and {message!r} is none")
     return message

@@ -1,13 +1,16 @@
 """The scripts of a scenario: plain functions that do what a module's handlers do, with the module library's calls."""
 
 import inspect
+import re
 import traceback
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from itertools import count
 from typing import Any, NoReturn, TypeVar, cast
 
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
-from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, History, Return, Step
+from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
 from tca_module.connection import Connection
 from tca_module.errors import QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.failing import BAD_DATA, HANDLER_ERROR, Reissued, failed
@@ -24,8 +27,9 @@ T = TypeVar("T")
 _OF_THE_WORLD = (QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
-_BY_CHANCE = (Refusal.TOO_LATE, Refusal.OVERLOAD, Refusal.UNKNOWN)
-"""What central refuses because of what happened meanwhile: a module that is lost takes its resources along."""
+_BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
+"""What central refuses because of what happened meanwhile: a module that is lost takes its resources along. (That a
+scenario has no such resource at all is found out when it is asked for: see Exchange.)"""
 
 
 class _Choices:
@@ -37,7 +41,7 @@ class _Choices:
         """One of these: each is explored."""
         if not alternatives:
             raise ScenarioError("choose() has nothing to choose from: give it the alternatives")
-        return alternatives[self._explored.decide(CHOOSE, [str(one) for one in alternatives])]
+        return alternatives[self._explored.decide(CHOOSE, [_without_address(str(one)) for one in alternatives])]
 
     def hang(self) -> NoReturn:
         """Never go on, and never return."""
@@ -72,40 +76,53 @@ class Program:
         self.message = message  #: None: what a module does by itself
         self._function = function
         self._arguments = _number_of_arguments(name, function, 2 if message else 1)
-        self._branches: dict[tuple[Given, History], tuple[Branch, ...]] = {}
-        self._lives: dict[tuple[Given, History], int] = {}
+        self._beginnings: dict[Given, Life] = {}
+        self._numbers = count()
 
-    def branches(self, given: Given, history: History) -> tuple[Branch, ...]:
-        """The ways in which a script that was given this and has this life may go on. Raises ScenarioError."""
-        key = given, history
-        if key not in self._branches:
-            self._branches[key] = tuple(self._explore(given, history, ()))
-        return self._branches[key]
+    def beginning(self, given: Given) -> Life:
+        """The life of a script that was given this and has got nothing yet."""
+        if given not in self._beginnings:
+            self._beginnings[given] = Life(given, next(self._numbers))
+        return self._beginnings[given]
 
-    def life(self, given: Given, history: History) -> int:
-        """A number for what was given and this life; equal ones have the same."""
-        return self._lives.setdefault((given, history), len(self._lives))
+    def live(self, life: Life, *got: Got) -> Life:
+        """That life, and what it got then."""
+        for one in got:
+            life = life.then(one, next(self._numbers))
+        return life
+
+    def branches(self, life: Life) -> tuple[Branch, ...]:
+        """The ways in which a script that has this life may go on. Raises ScenarioError."""
+        if life.branches is None:
+            life.branches = tuple(self._explore(life.given, life.history(), ()))
+        return life.branches
+
+    def place(self, life: Life, branch: Branch) -> str:
+        """Where in the script a branch comes to its step."""
+        link = Link(life.history() + branch.decisions)
+        with suppress(Exception, Pause):
+            self._called(link, life.given)
+        return self._where(link.stopped)
 
     def _explore(self, given: Given, history: History, decisions: History) -> Iterable[Branch]:
         if len(decisions) > MOST_DECISIONS:
             text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
             raise ScenarioError(f"the script of {text}: it would never go on")
         try:
-            step = self._run(given, history + decisions)
+            step = self._run(Link(history + decisions), given)
         except Fork as fork:
             for decision in fork.decisions:
                 yield from self._explore(given, history, (*decisions, decision))
         else:
             yield Branch(decisions, step)
 
-    def _run(self, given: Given, history: History) -> Step:
+    def _run(self, link: Link, given: Given) -> Step:
         """Run to the first step that is not past."""
-        link = Link(history)
         try:
             step = self._called(link, given)
         except (Pause, Fork):
             assert link.stopped is not None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ScenarioError(f"{self._where(error)}: {_described(link.error or error)}") from error
         if link.error is not None:  # and the script went on
             raise ScenarioError(f"{self._where(link.error)}: {link.error}")
@@ -140,15 +157,20 @@ class Program:
                 raise
             return Fail(HANDLER_ERROR, str(error))
 
-    def _where(self, error: Exception) -> str:
+    def _where(self, error: BaseException | None) -> str:
         """The place in the script at which an error was raised."""
         code = inspect.unwrap(self._function).__code__
-        frames = traceback.extract_tb(error.__traceback__)
+        frames = traceback.extract_tb(error.__traceback__) if error is not None else []
         lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 
 
-def _described(error: Exception) -> str:
+def _without_address(words: str) -> str:
+    """Words for an object without where it is in memory."""
+    return re.sub(r" at 0x[0-9a-f]+", "", words)
+
+
+def _described(error: BaseException) -> str:
     known = isinstance(error, ExplorerError) or type(error).__module__.startswith(("tca_module", "tca_wire"))
     return str(error) if known else repr(error)
 

@@ -1,10 +1,11 @@
-"""What a script can do next, and what it got back for what it did. A script's life is the tuple of what it got.
+"""What a script can do next, and what it got back for what it did: its life.
 
 Tasks are named by their place in the script, not by central's ids, so that what a script does next depends on nothing
 but its data and what it got: ``OWN`` is the task that it handles, ``known(0)`` the first other one that it heard of.
 """
 
 from typing import Any
+from zlib import crc32
 
 import msgspec
 
@@ -51,8 +52,8 @@ class Ask(_Step, frozen=True):
 
     @property
     def kind(self) -> str:
-        """What is sent, and of which message."""
-        return f"{type(self.header).__name__} {getattr(self.header, 'message', '')}"
+        """What is sent, with which data."""
+        return f"{type(self.header).__name__} {crc32(msgspec.msgpack.encode(self.header) + self.body)}"
 
 
 class Await(_Step, frozen=True):
@@ -127,6 +128,37 @@ class Given(msgspec.Struct, frozen=True):
     body: bytes
     is_task: bool = False
     context: Trouble | Tapped | Watching | None = None
+
+
+class Life:
+    """What a script was given, and all that it has got since, the newest here. Equal lives are the same object, so that
+    one more thing costs the same after however many.
+    """
+
+    __slots__ = ("_after", "before", "branches", "given", "got", "number")
+
+    def __init__(self, given: Given, number: int, before: "Life | None" = None, got: Got | None = None) -> None:
+        self.given = given
+        self.number = number  #: no other life of the program has it
+        self.before = before
+        self.got = got
+        self.branches: tuple[Branch, ...] | None = None  #: how it may go on, once that was asked
+        self._after: dict[Got, Life] = {}
+
+    def then(self, got: Got, number: int) -> "Life":
+        """This life and one more thing; *number* is for one that was not lived before."""
+        if got not in self._after:
+            self._after[got] = Life(self.given, number, self, got)
+        return self._after[got]
+
+    def history(self) -> History:
+        """All that it has got, oldest first."""
+        found: list[Got] = []
+        life: Life | None = self
+        while life is not None and life.got is not None:
+            found.append(life.got)
+            life = life.before
+        return tuple(reversed(found))
 
 
 class Branch(msgspec.Struct, frozen=True):

@@ -3,8 +3,8 @@
 from contextlib import suppress
 
 from tca_explorer.errors import CentralFault
-from tca_explorer.exploration import Result, Violation
 from tca_explorer.play import Play
+from tca_explorer.states import Result, Violation
 from tca_explorer.words import describe
 from tca_wire.facts import Fact, FormatDefined, kind_of
 from tca_wire.wording import Wording
@@ -19,12 +19,15 @@ def report(result: Result) -> str:
     if not result.is_complete:
         return f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
     longest = "some runs need not end" if result.longest is None else f"at most {result.longest} actions a run"
-    return f"{title}: good, {size}, {longest}"
+    return "\n".join([f"{title}: good, {size}, {longest}", *(f"  said nothing: {one}" for one in result.vacuous)])
 
 
 def _story(result: Result, violation: Violation) -> list[str]:
     play, wording, lines = Play(result.scenario), Wording(), []
-    for number, action in enumerate(violation.actions, start=1):
+    stem = len(violation.actions)
+    for number, action in enumerate((*violation.actions, *violation.circle), start=1):
+        if number == stem + 1:
+            lines.append("and then again and again:")
         lines.append(f"{number:3}. {describe(play, action)}")
         with suppress(CentralFault):  # that is what is wrong then
             play.perform(action)

@@ -5,11 +5,12 @@ from typing import Any
 
 from tca_explorer.actors import Actor, Line
 from tca_explorer.asking import in_words, point_in_words
+from tca_explorer.fold import Tracked
 from tca_explorer.link import CHOOSE
 from tca_explorer.naming import renamed
 from tca_explorer.play import Action, Kind, Play
 from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Return, Step
-from tca_explorer.world import Seen
+from tca_explorer.waiting import Waiting
 from tca_wire import headers
 from tca_wire.points import Point, describe_moments
 
@@ -21,9 +22,22 @@ def describe(play: Play, action: Action) -> str:
 
 def unfinished(play: Play) -> tuple[str, ...]:
     """The tasks and scripts that have not ended, and what they wait for."""
-    tasks = [f"{task} has not ended: {_standing(play, task)}" for task in play.world.tasks if not task.is_over]
+    tasks = [_left(play, task) for task in play.fold.tasks if not task.is_over]
     waiting = [(line, actor) for line in play.lines.values() for actor in line.actors if actor.step is not None]
     return (*tasks, *(f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}" for line, actor in waiting))
+
+
+def left_behind(play: Play, one: Waiting) -> str:
+    """One that waits for ever, and what for."""
+    if isinstance(one[0], int):
+        return _left(play, play.fold.seen[one[0]])
+    actor = one[0]
+    line = next(line for line in play.lines.values() if actor in line.actors)
+    return f"{_who(line, actor, play)} {_waiting(play, actor, actor.step)}"
+
+
+def _left(play: Play, task: Tracked) -> str:
+    return f"{task} has not ended: {_standing(play, task)}"
 
 
 # --- actions ---------------------------------------------------------------------------------------------------------
@@ -121,6 +135,8 @@ def _waiting(play: Play, actor: Actor, step: Step | None) -> str:
         return f"waits for {point_in_words(header.point, lambda task: _name(play, task))}"
     if isinstance(header, headers.Lock):
         return f"waits to {'reserve' if header.reserve else 'lock'} {header.resource}"
+    if isinstance(header, headers.WaitUntilHandled):
+        return f"waits until {', '.join(header.messages)} are handled"
     return f"waits for the answer to {play.central.registry.messages[header.message].message_class} {header.message}"
 
 
@@ -140,13 +156,13 @@ _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
 }
 
 
-def _standing(play: Play, task: Seen) -> str:
+def _standing(play: Play, task: Tracked) -> str:
     reached = ", ".join(describe_moments(task.reached)) or "nothing reached"
-    after = [_point(play, point) for _, point in task.after if not play.world.is_past(point)]
+    after = [_point(play, point) for _, point in task.after if not play.fold.is_past(point)]
     parts = [
         reached,
         f"failed: {task.failure}" if task.failure else "",
-        "being recovered" if task.is_recovering else "",
+        "being recovered" if task.recovering else "",
         "suspended" if task.is_suspended else "",
         "queued" if task.is_queued else "",
         f"handled by {task.module}" if task.module else "",

@@ -1,38 +1,32 @@
-"""What can be seen of a run at one moment: every message under way, folded from the facts that central records.
+"""What properties see of a run after an action: the messages under way, the locks in force, the modules.
 
-Knows nothing of how central does it. promises.py holds central to its promises with nothing but this.
+Theory of operation. States that differ in nothing but names (ids, orders) and absolute times are explored once. So
+nothing of that may be seen here, or a property would be judged for one of them and "good" be said of all: messages
+come in an order that the state gives, not their age; ids can be compared and nothing else. What can be seen and is
+no part of a state, the time, is made part of it as soon as it is looked at: see Looked.
 """
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import msgspec
-from msgspec.structs import replace
 
-from tca_explorer import promises
-from tca_wire import facts
-from tca_wire.constraints import Constraint
-from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Role
+from tca_wire.points import Moment
+from tca_wire.vocabulary import MessageClass, Role
+
+if TYPE_CHECKING:
+    from tca_explorer.fold import Fold, Tracked
 
 _FIRES = (Role.LISTENER, Role.ACTION)
-
-_HELD = {
-    Condition.BEFORE_HANDLING: (Moment.START_HANDLING, Moment.END_HANDLING),
-    Condition.BEFORE_PLANNING: (Moment.START_PLANNING, Moment.END_PLANNING),
-    Condition.BEFORE_ACHIEVING: (Moment.START_ACHIEVING, Moment.END_ACHIEVING),
-}
-"""By condition: which moment of the tapped task comes no sooner than which of the listener."""
+_DIGITS = 6  # of seconds
 
 
-class Seen(msgspec.Struct, frozen=True):
-    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
+class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
+    """What can be said of a message under way without naming others."""
 
-    id: int
     message: str
     message_class: MessageClass
     sender: str
-    parent_id: int
     body: bytes
     reached: int = 0
     is_queued: bool = False
@@ -43,22 +37,12 @@ class Seen(msgspec.Struct, frozen=True):
     """The module whose handler has it now."""
     role: Role = Role.NONE
     """Why central sent it; "": a module did."""
-    about: int = 0
-    """Where central sent it: the failing, tapped, killed or monitoring task."""
     is_killed: bool = False
     failure: str = ""
     """The failure that was raised on it and has not been dealt with."""
-    recovering: tuple[int, ...] = ()
-    """The exception handlers' tasks that are at work on its failures."""
     is_suspended: bool = False
     attempts: int = 1
     """How often it has been, or is to be, handled: each retry is one more."""
-    after: tuple[tuple[int, Point], ...] = ()
-    """The constraints on it: which of its moments comes no sooner than which point."""
-    delayed: tuple[tuple[int, Point, float], ...] = ()
-    """The same, and so many seconds later."""
-    not_before: tuple[tuple[int, float], ...] = ()
-    """Which of its moments comes no sooner than at which time, in seconds since the run began."""
     is_over: bool = False
     """It ended with the last action, and is out of sight after the next."""
     is_new: bool = False
@@ -67,9 +51,6 @@ class Seen(msgspec.Struct, frozen=True):
     """It was retried with the last action."""
     has_fired: bool = False
     """Of a monitor: it sent its action with the last action."""
-
-    def __str__(self) -> str:
-        return f"{self.message} {{{self.id}}}"
 
     @property
     def data(self) -> Any:
@@ -89,11 +70,6 @@ class Seen(msgspec.Struct, frozen=True):
     def is_handled(self) -> bool:
         """Whether a handler has it now."""
         return bool(self.module)
-
-    @property
-    def is_recovering(self) -> bool:
-        """Whether an exception handler is at work on its failure."""
-        return bool(self.recovering)
 
     @property
     def is_fire(self) -> bool:
@@ -121,235 +97,147 @@ class Seen(msgspec.Struct, frozen=True):
         return self.has(Moment.END_ACHIEVING) and not self.is_killed
 
 
+class Name:
+    """Says which message is meant, and nothing else: an id is another number in each run."""
+
+    __slots__ = ("_number",)
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Name):
+            self._refuse()
+        return self._number == other._number
+
+    def __hash__(self) -> int:
+        return 0  # that of the number would show in the order of sets
+
+    def __repr__(self) -> str:
+        return "an id"
+
+    def _refuse(self, *_: object) -> NoReturn:
+        raise TypeError("an id is another number in each run: it can be compared with other ids (==) and nothing else; "
+                        "world.parent(task) and world.children(task) give relatives")  # fmt: skip
+
+    __lt__ = __le__ = __gt__ = __ge__ = __int__ = __index__ = __float__ = _refuse
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __mod__ = __bool__ = __format__ = _refuse
+
+
+class Seen(UnderWay, frozen=True, kw_only=True):
+    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or multi-query."""
+
+    id: Name
+    parent_id: Name
+    about: Name
+    """Where central sent it: the failing, tapped, killed or monitoring task."""
+    is_recovering: bool = False
+    """Whether an exception handler is at work on its failure."""
+
+    def __str__(self) -> str:
+        return self.message
+
+
+class Held(msgspec.Struct, frozen=True):
+    """A lock or reservation in force."""
+
+    module: str
+    resource: str
+    sender: str
+    """The module that has it."""
+    is_reserved: bool
+
+
+class Messages:
+    """Some messages, in an order that means nothing: what is older can't be told. Iterate, count, or look for one."""
+
+    def __init__(self, seen: list[Seen]) -> None:
+        self._seen = seen
+
+    def __iter__(self) -> Iterator[Seen]:
+        return iter(self._seen)
+
+    def __len__(self) -> int:
+        return len(self._seen)
+
+    def __contains__(self, seen: object) -> bool:
+        return any(seen is one or seen == one for one in self._seen)
+
+    def __getitem__(self, place: object) -> NoReturn:
+        raise TypeError("messages have no order here: choose by what they are, as in [task for task in world.tasks if "
+                        "task.message == 'walk']")  # fmt: skip
+
+
 class World:
     """The messages under way. What ended with the last action is still there; what ended before is not."""
 
-    def __init__(self) -> None:
-        self.seen: dict[int, Seen] = {}  #: by id, oldest first; each receiver of a broadcast has one of its own
-        self.claims: dict[int, facts.Claimed] = {}  #: locks and reservations, waited for or in force
-        self.held_by: dict[tuple[str, str], facts.Claimed] = {}  #: those in force, by module and resource
-        self.modules: tuple[str, ...] = ()  #: those connected, oldest first
-        self.now = 0.0  #: seconds since the run began
-        self.broken = ""  #: what central did against its promises with the last action
-        self.unfinished: tuple[str, ...] = ()  #: who still waits or runs when nothing further can happen, in words
-        self._tasks: dict[int, int] = {}  #: of deliveries of tasks that are retried
-        self._conditions: dict[int, Condition] = {}  #: of wiretaps
+    def __init__(self, fold: "Fold", order: dict[int, int], look: Callable[[], None] = lambda: None) -> None:
+        self._fold = fold
+        self._look = look  #: called when somebody looks at the time
+        # What there was before the last action comes as the state before it has it; the rest as it was sent.
+        keys = sorted(fold.seen, key=lambda key: (key not in order, order.get(key, key)))
+        self._seen = {key: _seen(fold.seen[key]) for key in keys}
 
     @property
-    def messages(self) -> list[Seen]:
-        """Everything under way, oldest first."""
-        return list(self.seen.values())
+    def messages(self) -> Messages:
+        """Everything under way."""
+        return Messages(list(self._seen.values()))
 
     @property
-    def tasks(self) -> list[Seen]:
+    def tasks(self) -> Messages:
         """The tasks among them."""
-        return [seen for seen in self.seen.values() if seen.is_task]
+        return Messages([seen for seen in self._seen.values() if seen.is_task])
 
     def parent(self, task: Seen) -> Seen | None:
         """The task that *task* is under; None: the root."""
-        return self.seen.get(task.parent_id)
+        return next((seen for seen in self._seen.values() if seen.id == task.parent_id), None)
 
-    def children(self, task: Seen) -> list[Seen]:
-        """The tasks under *task*, oldest first."""
-        return [seen for seen in self.seen.values() if seen.is_task and seen.parent_id == task.id]
+    def children(self, task: Seen) -> Messages:
+        """The tasks under *task*."""
+        return Messages([seen for seen in self._seen.values() if seen.is_task and seen.parent_id == task.id])
 
-    def is_past(self, point: Point) -> bool:
-        """Whether a point of a task has been reached."""
-        leader = self.seen.get(point.task)
-        return leader is None or point.task == ROOT or leader.has(point.moment)
+    def held(self, task: Seen) -> list[tuple[Moment, Moment, Seen | None]]:
+        """What *task* comes after: which of its moments comes no sooner than which moment of which task (None: one
+        that has ended). Constraints with a delay are not among them.
+        """
+        of = {seen.id: key for key, seen in self._seen.items()}
+        after = self._fold.seen[of[task.id]].after
+        return [(Moment(moment), point.moment, self._seen.get(point.task)) for moment, point in after]
 
-    # --- the fold ----------------------------------------------------------------------------------------------------
+    @property
+    def held_by(self) -> dict[tuple[str, str], Held]:
+        """The locks and reservations in force, by module and resource."""
+        return {key: Held(claim.module, claim.resource, claim.sender, claim.is_reserved)
+                for key, claim in sorted(self._fold.held_by.items())}  # fmt: skip
 
-    def forget_what_is_over(self) -> None:
-        """A new action begins."""
-        for key, seen in list(self.seen.items()):
-            if seen.is_over:
-                del self.seen[key]
-            elif seen.is_new or seen.is_retried or seen.has_fired:
-                self._change(key, is_new=False, is_retried=False, has_fired=False)
-        self._tasks = {given: task for given, task in self._tasks.items() if task in self.seen}
-        self.broken = ""
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """The modules that are connected, by name."""
+        return tuple(sorted(self._fold.modules))
 
-    def take(self, recorded: Iterable[facts.Fact]) -> None:
-        """Take in what central recorded, now."""
-        for fact in recorded:
-            if do := _FOLD.get(type(fact)):
-                do(self, fact)
+    @property
+    def passed(self) -> float:
+        """Seconds that passed with the last action."""
+        return round(self._fold.passed, _DIGITS)
 
-    def _change(self, key: int, **changes: Any) -> None:
-        if (seen := self.seen.get(key)) is not None:
-            self.seen[key] = replace(seen, **changes)
-
-    def _received(self, fact: facts.Received) -> None:
-        is_original = fact.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
-        parent = self.seen.get(fact.parent)
-        is_safe = fact.role in (Role.TERMINATION, Role.CANCEL)
-        self.seen[fact.id] = Seen(
-            fact.id, fact.message, fact.message_class, fact.sender, fact.parent, fact.body, is_over=is_original,
-            role=fact.role, about=fact.about, is_new=True,
-            is_suspended=parent is not None and parent.is_suspended and not is_safe,
-        )  # fmt: skip
-        if fact.role is Role.EXCEPTION and (failing := self.seen.get(fact.about)) is not None:
-            self._change(fact.about, recovering=(*failing.recovering, fact.id))
-        elif fact.role is Role.ACTION:
-            self._change(fact.about, has_fired=True)
-        self._constrain(fact.constraints)
-
-    def _constrained(self, fact: facts.Constrained) -> None:
-        self._constrain(fact.constraints)
-
-    def _constrain(self, constraints: Iterable[Constraint]) -> None:
-        for before, after, delay in ((one.before, one.after, one.delay) for one in constraints):
-            moment, task = int(after.moment), self.seen[after.task]
-            if before.task == ROOT:
-                self._change(task.id, not_before=(*task.not_before, (moment, delay)))
-            elif delay:
-                self._change(task.id, delayed=(*task.delayed, (moment, before, delay)))
-            else:
-                self._change(task.id, after=(*task.after, (moment, before)))
-
-    def _key(self, fact: facts.Queued | facts.Delivered) -> int:
-        """By which a message is known here; a retried task has another delivery each time."""
-        original = self.seen[fact.message_id]
-        if original.is_task:
-            if fact.id != fact.message_id:
-                self._tasks[fact.id] = fact.message_id
-            return fact.message_id
-        if fact.id not in self.seen:
-            self.seen[fact.id] = replace(original, id=fact.id, is_over=False)
-        return fact.id
-
-    def _claimed(self, fact: facts.Claimed) -> None:
-        self.claims[fact.id] = fact
-
-    def _granted(self, fact: facts.Granted) -> None:
-        claim = self.claims[fact.id]
-        self.held_by[claim.module, claim.resource] = claim
-
-    def _claim_ended(self, fact: facts.ClaimEnded) -> None:
-        claim = self.claims.pop(fact.id)
-        if self.held_by.get((claim.module, claim.resource)) is claim:
-            del self.held_by[claim.module, claim.resource]
-
-    def _queued(self, fact: facts.Queued) -> None:
-        self._change(self._key(fact), is_queued=True, module="")
-
-    def _unqueued(self, fact: facts.Unqueued) -> None:
-        self._change(self._tasks.get(fact.id, fact.id), is_queued=False)
-
-    def _delivered(self, fact: facts.Delivered) -> None:
-        key = self._key(fact)
-        self.broken = self.broken or promises.delivered(self, self.seen[key], fact)
-        self._change(key, is_queued=False, is_begun=True, module=fact.module)
-
-    def _returned(self, fact: facts.Returned) -> None:
-        key = self._tasks.get(fact.id, fact.id)
-        seen = self.seen.get(key)
-        self.broken = self.broken or promises.returned(seen, key)
-        if seen is not None:
-            self._change(key, module="", is_over=not seen.is_task)
-
-    def _failed(self, fact: facts.Failed) -> None:
-        if fact.is_beside:
-            self._change(fact.id, failure=fact.failure)
-        elif fact.id in self.seen:
-            self._change(fact.id, module="", failure=fact.failure, is_over=not self.seen[fact.id].is_task)
-
-    def _unhandled(self, fact: facts.Unhandled) -> None:
-        """The top-level task has failed, too."""
-        failing = top = self.seen[fact.task]
-        while (parent := self.parent(top)) is not None:
-            top = parent
-        self._change(top.id, failure=top.failure or failing.failure)
-
-    def _reissued(self, fact: facts.Reissued) -> None:
-        self._recover(self.seen[fact.handler])
-
-    def _recover(self, handler: Seen) -> None:
-        """An exception handler is at work no longer."""
-        if (failing := self.seen.get(handler.about)) is not None:
-            self._change(failing.id, recovering=tuple(one for one in failing.recovering if one != handler.id))
-
-    def _dealt_with(self, fact: facts.Recovered) -> None:
-        self._change(fact.task, failure="")
-
-    def _retried(self, fact: facts.Retried) -> None:
-        task = self.seen[fact.task]
-        self._change(fact.task, failure="", attempts=task.attempts + task.is_begun, is_retried=True,
-                     body=fact.body or task.body)  # fmt: skip
-
-    def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
-        below = {int(fact.task)}
-        for task in self.tasks:  # parents are older than their children
-            if task.id in below or task.parent_id in below:
-                below.add(task.id)
-                self._change(task.id, is_suspended=fact.is_suspended)
-
-    def _killed(self, fact: facts.Killed) -> None:
-        self._change(fact.task, is_killed=True, is_suspended=False)
-
-    def _dropped(self, fact: facts.Dropped) -> None:
-        if fact.id in self.seen:
-            self._change(fact.id, is_queued=False, is_over=not self.seen[fact.id].is_handled)
-
-    def _tap_added(self, fact: facts.TapAdded) -> None:
-        self._conditions[fact.id] = fact.condition
-
-    def _tap_fired(self, fact: facts.TapFired) -> None:
-        listener, tapped = self.seen.get(fact.listener), self.seen.get(fact.tapped)
-        if listener is None or tapped is None or not (listener.is_task and tapped.is_task):
-            return
-        if held := _HELD.get(self._conditions[fact.tap]):
-            moment, end = held
-            self._change(tapped.id, after=(*tapped.after, (int(moment), Point(TaskId(listener.id), end))))
-
-    def _joined(self, fact: facts.ModuleJoined) -> None:
-        self.modules = (*self.modules, fact.module)
-
-    def _left(self, fact: facts.ModuleLeft) -> None:
-        self.modules = tuple(name for name in self.modules if name != fact.module)
-
-    def _reached(self, fact: facts.Reached) -> None:
-        task = self.seen[fact.task]
-        reached = task.reached | fact.moments
-        self._change(task.id, reached=reached, is_over=reached == ALL_MOMENTS)
-        self.broken = self.broken or promises.reached(self, self.seen[task.id], fact.moments)
-        if reached == ALL_MOMENTS and task.role is Role.EXCEPTION:
-            self._recover(task)
-        for follower in self.tasks:
-            if follower.delayed:
-                self._begin_delays(follower, fact)
-
-    def _begin_delays(self, follower: Seen, fact: facts.Reached) -> None:
-        """What comes so many seconds after what was just reached."""
-        begun = [one for one in follower.delayed if one[1].task == fact.task and one[1].moment & fact.moments]
-        times = [(moment, self.now + delay) for moment, _, delay in begun]
-        self._change(follower.id, not_before=(*follower.not_before, *times),
-                     delayed=tuple(one for one in follower.delayed if one not in begun))  # fmt: skip
+    @property
+    def now(self) -> float:
+        """Seconds since the run began. A property that looks at it makes each time another state, and a scenario in
+        which time never stops endless: ``within`` does not.
+        """
+        self._look()
+        return round(self._fold.now, _DIGITS)
 
 
-# ruff: noqa: SLF001
-_FOLD: dict[type, Callable[[World, Any], None]] = {
-    facts.Received: World._received,
-    facts.Claimed: World._claimed,
-    facts.Granted: World._granted,
-    facts.ClaimEnded: World._claim_ended,
-    facts.Constrained: World._constrained,
-    facts.Queued: World._queued,
-    facts.Unqueued: World._unqueued,
-    facts.Delivered: World._delivered,
-    facts.Returned: World._returned,
-    facts.Failed: World._failed,
-    facts.Unhandled: World._unhandled,
-    facts.Reissued: World._reissued,
-    facts.Recovered: World._dealt_with,
-    facts.Retried: World._retried,
-    facts.SuspendedOrResumed: World._suspended,
-    facts.Killed: World._killed,
-    facts.Dropped: World._dropped,
-    facts.TapAdded: World._tap_added,
-    facts.TapFired: World._tap_fired,
-    facts.Reached: World._reached,
-    facts.ModuleJoined: World._joined,
-    facts.ModuleLeft: World._left,
-}
+def shown(found: object) -> str:
+    """Messages as people read them, with their ids; "" for anything else."""
+    if not isinstance(found, list | tuple | Messages):
+        return ""
+    return ", ".join(f"{one.message} {{{one.id._number}}}" if isinstance(one, Seen) else str(one)  # noqa: SLF001
+                     for one in found)  # fmt: skip
+
+
+def _seen(record: "Tracked") -> Seen:
+    said = {name: getattr(record, name) for name in UnderWay.__struct_fields__}
+    return Seen(**said, id=Name(record.id), parent_id=Name(record.parent_id), about=Name(record.about),
+                is_recovering=bool(record.recovering))  # fmt: skip

@@ -12,6 +12,7 @@ from robots.ambler_sim.messages import TRAVERSE_ARC, Bend
 from robots.ambler_sim.modules import body_planner, controller, gait_planner, leg_planner, perception
 from robots.ambler_sim.robot import make_robot
 from tca_explorer import Result, World, achieved, always, at_most, before, begun, explore, never, never_stuck, report
+from tca_explorer.fold import Fold
 from tca_module import connect
 from tca_module.testing import LocalCentral
 from tca_wire.facts import Received
@@ -85,17 +86,17 @@ def orders(world: World) -> Orders:
     found = set()
     for task in world.tasks:
         parent = world.parent(task)
-        leaders = [(point, world.seen.get(point.task)) for _, point in task.after]
-        if all(leader for _, leader in leaders):
-            held = tuple((int(point.moment), int(moment), "parent" if leader is parent else leader.message)
-                         for (moment, _), (point, leader) in zip(task.after, leaders, strict=True) if leader)  # fmt: skip
-            found.add((parent.message if parent else "", task.message, held))
+        held = world.held(task)
+        if all(leader for _, _, leader in held):
+            after = tuple((int(at), int(moment), "parent" if leader is parent else leader.message)
+                          for moment, at, leader in held if leader)  # fmt: skip
+            found.add((parent.message if parent else "", task.message, after))
     return found
 
 
 def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
     """The orders of a walk of three steps by the real modules; the third is planned while the first is walked."""
-    robot, world, found = make_robot("kinematic"), World(), set()
+    robot, fold, found = make_robot("kinematic"), Fold(), set()
     with LocalCentral() as central, ExitStack() as stack:
         move_leg = robot.move_leg
 
@@ -114,9 +115,9 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
         with connect("user", central) as user:
             user.goal(TRAVERSE_ARC, Bend(0.0, 1.2)).wait(timeout=20)
         for entry in central.entries:
-            world.forget_what_is_over()
-            world.take(entry.facts)
-            found |= orders(world)
+            fold.forget_what_is_over()
+            fold.take(entry.facts)
+            found |= orders(World(fold, {}))
     return found
 
 

@@ -1,3 +1,7 @@
+import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -59,6 +63,39 @@ def test_the_scenario_in_the_documentation_is_good(tmp_path: Path) -> None:
     code = page.partition("```python\n")[2].partition("```")[0]
     result = tca_explore(tmp_path, code)
     assert result.stdout.startswith("fetching: good, "), result.output
+
+
+def test_the_counterexample_in_the_documentation_is_that_of_its_scenario(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
+    code = page.partition("```python\n")[2].partition("```")[0]
+    hasty = re.sub(r"task.command\(GRASP\).*", "task.command(GRASP, sequential=False)", code)
+    assert hasty != code
+    assert "With `task.command(GRASP, sequential=False)`" in page
+    shown = page.partition("```\nfetching: NOT")[2].partition("```")[0].splitlines()
+    written = iter(tca_explore(tmp_path, hasty).stdout.splitlines())
+    assert next(written) == f"fetching: NOT{shown[0]}"
+    for line in shown[1:]:
+        assert line.strip() == "..." or line in written, line
+    assert not list(written)
+
+
+def test_people_who_look_at_a_terminal_see_how_far_it_is(tmp_path: Path) -> None:
+    """In a line of the terminal that is gone in the end; what is written elsewhere has nothing of it."""
+    path = tmp_path / "scenarios.py"
+    page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
+    path.write_text(page.partition("```python\n")[2].partition("```")[0])
+    ours, theirs = os.openpty()
+    code = "from tca_explorer.command import explore_file; explore_file()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, stderr=theirs, timeout=60, check=False
+    )
+    shown = os.read(ours, 100_000).decode()
+    os.close(ours)
+    os.close(theirs)
+    assert done.returncode == 0
+    assert done.stdout.decode().startswith("fetching: good")
+    assert re.search(r"\rfetching|fetching: [\d,]+ states, [\d,]+ of them to go on from", shown)
+    assert shown.endswith("\r\x1b[K")
 
 
 def test_a_file_that_is_not_there_is_wrong_usage() -> None:

@@ -1,0 +1,39 @@
+"""What users give to a scenario, checked where they write it: each ScenarioError says what, which and what fits."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+from tca_explorer.errors import ScenarioError
+
+MOST = 64
+"""Slots of a resource, as in the module library."""
+
+
+def checked_number(number: Any, what: str, *, least: int, most: int | None = None) -> int:
+    """*number*, if it is a whole one in that range. Raises ScenarioError."""
+    is_number = isinstance(number, int) and not isinstance(number, bool)
+    if not is_number or not least <= number <= (number if most is None else most):
+        fits = f"{least} to {most}" if most is not None else f"{least} or more"
+        raise ScenarioError(f"{what} can't be {number!r:.60}: {fits}, a whole number")
+    return int(number)
+
+
+def checked_name(name: Any, what: str) -> str:
+    """*name*, if something may be called so. Raises ScenarioError."""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise ScenarioError(f"{name!r:.60} is no name of {what}: give printable characters")
+    return name
+
+
+def checked_flag(flag: Any, what: str) -> bool:
+    """*flag*, if it says yes or no. Raises ScenarioError."""
+    if not isinstance(flag, bool):
+        raise ScenarioError(f"{what} can't be {flag!r:.60}: True or False")
+    return flag
+
+
+def checked_function(function: Any, what: str) -> Callable[..., Any]:
+    """*function*, if it can be called. Raises ScenarioError."""
+    if not callable(function):
+        raise ScenarioError(f"{what} takes a function, and {function!r:.60} is none")
+    return cast("Callable[..., Any]", function)

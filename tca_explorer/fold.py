@@ -1,0 +1,279 @@
+"""Every message under way, folded from the facts that central records.
+
+Knows nothing of how central does it. promises.py holds central to its promises with nothing but this; world.py shows
+it to properties.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from msgspec.structs import replace
+
+from tca_explorer import promises
+from tca_explorer.world import UnderWay
+from tca_wire import facts
+from tca_wire.constraints import Constraint
+from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Role
+
+_HELD = {
+    Condition.BEFORE_HANDLING: (Moment.START_HANDLING, Moment.END_HANDLING),
+    Condition.BEFORE_PLANNING: (Moment.START_PLANNING, Moment.END_PLANNING),
+    Condition.BEFORE_ACHIEVING: (Moment.START_ACHIEVING, Moment.END_ACHIEVING),
+}
+"""By condition: which moment of the tapped task comes no sooner than which of the listener."""
+
+
+class Tracked(UnderWay, frozen=True, kw_only=True):
+    """A message under way, with what names others, and what holds it."""
+
+    id: int
+    parent_id: int
+    about: int = 0
+    """Where central sent it: the failing, tapped, killed or monitoring task."""
+    recovering: tuple[int, ...] = ()
+    """The exception handlers' tasks that are at work on its failures."""
+    after: tuple[tuple[int, Point], ...] = ()
+    """The constraints on it: which of its moments comes no sooner than which point."""
+    delayed: tuple[tuple[int, Point, float], ...] = ()
+    """The same, and so many seconds later."""
+    not_before: tuple[tuple[int, float], ...] = ()
+    """Which of its moments comes no sooner than at which time, in seconds since the run began."""
+
+    def __str__(self) -> str:
+        return f"{self.message} {{{self.id}}}"
+
+
+class Fold:
+    """The messages under way. What ended with the last action is still there; what ended before is not."""
+
+    def __init__(self) -> None:
+        self.seen: dict[int, Tracked] = {}  #: by id, oldest first; each receiver of a broadcast has one of its own
+        self.claims: dict[int, facts.Claimed] = {}  #: locks and reservations, waited for or in force
+        self.held_by: dict[tuple[str, str], facts.Claimed] = {}  #: those in force, by module and resource
+        self.modules: tuple[str, ...] = ()  #: those connected, oldest first
+        self.now = 0.0  #: seconds since the run began
+        self.passed = 0.0  #: seconds that passed with the last action
+        self.broken = ""  #: what central did against its promises with the last action
+        self._tasks: dict[int, int] = {}  #: of deliveries of tasks that are retried
+        self._conditions: dict[int, Condition] = {}  #: of wiretaps
+
+    @property
+    def messages(self) -> list[Tracked]:
+        """Everything under way, oldest first."""
+        return list(self.seen.values())
+
+    @property
+    def tasks(self) -> list[Tracked]:
+        """The tasks among them."""
+        return [seen for seen in self.seen.values() if seen.is_task]
+
+    def parent(self, task: Tracked) -> Tracked | None:
+        """The task that *task* is under; None: the root."""
+        return self.seen.get(task.parent_id)
+
+    def children(self, task: Tracked) -> list[Tracked]:
+        """The tasks under *task*, oldest first."""
+        return [seen for seen in self.seen.values() if seen.is_task and seen.parent_id == task.id]
+
+    def is_past(self, point: Point) -> bool:
+        """Whether a point of a task has been reached."""
+        leader = self.seen.get(point.task)
+        return leader is None or point.task == ROOT or leader.has(point.moment)
+
+    # --- the fold ----------------------------------------------------------------------------------------------------
+
+    def forget_what_is_over(self) -> None:
+        """A new action begins."""
+        for key, seen in list(self.seen.items()):
+            if seen.is_over:
+                del self.seen[key]
+            elif seen.is_new or seen.is_retried or seen.has_fired:
+                self._change(key, is_new=False, is_retried=False, has_fired=False)
+        self._tasks = {given: task for given, task in self._tasks.items() if task in self.seen}
+        self.passed = 0.0
+        self.broken = ""
+
+    def take(self, recorded: Iterable[facts.Fact]) -> None:
+        """Take in what central recorded, now."""
+        for fact in recorded:
+            if do := _FOLD.get(type(fact)):
+                do(self, fact)
+
+    def _change(self, key: int, **changes: Any) -> None:
+        if (seen := self.seen.get(key)) is not None:
+            self.seen[key] = replace(seen, **changes)
+
+    def _received(self, fact: facts.Received) -> None:
+        is_original = fact.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
+        parent = self.seen.get(fact.parent)
+        is_safe = fact.role in (Role.TERMINATION, Role.CANCEL)
+        self.seen[fact.id] = Tracked(
+            id=fact.id, message=fact.message, message_class=fact.message_class, sender=fact.sender,
+            parent_id=fact.parent, body=fact.body, is_over=is_original, role=fact.role, about=fact.about, is_new=True,
+            is_suspended=parent is not None and parent.is_suspended and not is_safe,
+        )  # fmt: skip
+        if fact.role is Role.EXCEPTION and (failing := self.seen.get(fact.about)) is not None:
+            self._change(fact.about, recovering=(*failing.recovering, fact.id))
+        elif fact.role is Role.ACTION:
+            self._change(fact.about, has_fired=True)
+        self._constrain(fact.constraints)
+
+    def _constrained(self, fact: facts.Constrained) -> None:
+        self._constrain(fact.constraints)
+
+    def _constrain(self, constraints: Iterable[Constraint]) -> None:
+        for before, after, delay in ((one.before, one.after, one.delay) for one in constraints):
+            moment, task = int(after.moment), self.seen[after.task]
+            if before.task == ROOT:
+                self._change(task.id, not_before=(*task.not_before, (moment, delay)))
+            elif delay:
+                self._change(task.id, delayed=(*task.delayed, (moment, before, delay)))
+            else:
+                self._change(task.id, after=(*task.after, (moment, before)))
+
+    def _key(self, fact: facts.Queued | facts.Delivered) -> int:
+        """By which a message is known here; a retried task has another delivery each time."""
+        original = self.seen[fact.message_id]
+        if original.is_task:
+            if fact.id != fact.message_id:
+                self._tasks[fact.id] = fact.message_id
+            return fact.message_id
+        if fact.id not in self.seen:
+            self.seen[fact.id] = replace(original, id=fact.id, is_over=False)
+        return fact.id
+
+    def _claimed(self, fact: facts.Claimed) -> None:
+        self.claims[fact.id] = fact
+
+    def _granted(self, fact: facts.Granted) -> None:
+        claim = self.claims[fact.id]
+        self.held_by[claim.module, claim.resource] = claim
+
+    def _claim_ended(self, fact: facts.ClaimEnded) -> None:
+        claim = self.claims.pop(fact.id)
+        if self.held_by.get((claim.module, claim.resource)) is claim:
+            del self.held_by[claim.module, claim.resource]
+
+    def _queued(self, fact: facts.Queued) -> None:
+        self._change(self._key(fact), is_queued=True, module="")
+
+    def _unqueued(self, fact: facts.Unqueued) -> None:
+        self._change(self._tasks.get(fact.id, fact.id), is_queued=False)
+
+    def _delivered(self, fact: facts.Delivered) -> None:
+        key = self._key(fact)
+        self.broken = self.broken or promises.delivered(self, self.seen[key], fact)
+        self._change(key, is_queued=False, is_begun=True, module=fact.module)
+
+    def _returned(self, fact: facts.Returned) -> None:
+        key = self._tasks.get(fact.id, fact.id)
+        seen = self.seen.get(key)
+        self.broken = self.broken or promises.returned(seen, key)
+        if seen is not None:
+            self._change(key, module="", is_over=not seen.is_task)
+
+    def _failed(self, fact: facts.Failed) -> None:
+        if fact.is_beside:
+            self._change(fact.id, failure=fact.failure)
+        elif fact.id in self.seen:
+            self._change(fact.id, module="", failure=fact.failure, is_over=not self.seen[fact.id].is_task)
+
+    def _unhandled(self, fact: facts.Unhandled) -> None:
+        """The top-level task has failed, too."""
+        failing = top = self.seen[fact.task]
+        while (parent := self.parent(top)) is not None:
+            top = parent
+        self._change(top.id, failure=top.failure or failing.failure)
+
+    def _reissued(self, fact: facts.Reissued) -> None:
+        self._recover(self.seen[fact.handler])
+
+    def _recover(self, handler: Tracked) -> None:
+        """An exception handler is at work no longer."""
+        if (failing := self.seen.get(handler.about)) is not None:
+            self._change(failing.id, recovering=tuple(one for one in failing.recovering if one != handler.id))
+
+    def _dealt_with(self, fact: facts.Recovered) -> None:
+        self._change(fact.task, failure="")
+
+    def _retried(self, fact: facts.Retried) -> None:
+        task = self.seen[fact.task]
+        self._change(fact.task, failure="", attempts=task.attempts + task.is_begun, is_retried=True,
+                     body=fact.body or task.body)  # fmt: skip
+
+    def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
+        below = {int(fact.task)}
+        for task in self.tasks:  # parents are older than their children
+            if task.id in below or task.parent_id in below:
+                below.add(task.id)
+                self._change(task.id, is_suspended=fact.is_suspended)
+
+    def _killed(self, fact: facts.Killed) -> None:
+        self._change(fact.task, is_killed=True, is_suspended=False)
+
+    def _dropped(self, fact: facts.Dropped) -> None:
+        if fact.id in self.seen:
+            self._change(fact.id, is_queued=False, is_over=not self.seen[fact.id].is_handled)
+
+    def _tap_added(self, fact: facts.TapAdded) -> None:
+        self._conditions[fact.id] = fact.condition
+
+    def _tap_fired(self, fact: facts.TapFired) -> None:
+        listener, tapped = self.seen.get(fact.listener), self.seen.get(fact.tapped)
+        if listener is None or tapped is None or not (listener.is_task and tapped.is_task):
+            return
+        if held := _HELD.get(self._conditions[fact.tap]):
+            moment, end = held
+            self._change(tapped.id, after=(*tapped.after, (int(moment), Point(TaskId(listener.id), end))))
+
+    def _joined(self, fact: facts.ModuleJoined) -> None:
+        self.modules = (*self.modules, fact.module)
+
+    def _left(self, fact: facts.ModuleLeft) -> None:
+        self.modules = tuple(name for name in self.modules if name != fact.module)
+
+    def _reached(self, fact: facts.Reached) -> None:
+        task = self.seen[fact.task]
+        reached = task.reached | fact.moments
+        self._change(task.id, reached=reached, is_over=reached == ALL_MOMENTS)
+        self.broken = self.broken or promises.reached(self, self.seen[task.id], fact.moments)
+        if reached == ALL_MOMENTS and task.role is Role.EXCEPTION:
+            self._recover(task)
+        for follower in self.tasks:
+            if follower.delayed:
+                self._begin_delays(follower, fact)
+
+    def _begin_delays(self, follower: Tracked, fact: facts.Reached) -> None:
+        """What comes so many seconds after what was just reached."""
+        begun = [one for one in follower.delayed if one[1].task == fact.task and one[1].moment & fact.moments]
+        times = [(moment, self.now + delay) for moment, _, delay in begun]
+        self._change(follower.id, not_before=(*follower.not_before, *times),
+                     delayed=tuple(one for one in follower.delayed if one not in begun))  # fmt: skip
+
+
+# ruff: noqa: SLF001
+_FOLD: dict[type, Callable[[Fold, Any], None]] = {
+    facts.Received: Fold._received,
+    facts.Claimed: Fold._claimed,
+    facts.Granted: Fold._granted,
+    facts.ClaimEnded: Fold._claim_ended,
+    facts.Constrained: Fold._constrained,
+    facts.Queued: Fold._queued,
+    facts.Unqueued: Fold._unqueued,
+    facts.Delivered: Fold._delivered,
+    facts.Returned: Fold._returned,
+    facts.Failed: Fold._failed,
+    facts.Unhandled: Fold._unhandled,
+    facts.Reissued: Fold._reissued,
+    facts.Recovered: Fold._dealt_with,
+    facts.Retried: Fold._retried,
+    facts.SuspendedOrResumed: Fold._suspended,
+    facts.Killed: Fold._killed,
+    facts.Dropped: Fold._dropped,
+    facts.TapAdded: Fold._tap_added,
+    facts.TapFired: Fold._tap_fired,
+    facts.Reached: Fold._reached,
+    facts.ModuleJoined: Fold._joined,
+    facts.ModuleLeft: Fold._left,
+}

@@ -1,0 +1,91 @@
+"""A play as bytes, to go on from it more than once: faster than playing it again, however long the run.
+
+Theory of operation. Pickle copies what a play holds, but for what all plays share (the scenario, its programs and what
+scripts have lived), which is named by its number in memory; so snapshots are good for this process only. Central has
+functions inside it that know their central: they are made anew, over the same code, for the copy.
+"""
+
+import io
+import pickle
+import sys
+from types import CellType, CodeType, FunctionType, MethodType
+from typing import Any
+
+from tca_explorer.marks import Id, Number
+from tca_explorer.play import Play
+from tca_explorer.scenario import Scenario, ScenarioModule
+from tca_explorer.script import Program
+from tca_explorer.steps import Branch, Life
+from tca_wire.declarations import Message
+
+_SHARED = (Scenario, ScenarioModule, Program, Life, Branch, Message, CodeType, FunctionType)
+
+_ATOMS = (Id, Number)
+
+
+class Snapshots:
+    """Makes snapshots, and plays of them."""
+
+    def __init__(self) -> None:
+        self._shared: dict[int, Any] = {}  #: by id(); kept, so that the ids stay theirs
+
+    def save(self, play: Play) -> bytes:
+        """A play that can be had again."""
+        out = io.BytesIO()
+        _Pickler(out, self._shared).dump(play)
+        return out.getvalue()
+
+    def load(self, snapshot: bytes) -> Play:
+        """A play as it was when it was saved."""
+        _loading.append(self._shared)
+        try:
+            found: Play = pickle.loads(snapshot)  # noqa: S301 - it is our own
+        finally:
+            _loading.pop()
+        return found
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, out: io.BytesIO, shared: dict[int, Any]) -> None:
+        super().__init__(out, pickle.HIGHEST_PROTOCOL)
+        self._shared = shared
+
+    def reducer_override(self, thing: Any) -> Any:
+        """Called for all but plain values."""
+        kind = type(thing)
+        if kind in _ATOMS:
+            return kind, (int(thing),)
+        if kind is MethodType:
+            return _method, (thing.__func__, thing.__self__)
+        if kind is FunctionType and _has_state(thing):
+            cells = tuple(cell.cell_contents for cell in thing.__closure__ or ())
+            return _function, (thing.__code__, thing.__module__, cells, thing.__defaults__)
+        if isinstance(thing, _SHARED) and thing not in _OURS:
+            self._shared[id(thing)] = thing
+            return _known, (id(thing),)
+        return NotImplemented
+
+
+_loading: list[dict[int, Any]] = []
+"""What is shared with the snapshot that is being loaded."""
+
+
+def _known(number: int) -> Any:
+    return _loading[-1][number]
+
+
+def _method(function: FunctionType, thing: Any) -> MethodType:
+    return MethodType(function, thing)
+
+
+def _has_state(function: FunctionType) -> bool:
+    """Whether a function knows something of its central."""
+    return function.__closure__ is not None and function.__module__.startswith("tca_central.")
+
+
+def _function(code: CodeType, module: str, contents: tuple[Any, ...], defaults: Any) -> FunctionType:
+    cells = tuple(map(CellType, contents))
+    return FunctionType(code, vars(sys.modules[module]), code.co_name, defaults, cells)
+
+
+_OURS = (_known, _method, _function)

@@ -1,0 +1,306 @@
+"""The search itself: what it takes for known, what it checks, in which order, and what it says of it."""
+
+import contextlib
+from typing import Any
+
+import pytest
+from explorer.scenarios import NOTE, REST, STEP, WALK, WHERE, walking
+
+from tca_central.resources import Queue
+from tca_explorer import (
+    Property,
+    Scenario,
+    Script,
+    Seen,
+    Task,
+    World,
+    achieved,
+    at_most_in_all,
+    before,
+    eventually,
+    explore,
+    never,
+    never_stuck,
+    report,
+    sent,
+)
+from tca_explorer.play import Play
+from tca_explorer.snapshot import Snapshots
+from tca_module import TaskFailed, TaskKilled
+from tca_wire.declarations import Command
+
+
+def strangers(*properties: Property, names: tuple[str, str] = ("one", "other")) -> Scenario:
+    """Two who do not know each other, each with a command that takes no time."""
+    scenario = Scenario("strangers", *properties)
+    for name in names:
+        command = Command(name)
+        scenario.module(f"{name}'s").handles(command)(lambda _: None)
+        scenario.module(name).does(lambda me, command=command: [me.command(command)])
+    return scenario
+
+
+def at_once(world: World) -> bool:
+    return len(world.tasks) == 2 and not any(task.is_over for task in world.tasks)
+
+
+def one_by_one(world: World) -> bool:
+    return any(task.is_over for task in world.tasks) and len(world.tasks) == 1
+
+
+def other_first(world: World) -> bool:
+    return any(task.message == "other" and task.is_over for task in world.tasks) and len(world.tasks) == 2
+
+
+@pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
+@pytest.mark.parametrize("may_be", [at_once, other_first])
+def test_what_a_property_remembers_is_part_of_the_state(names: tuple[str, str], may_be: Any) -> None:
+    """Both are done in the end, whether they were under way at once or not; whichever way is tried first."""
+    assert not explore(strangers(eventually(may_be), names=names)).ok
+    assert not explore(strangers(eventually(nothing), names=names)).ok
+    assert explore(strangers(eventually(lambda world: at_once(world) or one_by_one(world)), names=names)).ok
+    assert not explore(strangers(before(may_be, both_over), names=names)).ok
+
+
+def nothing(_: World) -> bool:
+    return False
+
+
+def both_over(world: World) -> bool:
+    """The last one ends."""
+    return len(world.tasks) == 1 and all(task.is_over for task in world.tasks)
+
+
+def test_what_is_counted_is_part_of_the_state() -> None:
+    """The note is sent once or twice, and that is all that tells the runs from each other."""
+    scenario = Scenario("counting")
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+
+    @scenario.module("mouth").does
+    def tell(me: Script) -> None:
+        if me.choose("once", "twice") == "twice":
+            me.inform(NOTE)
+        me.inform(NOTE)
+
+    assert explore(scenario, at_most_in_all(2, sent(NOTE))).ok
+    assert not explore(scenario, at_most_in_all(1, sent(NOTE))).ok
+
+
+def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A queue that miscounts does nothing wrong that could be seen from outside."""
+    real = Queue.left
+
+    def left(self: Queue[Any]) -> None:
+        real(self)
+        self.waiting += 1
+
+    assert explore(walking(never_stuck())).ok
+    monkeypatch.setattr(Queue, "left", left)
+    result = explore(walking(never_stuck()))
+    assert result.violation is not None
+    assert result.violation.broken == "central's own invariants"
+    assert result.violation.why
+    assert report(result).splitlines()[1].startswith("  1. user sends goal walk")
+
+
+def test_the_first_state_is_judged() -> None:
+    result = explore(walking(never(lambda world: not world.messages)))
+    assert result.violation is not None
+    assert result.violation.actions == ()
+
+
+def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
+    states = explore(walking(never_stuck())).states
+    assert explore(walking(never_stuck()), limit=states).ok
+    assert explore(walking(never_stuck()), limit=states - 1).is_complete is False
+    assert "not known" in report(explore(walking(never_stuck()), limit=states - 1))
+
+
+def test_all_is_counted() -> None:
+    """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of nine."""
+    result = explore(strangers(never_stuck()))
+    assert (result.states, result.steps, result.ends, result.longest) == (9, 12, 1, 4)
+    assert result.vacuous == ()
+
+
+def test_whoever_watches_is_told_how_far_it_is() -> None:
+    told: list[tuple[int, int]] = []
+    result = explore(walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go)))
+    assert told
+    assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in told)
+    assert told == sorted(told, key=lambda one: one[0])
+
+
+# --- going on from a snapshot ----------------------------------------------------------------------------------------
+
+
+def test_where_there_is_no_room_for_snapshots_runs_are_played_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = walking(never_stuck(), steps=3, capacity=2, may_be_lost=1, comes_back=True)
+    kept = explore(scenario, limit=500)
+    monkeypatch.setattr("tca_explorer.exploration.KEPT_BYTES", 0)
+    played = explore(scenario, limit=500)
+    assert (kept.states, kept.steps, kept.ends) == (played.states, played.steps, played.ends)
+
+
+def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A walk whose snapshots all together would not fit."""
+    made: list[int] = []
+    real = Snapshots.save
+
+    def save(self: Snapshots, play: Play) -> bytes:
+        made.append(1)
+        return real(self, play)
+
+    monkeypatch.setattr(Snapshots, "save", save)
+    monkeypatch.setattr("tca_explorer.exploration.KEPT_BYTES", 200_000)
+    result = explore(walking(never_stuck(), steps=3, capacity=2))
+    assert result.ok
+    assert len(made) == result.states
+
+
+def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
+    """And what is done to one copy does nothing to another, or to the play."""
+    play, snapshots = Play(walking()), Snapshots()
+    snapshot = snapshots.save(play)
+    one, other = snapshots.load(snapshot), snapshots.load(snapshot)
+    while actions := one.actions():
+        one.perform(actions[0])
+    assert [str(action) for action in other.actions()] == [str(action) for action in play.actions()]
+    assert one.central is not other.central
+    other.perform(other.actions()[0])
+    assert not play.fold.seen
+    assert other.fold.seen
+
+
+# --- the nearest comes first -----------------------------------------------------------------------------------------
+
+
+def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
+    scenario = Scenario("two ways", never(sent(STEP)))
+    legs = scenario.module("legs")
+    legs.handles(STEP)(lambda _: None)
+    legs.handles(REST)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        task.command(STEP)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        for _ in range(me.choose(2, 0, 1)):
+            me.goal(REST).wait()
+        me.goal(WALK)
+
+    result = explore(scenario)
+    assert result.violation is not None
+    assert len(result.violation.actions) == 2
+    assert "chooses 0" in report(result)
+
+
+def test_what_ends_is_judged_before_what_goes_on() -> None:
+    """A run that ends in a state shows more, in fewer words, than one that goes on from it."""
+    result = explore(walking(never_stuck(), never(achieved(WALK)), steps=1))
+    assert result.violation is not None
+    assert len(result.violation.actions) == 4
+
+
+# --- what tells states from each other -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("result", ["well", "badly"])
+def test_how_a_task_ended_that_can_still_be_asked_for(result: str) -> None:
+    """When the step has ended nothing of it is left but its result, or its failure."""
+    scenario = Scenario("asked later")
+    legs = scenario.module("legs")
+
+    @legs.handles(STEP)
+    def step(task: Task) -> object:
+        return task.choose("well", "badly")
+
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        step = me.command(STEP)
+        me.goal(REST).wait()
+        me.inform(NOTE, step.result())
+
+    assert not explore(scenario, never(sent(NOTE, result))).ok
+
+
+@pytest.mark.parametrize("answer", [1, 2])
+def test_an_answer_that_was_not_read_yet(answer: int) -> None:
+    scenario = Scenario("read later")
+    legs = scenario.module("legs")
+    legs.handles(WHERE)(lambda task: task.choose(1, 2))
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        where = me.query_send(WHERE)
+        me.goal(REST).wait()
+        me.inform(NOTE, where.receive())
+
+    assert not explore(scenario, never(sent(NOTE, answer))).ok
+
+
+@pytest.mark.parametrize("rest", ["is long", "is short"])
+def test_what_a_script_has_decided(rest: str) -> None:
+    scenario = Scenario("decided")
+    legs = scenario.module("legs")
+    legs.handles(REST)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        found = me.choose("is long", "is short")
+        me.goal(REST).wait()
+        me.inform(NOTE, found)
+
+    assert not explore(scenario, never(sent(NOTE, rest))).ok
+
+
+def lost_or_killed(*properties: Property) -> Scenario:
+    """What may still happen is part of the state: a step that may be killed once, on legs that may be lost once."""
+    scenario = Scenario("still to come", *properties)
+    scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        for _ in range(2):
+            with contextlib.suppress(TaskFailed, TaskKilled):
+                me.command(STEP).wait()
+
+    scenario.may_kill(STEP)
+    return scenario
+
+
+def test_what_may_still_happen() -> None:
+    assert explore(lost_or_killed(never_stuck(), at_most_in_all(1, killed_and_over))).ok
+    assert not explore(lost_or_killed(never_stuck(), never(killed_and_over))).ok
+    assert not explore(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly)).ok
+    assert explore(lost_or_killed(never_stuck()), at_most_in_all(2, ended_badly)).ok
+
+
+def killed_and_over(world: World) -> list[Seen]:
+    return [task for task in world.tasks if task.is_over and task.is_killed and not task.failure]
+
+
+def ended_badly(world: World) -> list[Seen]:
+    return [task for task in world.tasks if task.is_over and task.is_killed]
+
+
+@pytest.mark.parametrize("seconds", [1.0, 2.0])
+def test_how_long_something_still_takes(seconds: float) -> None:
+    """Between the first command and the second there is nothing but a time that was chosen."""
+    scenario = Scenario("how long")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.command(STEP, delay=1.0 if me.choose("soon", "late") == "soon" else 2.0)
+
+    assert not explore(scenario, never(lambda world: world.passed == seconds)).ok
+    assert explore(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0))).ok

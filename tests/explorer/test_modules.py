@@ -1,0 +1,328 @@
+"""How modules come, what they take, and what a scenario may say of them."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from explorer.scenarios import NOTE, REST, SLIPPED, STEP, WALK, WHERE, walking
+
+from tca_explorer import (
+    Scenario,
+    ScenarioError,
+    Script,
+    Task,
+    at_most,
+    at_most_in_all,
+    before,
+    begun,
+    eventually,
+    explore,
+    fired,
+    handled,
+    killed,
+    never,
+    never_stuck,
+    queued,
+    report,
+    sent,
+    within,
+)
+from tca_module import Condition, Module, Variable
+from tca_wire.declarations import Command
+
+POSITION: Variable[int] = Variable("position", int)
+
+
+# --- watching, and pending limits ------------------------------------------------------------------------------------
+
+
+def test_a_watched_variable() -> None:
+    """The newest value waits, those before it give way."""
+    scenario = Scenario("watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3)))
+    scenario.module("display").handles(POSITION)(lambda _task, _position: None)
+
+    @scenario.module("sensor").does
+    def sense(me: Script) -> None:
+        for position in (1, 2, 3):
+            me.set_variable(POSITION, position)
+
+    result = explore(scenario)
+    assert result.ok, report(result)
+    assert not explore(scenario, eventually(handled(POSITION, 2))).ok
+
+
+@pytest.mark.parametrize("pending", [1, 2])
+def test_a_pending_limit(pending: int) -> None:
+    scenario = Scenario("pending", never_stuck(), at_most(pending, queued(NOTE)), eventually(handled(NOTE, 4)))
+    scenario.module("ear").handles(NOTE, pending=pending)(lambda _task, _number: None)
+
+    @scenario.module("mouth").does
+    def tell(me: Script) -> None:
+        for number in (1, 2, 3, 4):
+            me.inform(NOTE, number)
+
+    result = explore(scenario)
+    assert result.ok, report(result)
+    assert not explore(scenario, at_most(pending - 1, queued(NOTE))).ok
+    assert not explore(scenario, eventually(handled(NOTE, 2))).ok
+
+
+def test_a_command_that_gives_way_is_killed() -> None:
+    scenario = Scenario("pending commands", never_stuck())
+    scenario.module("legs").handles(STEP, pending=1)(lambda _: None)
+
+    @scenario.module("user").does
+    def hurry(me: Script) -> None:
+        for number in range(3):
+            me.command(STEP, number, sequential=False)
+
+    assert explore(scenario).ok
+    assert "killed" in report(explore(scenario, never(killed(STEP, 1))))
+
+
+# --- at_start and requires -------------------------------------------------------------------------------------------
+
+
+def tapping(*properties: Any, **options: Any) -> Scenario:
+    """A watcher taps each step before it handles anything."""
+    scenario = Scenario("tapping", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    watcher = scenario.module("watcher", **options)
+    watcher.handles(NOTE)(lambda _: None)
+
+    @watcher.at_start
+    def tap(module: Script) -> None:
+        module.tap(Condition.BEFORE_HANDLING, STEP, NOTE)
+
+    scenario.module("user").does(lambda me: [me.command(STEP)])
+    return scenario
+
+
+def test_what_a_module_does_at_its_start_is_done_before_the_run() -> None:
+    result = explore(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
+    assert result.ok, report(result)
+
+
+def test_or_when_it_arrives() -> None:
+    """Then the step may come first; but whoever hears of a step has tapped it before."""
+    assert not explore(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True)).ok
+    result = explore(tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000)
+    assert result.ok, report(result)
+    assert "watcher taps all step before handling with note" in report(
+        explore(tapping(never(fired(NOTE)), arrives_late=True))
+    )
+
+
+def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
+    scenario = Scenario("in order", before(sent(NOTE, 1), sent(NOTE, 2)), before(sent(NOTE, 2), begun(WHERE)))
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+    guide = scenario.module("guide", arrives_late=True)
+    guide.handles(WHERE)(lambda _: 7)
+    guide.at_start(lambda module: module.inform(NOTE, 1))
+    guide.at_start(lambda module: module.inform(NOTE, 2))
+    scenario.module("user").does(lambda me: [me.query(WHERE)])
+    result = explore(scenario, never_stuck())
+    assert result.ok, report(result)
+    assert not result.vacuous
+
+
+def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
+    scenario = tapping()
+
+    @scenario.modules["watcher"].at_start
+    def slip(_: Script) -> None:
+        raise SLIPPED(text="ice")
+
+    with pytest.raises(
+        ScenarioError, match=r"at_start in watcher .*line \d+\): an error here ends the module: slipped"
+    ):
+        explore(scenario)
+
+
+def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
+    """Also of one that handles nothing, and has joined with one word."""
+    scenario = walking(never_stuck())
+
+    @scenario.module("slipper").does
+    def slip(_: Script) -> None:
+        raise SLIPPED(text="ice")
+
+    assert explore(scenario).ok
+
+
+def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
+    scenario = Scenario("only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck())
+    scenario.module("ear").handles(NOTE)(lambda _: None)
+    mouth = scenario.module("mouth", arrives_late=True, requires=[STEP])
+    mouth.does(lambda me: me.inform(NOTE, "later"))
+    mouth.at_start(lambda module: module.inform(NOTE, "first"))
+    scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
+    result = explore(scenario)
+    assert result.ok, report(result)
+    assert not result.vacuous
+
+
+def test_a_module_waits_for_what_it_requires() -> None:
+    scenario = Scenario("requiring", before(begun(STEP), begun(REST)), never_stuck())
+    planner = scenario.module("planner", requires=[STEP, WALK])
+    planner.handles(WALK)(lambda _: None)
+    scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
+
+    @planner.does
+    def story(me: Script) -> None:
+        me.command(STEP).wait()
+        me.goal(REST)
+
+    scenario.module("couch").handles(REST)(lambda _: None)
+    result = explore(scenario)
+    assert result.ok, report(result)
+    assert not result.vacuous
+
+
+def test_modules_that_require_each_other_wait_for_ever() -> None:
+    scenario = Scenario("a circle", never_stuck())
+    scenario.module("legs", requires=[REST]).handles(STEP)(lambda _: None)
+    scenario.module("couch", requires=[STEP]).handles(REST)(lambda _: None)
+    text = report(explore(scenario))
+    assert "legs waits until rest are handled" in text
+
+
+# --- what is refused -------------------------------------------------------------------------------------------------
+
+
+def locking(**lock: Any) -> Scenario:
+    scenario = Scenario("locking", never_stuck())
+    scenario.module("arm").handles(STEP)(lambda _: None)
+    scenario.module("other arm").resource("unused")
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        with task.lock(**lock):
+            task.command(STEP)
+
+    scenario.module("user").does(lambda me: [me.goal(WALK)])
+    return scenario
+
+
+@pytest.mark.parametrize(
+    ("lock", "words"),
+    [
+        ({"resource": "amr"}, "no module of the scenario has a resource 'amr'"),
+        ({"resource": "arm", "module": "leg"}, "module 'leg' of the scenario has a resource 'arm'"),
+        ({"resource": "unused"}, "no module of the scenario has a resource 'unused'"),
+    ],
+)
+def test_a_lock_of_what_nobody_has_is_a_mistake(lock: dict[str, str], words: str) -> None:
+    lines = Path(__file__).read_text().splitlines()
+    line = next(number for number, text in enumerate(lines, start=1) if "task.lock(**lock)" in text)
+    with pytest.raises(ScenarioError, match=re.escape(f"{__file__}, line {line}): {words}")):
+        explore(locking(**lock))
+
+
+def test_a_lock_that_two_have_must_say_whose() -> None:
+    scenario = locking(resource="gripper")
+    for name in ("arm", "other arm"):
+        module = scenario.modules[name]
+        module.handles(Command(f"grip of {name}"), resource=module.resource("gripper"))(lambda _: None)
+    with pytest.raises(ScenarioError, match="modules arm, other arm have a resource 'gripper': say which with module="):
+        explore(scenario)
+
+
+def test_a_lock_of_what_is_there_is_good() -> None:
+    assert explore(locking(resource="planner")).ok
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: walking(may_be_lost=-1), "may_be_lost= of module 'legs' can't be -1: 0 or more, a whole number"),
+        (lambda: walking(may_be_lost=True), "may_be_lost= of module 'legs' can't be True"),
+        (lambda: walking(comes_back="no"), "comes_back= of module 'legs' can't be 'no': True or False"),
+        (lambda: walking(may_leave=1), "may_leave= of module 'legs' can't be 1: True or False"),
+        (lambda: walking(arrives_late=None), "arrives_late= of module 'legs' can't be None"),
+        (lambda: walking(capacity=0), "the capacity of resource 'legs' can't be 0: 1 to 64, a whole number"),
+        (lambda: walking(capacity=2.5), r"the capacity of resource 'legs' can't be 2\.5"),
+        (lambda: walking(capacity=65), "can't be 65: 1 to 64"),
+        (
+            lambda: walking(requires="step"),
+            r"requires= of module 'legs' takes messages \(Goal, Query, ...\), and 'step'",
+        ),
+        (lambda: Scenario("s").module("m").resource("r", 0), "the capacity of resource 'r' can't be 0"),
+        (lambda: Scenario("s").module("m").resource(""), "'' is no name of a resource"),
+        (
+            lambda: Scenario("s").module("m").handles(NOTE, pending=0),
+            "pending= of 'note' in module 'm' can't be 0: 1 or",
+        ),
+        (lambda: Scenario("s").module("m").handles(NOTE, pool=1), "pool= of 'note' in module 'm' can't be 1"),  # type: ignore[arg-type]
+        (
+            lambda: Scenario("s").module("m").handles(NOTE, direct=True),
+            "direct=True of 'note' in module 'm' is not explo",
+        ),
+        (
+            lambda: Scenario("s").module("m").every(1.0),
+            "every of module 'm' is not explored: what a module sends by its",
+        ),
+        (lambda: Scenario("s").module("m").goal(WALK), "goal of module 'm' is not explored"),
+        (lambda: Scenario("s").module(3), "3 is no name of a module"),  # type: ignore[arg-type]
+        (lambda: Scenario(""), "'' is no name of a scenario"),
+        (lambda: Scenario("s", begun(WALK)), "is no property: give never"),  # type: ignore[arg-type]
+        (lambda: Scenario("s").may_kill(WALK, -1), r"times= of may_kill\(\) can't be -1"),
+        (lambda: Scenario("s").may_suspend(WALK, 0.5), r"times= of may_suspend\(\) can't be 0\.5"),  # type: ignore[arg-type]
+        (lambda: Scenario("s").may_kill("walk"), r"may_kill\(\) wants a goal or command, and 'walk' is none"),  # type: ignore[arg-type]
+        (lambda: never(WALK), "is no predicate: give begun"),  # type: ignore[arg-type]
+        (lambda: at_most(-1, begun(WALK)), r"at_most\(\) can't be -1"),
+        (lambda: at_most_in_all("1", begun(WALK)), r"at_most_in_all\(\) can't be '1'"),  # type: ignore[arg-type]
+        (lambda: within(-1, begun(WALK), begun(STEP)), r"within\(\) can't judge -1 seconds: give a number from 0 to"),
+        (lambda: within(float("nan"), begun(WALK), begun(STEP)), r"within\(\) can't judge nan seconds"),
+        (lambda: within("5", begun(WALK), begun(STEP)), r"within\(\) can't judge '5' seconds"),  # type: ignore[arg-type]
+        (lambda: explore("walking"), r"explore\(\) takes a Scenario, and 'walking' is none"),  # type: ignore[arg-type]
+        (lambda: explore(walking(), begun(WALK)), "is no property"),  # type: ignore[arg-type]
+        (lambda: explore(walking(), limit=0), r"explore\(limit=...\) can't be 0: 1 or more"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_where_it_is_written(make: Any, words: str) -> None:
+    with pytest.raises(ScenarioError, match=words):
+        make()
+
+
+def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
+    """A call of the library's Module that is neither there nor refused by name would be a bare AttributeError."""
+    module = Scenario("s").module("m")
+    for name in (name for name in dir(Module) if not name.startswith("_") and name not in dir(module)):
+        with pytest.raises(ScenarioError, match=f"{name} of module 'm' is not explored"):
+            getattr(module, name)
+
+
+def test_a_script_that_ends_the_program_is_a_mistake() -> None:
+    scenario = walking()
+
+    @scenario.module("quitter").does
+    def quits(_: Script) -> None:
+        raise SystemExit(3)
+
+    with pytest.raises(ScenarioError, match=r"line \d+\): SystemExit"):
+        explore(scenario)
+
+
+@pytest.mark.parametrize("changes", ["choice", "data"])
+def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
+    runs: list[int] = []
+
+    def counts(task: Task) -> None:
+        runs.append(1)
+        if changes == "choice":
+            task.choose(len(runs))
+        else:
+            task.inform(NOTE, len(runs))
+        task.query(WHERE)
+        task.query(WHERE)
+
+    scenario = Scenario("counting")
+    scenario.module("planner").handles(WALK)(counts)
+    others = scenario.module("others")
+    others.handles(WHERE)(lambda _: 7)
+    others.handles(NOTE)(lambda _: None)
+    scenario.module("user").does(lambda me: [me.goal(WALK)])
+    with pytest.raises(ScenarioError, match="does not do the same when it is run again"):
+        explore(scenario)
