@@ -156,6 +156,10 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     result = explore(walking(never_stuck(), steps=3, capacity=2))
     assert result.ok
     assert len(made) == result.states
+    made.clear()
+    monkeypatch.setattr("tca_explorer.exploration.KEPT_BYTES", 20_000)
+    assert explore(walking(never_stuck(), steps=3, capacity=2)).ok
+    assert 0 < len(made) < result.states
 
 
 def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:

@@ -32,9 +32,10 @@ from tca_central.task_tree import Rare, TaskTree
 from tca_central.watching import Watch
 from tca_explorer import Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
-from tca_explorer.play import Action, Play
+from tca_explorer.play import Action, Kind, Play
 from tca_explorer.world import Name, World
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
+from tca_wire.declarations import Variable
 from tca_wire.parts import WatchOptions
 from tca_wire.vocabulary import Scope
 
@@ -226,6 +227,42 @@ def test_symmetric_orders_are_one_state() -> None:
     first, second = Play(scenario).actions()
     ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
     assert len(ends) == 1
+
+
+def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
+    scenario = Scenario("two slots")
+    legs = scenario.module("legs", capacity=2)
+    legs.handles(STEP)(lambda _: None)
+    legs.handles(NOTE)(lambda _: None)
+    scenario.module("one").does(lambda me: [me.command(STEP)])
+    scenario.module("other").does(lambda me: [me.inform(NOTE)])
+    step, note = Play(scenario).actions()
+    ways = [(step, note, Action(Kind.STEP, "legs/2")), (note, step, Action(Kind.STEP, "legs/1"))]
+    first, second = (play(scenario, way) for way in ways)
+    assert [task.is_handled for task in (*first.fold.tasks, *second.fold.tasks)] == [True, True]
+    assert fingerprint(first, ()) == fingerprint(second, ())
+    assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
+
+
+def test_what_is_older_matters_only_where_messages_are_followed() -> None:
+    scenario = Scenario("two ages")
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("arm").handles(NOTE)(lambda _: None)
+    scenario.module("one").does(lambda me: [me.command(STEP)])
+    scenario.module("other").does(lambda me: [me.inform(NOTE)])
+    step, note = Play(scenario).actions()
+    first, second = play(scenario, (step, note)), play(scenario, (note, step))
+    assert fingerprint(first, ()) == fingerprint(second, ())
+    assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
+
+
+def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> None:
+    scenario = Scenario("two times")
+    scenario.module("user").does(lambda me: [me.get_variable(Variable("pace", int), me.choose(1, 2))])
+    first, second = Play(scenario), Play(scenario)
+    second.now = 1.5
+    assert fingerprint(first, ()) == fingerprint(second, ())
+    assert fingerprint(first, (), Detail(time=True)) != fingerprint(second, (), Detail(time=True))
 
 
 def test_what_properties_remember_keeps_states_apart() -> None:

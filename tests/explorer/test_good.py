@@ -301,6 +301,18 @@ def starving(priority: int, *properties: Property) -> Scenario:
     return scenario
 
 
+def test_no_slot_is_left_standing() -> None:
+    """The battery is looked at in whichever slot the step is not: that the other slot goes on is no excuse."""
+    scenario = Scenario("two slots", never_stuck(), eventually(achieved(STEP)))
+    legs = scenario.module("legs", capacity=2)
+    legs.handles(IS_LOW)(lambda _: False)
+    legs.handles(STEP)(lambda _: None)
+    scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, for_ever=True)])
+    scenario.module("walker").does(lambda me: [me.command(STEP)])
+    result = explore(scenario)
+    assert result.ok, report(result)
+
+
 def test_what_never_comes_to_its_turn_is_found() -> None:
     """Each of the others has its turn all the time, so it is no accident."""
     result = explore(starving(1, never_stuck()))
