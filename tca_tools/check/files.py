@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from tca_tools.check.language import BadProperty, property_from
-from tca_tools.check.properties import Property, words_of
+from tca_tools.check.properties import Property, never_stuck, words_of
 from tca_tools.check.records import Item
 from tca_tools.check.world import World
 
@@ -32,8 +32,10 @@ class Foreign(Property):
         return str(wrong)
 
     def at_end(self, world: World) -> str:
-        """When the journal is read: what is wrong."""
-        return str(self._stated.ended(world, self._memory))
+        """When the journal is read: what is wrong. Of what was to be within some time, that may not be over."""
+        del world
+        is_owed = self._stated.is_owed(self._memory)
+        return "it never did" if is_owed and not self._memory else ""
 
 
 def properties_in(path: Path) -> list[Property]:
@@ -59,8 +61,8 @@ def _found(value: Any) -> list[Property]:
         return [value]
     if isinstance(value, type):
         return []
-    if callable(getattr(value, "seen", None)) and callable(getattr(value, "ended", None)):
-        return [Foreign(value)]
+    if callable(getattr(value, "seen", None)) and callable(getattr(value, "is_owed", None)):
+        return [never_stuck() if words_of(value) == str(never_stuck()) else Foreign(value)]
     inside = getattr(value, "properties", value)
     if isinstance(inside, list | tuple):
         return [one for item in inside if not isinstance(item, list | tuple) for one in _found(item)]

@@ -37,6 +37,7 @@ class World:
         self.events = events  #: how many were seen before this one
         self.event = 0  #: its number
         self.now = 0.0
+        self.passed = 0.0  #: seconds since the event before
         self.items: dict[int, Item] = {}  #: by number, oldest first; each copy of a broadcast has one of its own
         self.deliveries: dict[int, Item] = {}  #: of tasks that are handled again: by delivery
         self.history: Past | None = None  #: all records so far, where properties ask for them
@@ -110,7 +111,7 @@ class World:
 
     def begin(self, entry: facts.Entry) -> None:
         """An event begins: forget what ended with the one before."""
-        self.event, self.now = entry.number, entry.time
+        self.event, self.passed, self.now = entry.number, max(entry.time - self.now, 0.0), entry.time
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:

@@ -186,7 +186,7 @@ def test_a_name_that_the_journal_does_not_have(journal: Path) -> None:
 
 
 FILE = """
-from tca_explorer import World, achieved, at_most, before, begun, planned_ahead
+from tca_explorer import World, achieved, at_most, before, begun, handled, never_stuck, planned_ahead, within
 from tca_module import Command, Goal
 from tca_tools.check import properties
 
@@ -201,6 +201,9 @@ def ever_recovering(world):
 ORDER = before(begun(STEP), begun(MOVE))
 ONE = at_most(1, at_the_legs)
 AHEAD = at_most(1, planned_ahead(STEP))
+SOON = within(100, handled(STEP), begun(MOVE))
+TOO_LATE = within(0.5, handled(STEP), achieved(STEP))
+LEFT = never_stuck()
 WRONG = before(achieved(MOVE), begun(STEP))
 MORE = [properties.never(ever_recovering), properties.at_most(2, "handled of step")]
 PROPERTIES = ["never stuck"]
@@ -219,8 +222,10 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
         "at most 1 at the legs",
         "at most 1 step planned ahead",
         "at most 2 handled of step",
+        "move begun within 100 s of step handled",
         "never stuck",
     }
+    assert "step achieved within 0.5 s of step handled\n  here " in result.stdout
     assert "move achieved before step begun\n  the second came first: step {4}\n" in result.stdout
     assert "never ever recovering\n  move {8}\n  the story of move {8}" in result.stdout
 
