@@ -4,6 +4,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
+TWO_AT_ONCE := -n 2 --dist loadfile
 
 .PHONY: demo test check bench soak clean
 .DELETE_ON_ERROR:
@@ -12,13 +13,13 @@ demo: $(READY)
 	$(BIN)/python -m robots.ambler_sim --out walk --rocks 2
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(TWO_AT_ONCE)
 
 check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy .
-	$(BIN)/python -m pytest --cov --cov-report=term:skip-covered
+	$(BIN)/python -m pytest $(TWO_AT_ONCE) --cov --cov-report=term:skip-covered
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

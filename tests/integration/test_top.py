@@ -21,7 +21,7 @@ from integration.programs import central, program, run
 
 pytestmark = pytest.mark.slow
 
-SOON = 20.0
+SOON = 60.0
 ROBOT = """
     import time
     from tca_module import Command, Module, Query

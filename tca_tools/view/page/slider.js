@@ -39,14 +39,18 @@ export class Slider {
   step(by) {
     this.stop();
     const { times } = this.store, place = lastNotAfter(times, this.time) + by;
-    if (place >= 0 && place < times.length) this.setTime(times[place]);
+    if (place < 0 || place >= times.length) return;
+    this.time = times[place]; // at once: the next key may come before the next picture
+    this.setTime(this.time);
   }
 
   // To another failure.
   stepToFailure(by) {
     const failures = this.store.failures.toSorted((a, b) => a - b);
     const next = by > 0 ? failures.find((time) => time > this.time) : failures.findLast((time) => time < this.time);
-    if (next !== undefined) this.setTime(next);
+    if (next === undefined) return undefined;
+    this.time = next;
+    this.setTime(next);
     return next;
   }
 
