@@ -55,7 +55,7 @@ def on_attach(central: State, connection: Connection, header: headers.Attach, _:
     if task is None:
         text = f"task {header.task} has ended: no exception handler can be attached to it"
         raise RequestError(Refusal.TOO_LATE, text)
-    attached = attach(central, header.attachment, message or task)
+    attached = attach(central, header.attachment, message or task, connection.module.name)
     central.send(connection, header.number, Accepted(header.number, attached.id))
 
 
@@ -79,18 +79,18 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
             raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
 
 
-def attach(central: State, wanted: Attachment, place: Task | MessageType) -> Attached:
-    """Attach an exception handler as the newest; the same one attached before makes room for it."""
+def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> Attached:
+    """Attach an exception handler as the newest; the same one of the same module makes room for it."""
     check_attachments(central, [wanted])
     others = place.more.attached if isinstance(place, Task) else place.attached
     for other in others:
-        if (other.failure, other.handler.name) == (wanted.failure, wanted.handler):
+        if (other.failure, other.handler.name, other.by) == (wanted.failure, wanted.handler, by):
             _remove(central, other)
             break
     if len(others) >= MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
     handler = central.registry.messages[wanted.handler]
-    attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place)
+    attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
     others.append(attached)
     central.attached[attached.id] = attached
     task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
@@ -103,7 +103,7 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached)
     elif (tap := central.taps.get(header.id)) is not None:
-        remove_tap(central, tap)
+        remove_tap(central, tap, connection.module.name)
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
     central.send(connection, header.number, Accepted(header.number))

@@ -152,14 +152,17 @@ class MessageType:
 class Attached:
     """An exception handler, attached to a task or to all tasks of a message."""
 
-    __slots__ = ("failure", "handler", "id", "maximum", "place")
+    __slots__ = ("by", "failure", "handler", "id", "maximum", "place")
 
-    def __init__(self, attachment_id: int, failure: str, handler: MessageType, maximum: int, place: Any) -> None:
+    def __init__(
+        self, attachment_id: int, failure: str, handler: MessageType, maximum: int, place: Any, by: str
+    ) -> None:
         self.id = attachment_id  #: newer ones have higher ids
         self.failure = failure  #: "" for any
         self.handler = handler
         self.maximum = maximum  #: of its calls for one task; 0: any number
         self.place = place  #: the task or message type that it is attached to
+        self.by = by  #: the module that attached it
 
 
 class Tap:
@@ -167,7 +170,7 @@ class Tap:
     fired after.
     """
 
-    __slots__ = ("at", "before", "condition", "id", "listener", "place", "watch")
+    __slots__ = ("at", "before", "condition", "holders", "id", "listener", "place", "watch")
 
     def __init__(self, tap_id: int, condition: Condition, listener: MessageType, place: Any) -> None:
         self.id = tap_id
@@ -177,6 +180,7 @@ class Tap:
         self.before = 0
         self.at = 0
         self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
+        self.holders: dict[str, None] = {}  #: the modules that added it and have not taken it away
 
 
 class Delivery:

@@ -130,6 +130,11 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
     tap = _add(central, header, listener, tapped, place)
+    tap.holders[connection.module.name] = None
+    for other in list(place.more.taps if isinstance(place, Task) else place.taps):
+        is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
+        if is_said_anew and connection.module.name in other.holders:
+            remove(central, other, connection.module.name)  # its monitor is to watch as is said now
     central.send(connection, header.number, Accepted(header.number, tap.id))
 
 
@@ -164,12 +169,13 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
 def _add(
     central: State, header: headers.Tap, listener: MessageType, tapped: MessageType, place: Task | MessageType
 ) -> Tap:
-    """A new tap; the same one added before is that one, but that its monitor watches as is said now."""
+    """A new tap; the same one added before, by whomever, is that one: it fires once. Monitors that are to watch in
+    different ways are different listeners.
+    """
     condition = header.condition
     others = place.more.taps if isinstance(place, Task) else place.taps
     for other in others:
-        if other.condition is condition and other.listener is listener:
-            other.watch = header.watch
+        if (other.condition, other.listener, other.watch) == (condition, listener, header.watch):
             return other
     if len(others) >= MOST_TAPS:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
@@ -186,8 +192,11 @@ def _add(
     return tap
 
 
-def remove(central: State, tap: Tap) -> None:
-    """Take a tap away; what it has sent stays."""
+def remove(central: State, tap: Tap, by: str) -> None:
+    """Module *by* wants a tap no longer: it is taken away if nobody else added it, too. What it has sent stays."""
+    tap.holders.pop(by, None)
+    if tap.holders:
+        return
     (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
     del central.taps[tap.id]
     central.facts.append(facts.Removed(tap.id))

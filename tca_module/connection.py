@@ -161,6 +161,9 @@ is alive: it is overloaded; whether it took the request is not known"
             try:
                 check_timeout(timeout)
                 came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
+            except CentralLost as error:
+                session.abandon(request)
+                raise CentralLost(f"{error}; {what} may yet be done, if central had heard of it") from None
             except BaseException:
                 session.abandon(request)
                 raise

@@ -106,7 +106,8 @@ class Control(Knowledge):
         *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
         *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
         something is done to a task ends by itself, when that is over. A
-        listener that nobody handles at that moment is passed over, and holds nothing.
+        listener that nobody handles at that moment is passed over, and holds nothing. What several modules tap alike is
+        fired once, until each of them has removed it.
         """
         parts: list[Message[Any, Any]] = []
         watch = None

@@ -52,7 +52,9 @@ class Deadlock(Refused):
 
 
 class CentralLost(TcaError):
-    """Central does not answer, or was restarted."""
+    """Central does not answer, or was restarted. What was asked of it may yet be done: it may have heard of it, and do
+    it when it goes on. Look for the task (``tasks()``) before you ask again.
+    """
 
 
 class NoCentral(CentralLost, SystemExit):

@@ -65,7 +65,7 @@ class Attached:
         self.id = attachment_id
 
     def remove(self) -> None:
-        """Take it away; what it has sent stays."""
+        """Take it away, if no other module wants it, too; what it has sent stays."""
         self._connection.call(Remove(0, self.id), f"removing {self.id}")
 
 

@@ -224,7 +224,7 @@ class Oracle:
             world.last[oracle_rules.family(node)] = node
         oracle_taps.happened(world, node, {Condition.WHEN_SENT})
         for attachment in header.attachments:
-            self._attach(attachment, node)
+            self._attach(attachment, node, node.module)
         if header.deadline:
             oracle_rules.set_alarm(world, header.deadline, node, moment=EA)
 
@@ -295,22 +295,24 @@ class Oracle:
         else:
             self.world.endings.append(ending)
 
-    def attach(self, _: str, header: headers.Attach, _body: bytes) -> None:
-        self._attach(header.attachment, header.message or self.world.node(header.task))
+    def attach(self, connection: str, header: headers.Attach, _: bytes) -> None:
+        where = header.message or self.world.node(header.task)
+        self._attach(header.attachment, where, self.world.modules[connection])
 
-    def _attach(self, wanted: Any, where: Any) -> None:
+    def _attach(self, wanted: Any, where: Any, by: str) -> None:
         world = self.world
         attached = where.attached if isinstance(where, Node) else world.attached.setdefault(where, [])
-        attached[:] = [one for one in attached if (one.failure, one.handler) != (wanted.failure, wanted.handler)]
+        same = (wanted.failure, wanted.handler, by)
+        attached[:] = [one for one in attached if (one.failure, one.handler, one.by) != same]
         number = world.seen.attached.pop(0).id
         message = "" if isinstance(where, Node) else where
-        attached.append(Attachment(number, wanted.failure, wanted.handler, wanted.maximum, message))
+        attached.append(Attachment(number, wanted.failure, wanted.handler, wanted.maximum, message, by))
 
-    def remove(self, _: str, header: headers.Remove, _body: bytes) -> None:
+    def remove(self, connection: str, header: headers.Remove, _: bytes) -> None:
         world = self.world
         for attached in [*world.attached.values(), *(node.attached for node in [world.root, *world.nodes.values()])]:
             attached[:] = [one for one in attached if one.id != header.id]
-        oracle_taps.forget(world, header.id)
+        oracle_taps.let_go(world, header.id, world.modules[connection])
 
     def raise_(self, _: str, header: headers.Raise, _body: bytes) -> None:
         if (node := self._unkilled(header.task)) is not None:
@@ -349,15 +351,19 @@ class Oracle:
     def unlock(self, _: str, header: headers.Unlock, _body: bytes) -> None:
         oracle_locks.unlock(self.world, header)
 
-    def tap(self, _: str, header: headers.Tap, _body: bytes) -> None:
-        world = self.world
+    def tap(self, connection: str, header: headers.Tap, _: bytes) -> None:
+        world, module = self.world, self.world.modules[connection]
         taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
-        for one in taps:
-            if (one.condition, one.listener) == (header.condition, header.listener):
-                one.watch = header.watch
-                return
-        added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
-        taps.append(Tap(added.id, header.condition, header.listener, header.watch))
+        same = [one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)]
+        mine = next((one for one in same if one.watch == header.watch), None)
+        if mine is None:
+            added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
+            mine = Tap(added.id, header.condition, header.listener, header.watch)
+            taps.append(mine)
+        mine.holders.add(module)
+        for other in same:
+            if other is not mine and module in other.holders:
+                oracle_taps.let_go(world, other.id, module)
 
 
 def _words(moments: int) -> str:

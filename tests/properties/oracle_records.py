@@ -146,6 +146,7 @@ class Attachment:
     handler: str
     maximum: int
     message: str  # of whose tasks; "": of one task
+    by: str
 
 
 @dataclass(eq=False)
@@ -169,6 +170,7 @@ class Tap:
     condition: Condition
     listener: str
     watch: Any = None  # how it watches, if it is a monitor
+    holders: set[str] = field(default_factory=set)
 
 
 @dataclass(eq=False)

@@ -121,10 +121,13 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     return listener
 
 
-def forget(world: World, tap_id: int) -> None:
-    """A tap is taken away."""
+def let_go(world: World, tap_id: int, module: str) -> None:
+    """A module wants a tap no longer; it is taken away if nobody else does."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
-        taps[:] = [tap for tap in taps if tap.id != tap_id]
+        for tap in taps:
+            if tap.id == tap_id:
+                tap.holders.discard(module)
+        taps[:] = [tap for tap in taps if tap.id != tap_id or tap.holders]
 
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
