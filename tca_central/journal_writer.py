@@ -4,6 +4,8 @@ Three ways of keeping it safe (``Sync``). The routing loop writes once per turn,
 anything that they justify is sent; under ``batch`` another thread asks the disk once a second.
 """
 
+import contextlib
+import fcntl
 import os
 import threading
 import time
@@ -115,6 +117,8 @@ class JournalWriter:
             self._size = 0
             path = self.folder / f"{self._segment:08d}{SEGMENT_SUFFIX}"
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
+            with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         opened = Opened(JOURNAL_VERSION, self._epoch, self._segment, self._began, self._version)
         self._pending.append(record(Entry(entry.number, entry.time, [opened])))
         self._write()

@@ -3,6 +3,7 @@
 A sub-command is an entry point of the group "tca.commands"; it is imported when it is used, or listed in the help.
 """
 
+import errno
 import io
 import os
 import sys
@@ -53,6 +54,11 @@ class CommandLine(click.Group):
         except BrokenPipeError:
             _discard_output()
             ctx.exit(_NOBODY_READS)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EIO) or error.filename is not None:
+                raise
+            _discard_output()
+            raise click.ClickException(f"the output can't be written: {error.strerror}: make room") from None
         return result
 
     def main(

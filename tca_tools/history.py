@@ -180,8 +180,8 @@ class History(Past):
     def _return(self, fact: facts.Returned) -> None:
         if handling := self._finish(fact.id):
             handling.outcome = fact.outcome
-            if (message := self.messages.get(handling.message_id)) and fact.body != message.result:
-                self._change(message, "result", fact.body)
+            if message := self.messages.get(handling.message_id):
+                self._change(message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body)
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
         end = min(max(0.0, fact.ended), self.time)  # before central was told of it
@@ -271,7 +271,7 @@ class History(Past):
         below = [fact.task] if fact.task > 0 else []
         for task_id in below:  # grows while it is walked
             task = self._task(task_id)
-            task.is_suspended = fact.is_suspended
+            self._change(task, "is_suspended", fact.is_suspended)
             below += [child for child in task.children if Moment.END_ACHIEVING not in self.tasks[child].reached]
 
     def _timed_out(self, fact: facts.TimedOut) -> None:
@@ -343,7 +343,7 @@ class History(Past):
         if (task := self.tasks.get(message_id)) is not None:
             self._touched[message_id] = task
 
-    def _change(self, message: Message, name: str, value: str | bytes) -> None:
+    def _change(self, message: Message, name: str, value: str | bytes | bool) -> None:
         """Write a new value over a field, and remember from when on it is so."""
         if getattr(message, name) != value:
             message.changes.append((self.time, name, getattr(message, name)))

@@ -1,10 +1,13 @@
 """Finds, opens and reads the journals of runs. Knows files and segments; knows nothing of what the facts mean."""
 
+import fcntl
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
+
+import click
 
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_wire.endpoint import default_journals
@@ -51,6 +54,7 @@ class Log:
         self.path = path
         self._damage = ""
         self._entries = 0
+        self._torn: tuple[Path, int, int] | None = None
 
     @property
     def name(self) -> str:
@@ -66,7 +70,9 @@ class Log:
         """The entries of all segments. Raises UnusableLog if there are none."""
         for segment in self.segments():
             with self._excused(), segment.open("rb") as stream:
-                yield from self._counted(JournalReader(stream, str(segment)))
+                reader = JournalReader(stream, str(segment))
+                yield from self._counted(reader)
+                self._note_end(segment, reader)
             if self._damage:
                 return
         if not self._entries:
@@ -89,16 +95,46 @@ class Log:
             else:
                 wait()
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is not a byte in it yet."""
+        return not any(segment.stat().st_size for segment in self.segments())
+
     def check_beginning(self) -> None:
         """Raise UnusableLog if this is no journal; one that is empty may become one."""
         for segment in self.segments()[:1]:
             with self._excused(), segment.open("rb") as stream:
                 next(iter(JournalReader(stream, str(segment))), None)
 
+    @property
+    def is_being_written(self) -> bool:
+        """Whether a central on this machine has the journal open: its run goes on."""
+        try:
+            with self.segments()[-1].open("rb") as stream:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            pass
+        return False
+
+    @property
+    def cut(self) -> str:
+        """What there is to say of a last entry that is not whole, and that nobody is writing just now."""
+        if not self._torn or self.is_being_written:
+            return ""
+        segment, offset, torn = self._torn
+        return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
+
     def check(self) -> None:
-        """Raise DamagedLog if reading stopped early, with the one line that says where and why."""
+        """Raise DamagedLog if reading stopped early, with the one line that says where and why.
+
+        Of a journal that is cut only the end is missing, as after a power cut: a line on the standard error says so.
+        """
         if self._damage:
             raise DamagedLog(f"{self._damage}; what comes before it is shown")
+        if cut := self.cut:
+            click.echo(f"tca: {cut}; what comes before it is shown", err=True)
 
     def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, Place]]:
         with self._excused(), segment.open("rb") as stream:
@@ -107,9 +143,13 @@ class Log:
                 is_last = self.segments()[-1] == segment  # asked first: after that nothing is added to it
                 for entry in self._counted(reader):
                     yield entry, Place(segment, reader.offset)
+                self._note_end(segment, reader)
                 if not is_last:
                     return
                 wait()
+
+    def _note_end(self, segment: Path, reader: JournalReader) -> None:
+        self._torn = (segment, reader.offset, reader.torn) if reader.torn else None
 
     def _counted(self, entries: Iterable[Entry]) -> Iterator[Entry]:
         for entry in entries:

@@ -1,5 +1,6 @@
 """The options that ``tca gantt`` and ``tca tree`` share: which log, which part of it, which file."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
@@ -10,11 +11,30 @@ import click
 
 from tca_tools.terminal import printable
 
+
+class _Moment(click.ParamType):  # type: ignore[type-arg]
+    """A time in seconds: any number but those that are none."""
+
+    name = "seconds"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            seconds = float(value)
+        except ValueError:
+            seconds = math.nan
+        if not math.isfinite(seconds):
+            self.fail(f"{value!r} is no time: give seconds, such as 12.5", param, ctx)
+        return seconds
+
+
+MOMENT = _Moment()
+
+
 _SHARED = (
     click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)),
-    click.option("--from", "start", metavar="SECONDS", type=float, help="Only what went on from then on."),
-    click.option("--to", "end", metavar="SECONDS", type=float, help="Only what went on until then."),
-    click.option("--at", metavar="SECONDS", type=float, help="As it was then, when nothing later was known."),
+    click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."),
+    click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what went on until then."),
+    click.option("--at", metavar="SECONDS", type=MOMENT, help="As it was then, when nothing later was known."),
     click.option("--module", "modules", metavar="NAME", multiple=True, help="Only this module's (repeatable)."),
     click.option(
         "--task", metavar="TASK", help="Only this task and what is under it: its number, or a message's name."

@@ -2,6 +2,7 @@
 
 from array import array
 from bisect import bisect_right
+from math import inf
 
 from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
@@ -60,7 +61,11 @@ class Past:
         """Those of some tasks, oldest first, that had been sent at *time*."""
         if time >= self.time:
             return children
-        return children[: bisect_right(children, time, key=lambda child: self.tasks[child].received)]
+        return children[: bisect_right(children, time, key=self._sent)]
+
+    def _sent(self, task: int) -> float:
+        """When a task was sent; of one that is unknown, before the journal began."""
+        return self.tasks[task].received if task in self.tasks else -inf
 
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""

@@ -121,6 +121,7 @@ class Message:
     """The failure raised on it, with its text; "" again when it is handled anew."""
     dropped: str = ""
     result: bytes = b""
+    failure_data: bytes = b""
     role: Role = Role.NONE
     """Why central made it; NONE if a module sent it."""
     about: int = 0

@@ -94,6 +94,17 @@ class TaskThen:
         return result
 
     @property
+    def failure_data(self) -> bytes:
+        """The data of the failure with which its handler ended last."""
+        failure_data: bytes = self._before("failure_data")
+        return failure_data
+
+    @property
+    def is_suspended(self) -> bool:
+        """Whether it was suspended, by itself or with what it is under."""
+        return bool(self._before("is_suspended"))
+
+    @property
     def children(self) -> list[TaskId]:
         """The tasks right under it, oldest first."""
         return self._past.children_until(self._record.children, self._time)

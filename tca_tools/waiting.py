@@ -17,6 +17,8 @@ _CLAUSES = {
 }
 _OF_FAMILY = (Moment.START_PLANNING, Moment.START_ACHIEVING)
 """The moments that a task reaches only after its parent has."""
+_MAY_BE_SUSPENDED = (State.HELD, State.QUEUED, State.PLANNED, State.PLANNING, State.ACHIEVING)
+"""What waits so is, if it is suspended, held by that first."""
 _NAMED = 3
 """How many subtasks a reason names."""
 
@@ -25,6 +27,8 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     """What keeps a task waiting: ``["until take steps {2} is achieved"]``; nothing if it is over or unknown."""
     task = then.tasks.get(task_id)
     reasons = _REASONS.get(task.state) if task else None
+    if task and reasons and task.is_suspended and task.state in _MAY_BE_SUSPENDED:
+        reasons = _of_suspended
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
@@ -116,7 +120,11 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _of_suspended(_: Then, task: TaskThen) -> Iterator[str]:
+def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
+    """What was suspended may be far above."""
+    above = then.tasks.get(task.parent)
+    while above is not None and above.is_suspended:
+        task, above = above, then.tasks.get(above.parent)
     yield f"until {task} is resumed"
 
 

@@ -103,6 +103,8 @@ def export(log_path: Path | None, name: str | None, output: Path, force: bool) -
     LOG is a journal directory or one of its segments; without it, the newest run is exported.
     """  # noqa: D301 - click wants the character itself
     chosen = FORMATS[name or _named_by(output)]
+    if output.exists() and not (output.is_file() or output.is_dir()):
+        raise ToolError(f"{output}: neither a file nor a folder: give another name")
     if output.exists() and not force:
         raise ToolError(f"{output}: exists already: give another name, or --force to write over it")
     journal = open_log(log_path)

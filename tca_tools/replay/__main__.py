@@ -7,6 +7,7 @@ import click
 
 from tca_tools.errors import ToolError
 from tca_tools.logs import open_log
+from tca_tools.options import MOMENT
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
 from tca_tools.terminal import line_width
@@ -16,7 +17,7 @@ from tca_tools.terminal import line_width
 @click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 @click.option("--speed", metavar="FACTOR", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True,
               help="How fast time passes while it plays.")  # fmt: skip
-@click.option("--at", metavar="SECONDS", type=float, help="Begin there (default: at the start).")
+@click.option("--at", metavar="SECONDS", type=MOMENT, help="Begin there (default: at the start).")
 @click.option("--text", is_flag=True, help="As lines of text, as where there is no terminal.")
 def replay(log_path: Path | None, speed: float, at: float | None, text: bool) -> None:
     """Re-create the task tree message by message.

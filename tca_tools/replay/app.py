@@ -52,6 +52,7 @@ class Replay(App[None]):
         Binding("shift+left,ctrl+left", f"step({-_FAR})", show=False),
         Binding("home", "go_to_start", show=False, priority=True),
         Binding("end", "go_to_end", show=False, priority=True),
+        Binding("ctrl+c", "quit", show=False, priority=True),
         Binding("escape", "stop_asking", show=False),
         Binding("q", "quit", "quit"),
     ]

@@ -9,6 +9,7 @@ import click
 
 from tca_tools.history import History
 from tca_tools.logs import open_log
+from tca_tools.options import MOMENT
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
 from tca_tools.stats.text import stats_lines
 from tca_tools.terminal import cut, line_width, printable
@@ -29,8 +30,8 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
 
 @click.command()
 @click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
-@click.option("--from", "start", metavar="SECONDS", type=float, help="Only what was sent or begun from there on.")
-@click.option("--to", "end", metavar="SECONDS", type=float, help="Only what was known then.")
+@click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what was sent or begun from there on.")
+@click.option("--to", "end", metavar="SECONDS", type=MOMENT, help="Only what was known then.")
 @click.option(
     "--sort",
     type=click.Choice(["name", *SORTS]),

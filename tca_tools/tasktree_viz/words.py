@@ -45,7 +45,7 @@ def failure_line(text: str) -> str:
 
 def data(task: TaskThen) -> str:
     """Its data and result."""
-    return " -> ".join(filter(None, (data_text(task.body), data_text(task.result))))
+    return " -> ".join(filter(None, (data_text(task.body), data_text(task.result or task.failure_data))))
 
 
 def folded(row: Row) -> str:

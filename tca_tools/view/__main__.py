@@ -49,6 +49,8 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
         config = uvicorn.Config(application(reading, hosts), log_level="warning", timeout_graceful_shutdown=1)
         reading.start()
         click.echo(f"{reading.log.name}: {address}  (Ctrl-C ends)")
+        if log.is_empty:
+            click.echo("it is empty: what central writes to it will be shown")
         if browser:
             webbrowser.open(address)
         try:

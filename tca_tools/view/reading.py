@@ -63,6 +63,17 @@ class Reading:
         return len(self._places)
 
     @property
+    def state(self) -> str:
+        """How the run stands, in a word or two, and what is wrong with its journal."""
+        if self.problem:
+            return "damaged"
+        if not self.caught_up:
+            return "reading"
+        if self.closed:
+            return "ended"
+        return "live" if self.log.is_being_written else "cut off"
+
+    @property
     def is_over(self) -> bool:
         """Whether nothing more will be read."""
         return bool(self.problem) or self._stopped.is_set()

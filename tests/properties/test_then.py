@@ -19,6 +19,7 @@ from tca_wire.points import MOMENTS, Point, TaskId
 def seen(then: Then) -> Any:
     """All that can be seen of a moment."""
     places = [(handling.module, handling.resource) for handling in then.past.handlings]
+    places += [place for place, grants in then.past.grants.items() if (grants[0].granted or 0.0) <= then.moment]
     return (
         list(tree_lines(then, whole_outline(then), with_data=True)),
         words.summary(then),
@@ -36,8 +37,8 @@ def seen(then: Then) -> Any:
             for task in then.tasks.values()
         ],
         [then.has_reached(Point(TaskId(task), moment)) for task in then.tasks for moment in MOMENTS],
-        [[handling.message_id for handling in then.running(*place)] for place in dict.fromkeys(places)],
-        [str(then.held_by(*place)) for place in dict.fromkeys(places)],
+        {place: [handling.message_id for handling in then.running(*place)] for place in places},
+        {place: str(then.held_by(*place)) for place in places},
     )
 
 
@@ -87,8 +88,8 @@ def check(player: WatchedPlayer) -> None:
         assert (trees, *rest[:2]) == (known[0], *known[2:4])
         assert summary == known[1]
         for now, before in zip(rest[2:], known[4:], strict=True):  # of places that came later nothing was known
-            assert now[: len(before)] == before
-            assert not any(one and one != "None" for one in now[len(before) :])
+            assert {place: now[place] for place in before} == before
+            assert not any(one and one != "None" for place, one in now.items() if place not in before)
 
 
 @given(st.lists(operation, max_size=50))

@@ -132,6 +132,7 @@ def test_tools_run_as_modules_too(
 
     monkeypatch.setattr(sys, "argv", ["tree", str(walking().write(tmp_path / "run"))])
     for package in ("tca_tools.tasktree_viz", "tca_tools.gantt"):
+        monkeypatch.delitem(sys.modules, f"{package}.__main__", raising=False)
         with pytest.raises(SystemExit) as end:
             runpy.run_module(f"{package}.__main__", run_name="__main__")
         assert end.value.code == 0

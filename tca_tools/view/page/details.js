@@ -35,6 +35,7 @@ export class Details {
     }
     yield* this.#data("data", about.data);
     yield* this.#data("result", about.result);
+    yield* this.#data("data of the failure", about.failure_data);
     yield element("h3", { text: "story" });
     if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
     yield element("table", {}, ...about.story.map((one) => this.#sentence(one)));

@@ -6,7 +6,8 @@ export function seconds(time, digits = 3) {
   if (!Number.isFinite(time)) return "…";
   if (Math.abs(time) < 600) return `${time.toFixed(digits)} s`;
   const whole = Math.floor(time), hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
-  const rest = (time - Math.floor(time / 60) * 60).toFixed(1).padStart(4, "0");
+  const places = digits < 3 && hours ? 0 : 1; // where there is little room, and much time
+  const rest = (Math.floor((time - Math.floor(time / 60) * 60) * 10) / 10).toFixed(places).padStart(places ? 4 : 2, "0");
   return hours ? `${hours}:${String(minutes).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;
 }
 

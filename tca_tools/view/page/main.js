@@ -12,6 +12,7 @@ import { Tree } from "./tree.js";
 const store = new Store();
 let cursor = Infinity; // Infinity: the end, wherever it is
 let drawing = false;
+let recalled = false; // whether the page is where its address wants it
 
 async function ask(what, parameters = {}) {
   const known = Object.entries(parameters).filter(([, value]) => value !== Infinity);
@@ -103,6 +104,7 @@ function openTab(name) {
 
 // The address names moment and task, so that it can be sent to somebody.
 function remember() {
+  if (!recalled) return; // what the address says comes first
   const parts = [];
   if (cursor !== Infinity) parts.push(`t=${cursor}`);
   if (details.id !== null) parts.push(`task=${details.id}`);
@@ -118,6 +120,12 @@ function recall() {
 
 // --- news ------------------------------------------------------------------------------------------------------------
 
+const MEANINGS = {
+  live: "central is running: what comes is shown",
+  ended: "central ended this run",
+  "cut off": "central does not run any more, and did not say that the run ends: it was killed, or the journal is a copy of one that goes on",
+};
+
 function showStatus(away = "") {
   const { head } = store, badge = document.getElementById("status"), problem = document.getElementById("problem");
   document.getElementById("name").textContent = head?.name ?? "…";
@@ -125,21 +133,20 @@ function showStatus(away = "") {
   const wrong = away || head?.problem || "";
   problem.hidden = !wrong;
   problem.textContent = wrong;
-  const live = head && head.caughtUp && !head.closed && !head.problem;
-  badge.textContent = away ? "away" : !head || !head.caughtUp ? `reading, ${store.times.length} entries` : head.problem ? "damaged" : live ? "live" : "ended";
-  badge.className = `badge ${wrong ? "bad" : live ? "live" : ""}`;
-  badge.title = live ? "the run goes on, or central was cut off: nothing says that it has ended" : "";
+  const state = head?.state ?? "reading";
+  badge.textContent = away ? "away" : state === "reading" ? `reading, ${store.times.length} entries` : state;
+  badge.className = `badge ${wrong || state === "cut off" ? "bad" : state === "live" ? "live" : ""}`;
+  badge.title = MEANINGS[state] ?? "";
 }
 
 async function follow() {
-  let first = true;
   for (;;) {
     try {
       await store.more();
       showStatus();
       draw();
-      if (first && store.head.caughtUp) {
-        first = false;
+      if (!recalled && store.head.caughtUp) {
+        recalled = true;
         recall();
       }
       if (store.head.problem) await pause(5000);
@@ -186,6 +193,9 @@ document.addEventListener("keydown", (event) => {
   if (isButton || ["INPUT", "SELECT", "DIALOG"].includes(kind) || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
   event.preventDefault();
   KEYS[event.key]();
+});
+document.addEventListener("click", (event) => {
+  if (event.detail && event.target.closest("button")) event.target.closest("button").blur(); // keys are the page's again
 });
 for (const tab of ["task", "messages"]) document.getElementById(`tab-${tab}`).addEventListener("click", () => openTab(tab));
 document.getElementById("help").addEventListener("click", () => document.getElementById("keys").showModal());

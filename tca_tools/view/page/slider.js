@@ -65,7 +65,7 @@ export class Slider {
 
   #play() {
     document.getElementById("play").textContent = "❚❚";
-    if (this.time >= this.store.end) this.setTime(this.store.start);
+    if (this.time >= this.store.end) this.time = this.store.start;
     this.playing = { last: performance.now(), frame: 0, time: this.time };
     const tick = (now) => {
       const speed = Number(document.getElementById("speed").value), { playing } = this;
