@@ -41,7 +41,7 @@ class Terminal:
 
     def __init__(self, address: str, *options: str) -> None:
         self.master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
         self.before = termios.tcgetattr(slave)
         self.slave = slave
         self.seen = ""
