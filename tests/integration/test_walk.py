@@ -77,11 +77,14 @@ def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> N
             assert begun <= planned[Moment.START_HANDLING] < planned[Moment.END_HANDLING] < body[Moment.END_HANDLING]
 
 
-def test_perception_scans_while_the_leg_moves(history: History) -> None:
-    moves = [handling for handling in history.handlings if handling.name in ("move leg", "move body")]
-    scans = [handling for handling in history.handlings if handling.name == "scan"]
-    during = [s for s in scans if any(s.end and m.end and s.start < m.end and m.start < s.end for m in moves)]
-    assert len(during) >= len(scans) // 2 > 0
+def test_perception_may_scan_while_the_leg_moves(history: History) -> None:
+    """Whether it does depends on who is fast; the scanner is no part of what moves the legs."""
+    moves = {
+        (handling.module, handling.resource) for handling in history.handlings if handling.name.startswith("move ")
+    }
+    scans = {(handling.module, handling.resource) for handling in history.handlings if handling.name == "scan"}
+    assert scans
+    assert not moves & scans
 
 
 def test_never_is_a_step_planned_two_ahead(history: History) -> None:

@@ -23,7 +23,7 @@ def line(page: Page, task: int) -> Locator:
 def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) -> None:
     page = look(walking().write(tmp_path / "walk"))
     expect(line(page, 9)).to_contain_text("waits until its parent take steps {3} is being achieved")
-    expect(line(page, 4)).to_contain_text("waits until take steps {3} is being achieved")
+    expect(line(page, 4)).to_contain_text("waits until take steps {3} is being achieved, for 3.40 s")
     expect(page.locator("#counts")).to_contain_text("1 handling")
     expect(page.locator("#status")).to_have_text("cut off")  # nobody writes to it, and it has no end
 

@@ -1,7 +1,7 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
-import { NEVER } from "./store.js";
-import { element, seconds, soon } from "./format.js";
+import { lastNotAfter, NEVER } from "./store.js";
+import { element, length, seconds, soon } from "./format.js";
 import { Outline } from "./outline.js";
 
 const ROW = 24; // pixels, as in style.css
@@ -148,9 +148,14 @@ export class Tree {
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const note = this.notes.get(task.id) ?? "";
-    const why = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name;
+    const why = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note ? `${note}, for ${this.#howLong(task)}` : name;
     line.append(cell, element("span", { class: "when", text: when }), element("span", { class: "why", text: why, title: note }));
     line.title = `${task.name} {${task.id}}: ${name}`;
+  }
+
+  // Since when it has been in its state.
+  #howLong(task) {
+    return length(this.time - task.times[lastNotAfter(task.times, this.time)]);
   }
 
   async #fetchNotes() {
