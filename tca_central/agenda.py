@@ -34,7 +34,6 @@ from tca_central.task_tree import Task, TaskTree, taps_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Killed, Reached, TimedOut
 from tca_wire.points import ALL_MOMENTS, TaskId
-from tca_wire.vocabulary import Role
 
 
 class Agenda:
@@ -82,7 +81,7 @@ class Agenda:
             if constraint.after.task != task.id:
                 self._hold_again(self.tree.tasks[constraint.after.task])
         self.tree.become_last(task, sender)
-        task.suspended = parent.suspended and task.role not in (Role.TERMINATION, Role.CANCEL)
+        task.suspended = parent.suspended and not task.role.leaves_safe
         if (parent.killed or (parent.again and not task.role)) and not task.survives:
             self.kill(task, parent.killed or f"{parent} is retried")
             self.happened.append((task, KILLED))

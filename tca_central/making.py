@@ -26,7 +26,7 @@ def make_task(
     """
     task = Task(TaskId(central.new_id()), message, body, None)
     task.role, task.is_free = role, True
-    task.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
+    task.survives = role.survives
     task.context = context
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])

@@ -233,14 +233,11 @@ class TaskTree:
                 stack.extend(child for child in reversed(node.children.values()) if not child.survives)
 
 
-OF_MONITORS = frozenset((Role.CONDITION, Role.SET_UP, Role.ACTION, Role.CANCEL))
-
-
 def taps_of(delivery: Delivery) -> list[Tap]:
     """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped, nor what is
     sent for a monitor that was.
     """
-    sent_for = delivery.context.task.role if delivery.role in OF_MONITORS else delivery.role
+    sent_for = delivery.context.task.role if delivery.role.is_of_monitor else delivery.role
     if sent_for is Role.LISTENER:
         return []
     if isinstance(delivery, Task) and delivery.rare and delivery.rare.taps:

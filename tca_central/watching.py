@@ -109,8 +109,12 @@ def stop(central: State, watch: Watch, why: str) -> None:
 
 
 def end_watch(central: State, watch: Watch, why: str) -> None:
-    """A monitor is done: its task is handled, and achieved when what it has sent is."""
+    """A monitor is done: its task is handled, and achieved when what it has sent is. One that has not begun never will
+    watch, and the journal says why.
+    """
     if not watch.is_over:
+        if watch.began is None:
+            central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
         stop(central, watch, why)
         if not watch.task.killed:
             central.agenda.returned(watch.task)

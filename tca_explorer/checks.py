@@ -1,7 +1,6 @@
 """What users give to a scenario, checked where they write it: each ScenarioError says what, which and what fits."""
 
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from tca_explorer.errors import ScenarioError
 
@@ -30,10 +29,3 @@ def checked_flag(flag: Any, what: str) -> bool:
     if not isinstance(flag, bool):
         raise ScenarioError(f"{what} can't be {flag!r:.60}: True or False")
     return flag
-
-
-def checked_function(function: Any, what: str) -> Callable[..., Any]:
-    """*function*, if it can be called. Raises ScenarioError."""
-    if not callable(function):
-        raise ScenarioError(f"{what} takes a function, and {function!r:.60} is none")
-    return cast("Callable[..., Any]", function)

@@ -12,7 +12,7 @@ from tca_tools.past import UNKNOWN, Past
 from tca_tools.records import Claim, Handling, Hold, Message, ModuleRecord, Queueing, Task, Wait
 from tca_wire import facts
 from tca_wire.points import MOMENTS, ROOT, Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 class History(Past):
@@ -126,7 +126,7 @@ class History(Past):
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
-            task.is_suspended = parent.is_suspended and not _outlives(task)
+            task.is_suspended = parent.is_suspended and not task.role.leaves_safe
         else:
             task.parent = ROOT
             self.top.append(TaskId(task.id))
@@ -175,6 +175,7 @@ class History(Past):
         if message:
             message.handlings.append(handling)
             self._change(message, "failure", "")
+            self._change(message, "failure_data", b"")
             self._touch(message.id)
 
     def _return(self, fact: facts.Returned) -> None:
@@ -274,6 +275,13 @@ class History(Past):
             self._change(task, "is_suspended", fact.is_suspended)
             below += [child for child in task.children if Moment.END_ACHIEVING not in self.tasks[child].reached]
 
+    def _tested(self, fact: facts.MonitorTested) -> None:
+        self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))
+
+    def _watched(self, fact: facts.MonitorEnded) -> None:
+        if fact.monitor > 0:
+            self._change(self._task(fact.monitor), "watched", fact.why)
+
     def _timed_out(self, fact: facts.TimedOut) -> None:
         if (held := self.tasks.get(fact.constraint.after.task)) is not None:
             for hold in held.holds:
@@ -351,11 +359,6 @@ class History(Past):
             self._touch(message.id)
 
 
-def _outlives(task: Task) -> bool:
-    """Whether it is not suspended with what is above it: it leaves things safe."""
-    return task.role in (Role.TERMINATION, Role.CANCEL)
-
-
 # ruff: noqa: SLF001
 _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Opened: History._opened,
@@ -384,6 +387,8 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Recovered: History._recovered,
     facts.Retried: History._retried,
     facts.SuspendedOrResumed: History._suspended,
+    facts.MonitorTested: History._tested,
+    facts.MonitorEnded: History._watched,
     facts.TimedOut: History._timed_out,
     facts.WaitBegan: History._wait_began,
     facts.WaitEnded: History._wait_ended,

@@ -48,6 +48,8 @@ class Past:
         """By module and resource, the handlings of what central delivered, as they began."""
         self.handlers: dict[str, dict[str, str]] = {}
         """For each message its handlers: module and resource."""
+        self.tests: dict[int, list[tuple[float, bool]]] = {}
+        """For each monitor when its condition was tested, and whether it held."""
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
         self.lost_directly: dict[str, int] = {}

@@ -159,6 +159,8 @@ class Task(Message):
     reached: dict[Moment, float] = field(default_factory=dict)
     killed: str | None = None
     """Why it was killed."""
+    watched: str = ""
+    """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)
     """The tasks of the exception handlers that were called for its failures."""
     is_recovering: bool = False

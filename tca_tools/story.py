@@ -1,8 +1,9 @@
 """What became of one message, in sentences: who sent it, what it waited for, who handled it, how it ended."""
 
 from collections.abc import Iterator
+from itertools import groupby
 from math import nextafter
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 from tca_tools.past import Past
@@ -35,6 +36,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
     told = [_birth(past, message), *_changes(message)]
     if isinstance(message, Task):
         told += _recoveries(past, message)
+        told += _tests(past, message)
     told += _waits_in_queues(past, message)
     for handling in message.handlings:
         told += _run(past, handling)
@@ -86,21 +88,19 @@ def awaited(past: Past, wait: Wait) -> str:
     return f"for the {reply}{past.describe(wait.awaited)}"
 
 
-def _changes(message: Message) -> list[Sentence]:
-    """What was written over: each entry holds the value before it, so the new one is known from the one behind."""
-    told, newer = [], dict[str, Any]()
-    for time, name, old in reversed(message.changes):
-        new = newer.get(name, getattr(message, name))
-        newer[name] = old
-        if say := _SAY.get(name) if new else None:
-            told.append(Sentence(time, say(new)))
-    return told[::-1]
+def _changes(message: Message) -> Iterator[Sentence]:
+    changed = {name for _, name, _ in message.changes}
+    for name, say in _SAY.items():
+        for time, new in message.became(name) if name in changed else ():
+            if new:
+                yield Sentence(time, say(new))
 
 
 _SAY: dict[str, Any] = {
     "failure": lambda text: f"failed: {text}",
     "killed": lambda why: f"killed: {why}",
     "dropped": lambda why: f"came to nothing: {why}",
+    "watched": lambda why: f"watches no longer: {why}",
     "body": lambda _: "to be handled again, with other data",
 }
 
@@ -109,6 +109,15 @@ def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
     for handler in task.caught_by:
         if found := past.tasks.get(handler):
             yield Sentence(found.received, f"exception handler {found} is called")
+
+
+def _tests(past: Past, monitor: Task) -> Iterator[Sentence]:
+    """What a monitor's condition came to; tests with the same outcome, one after the other, are one sentence."""
+    for holds, tests in groupby(past.tests.get(monitor.id, ()), key=itemgetter(1)):
+        first, *more = [time for time, _ in tests]
+        text = "its condition holds" if holds else "its condition does not hold"
+        often = f", {1 + len(more)} times" if more else ""
+        yield Sentence(first, text + often, more[-1] - first if more else None)
 
 
 def _states(past: Past, task: Task) -> Iterator[Sentence]:

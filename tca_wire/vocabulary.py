@@ -56,6 +56,26 @@ class Role(StrEnum):
     SET_UP = "set up"
     CANCEL = "cancel"
 
+    @property
+    def is_of_monitor(self) -> bool:
+        """Whether a monitor sends such messages."""
+        return self in _OF_MONITORS
+
+    @property
+    def leaves_safe(self) -> bool:
+        """Whether it brings things to a safe end: it is not suspended with the task above it."""
+        return self in _SAFE
+
+    @property
+    def survives(self) -> bool:
+        """Whether it is not killed with the task above it."""
+        return self in _SURVIVORS
+
+
+_OF_MONITORS = frozenset((Role.CONDITION, Role.ACTION, Role.SET_UP, Role.CANCEL))
+_SAFE = frozenset((Role.TERMINATION, Role.CANCEL))
+_SURVIVORS = _SAFE | {Role.EXCEPTION}
+
 
 class Outcome(StrEnum):
     """How a message or task ended."""

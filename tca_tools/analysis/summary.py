@@ -25,7 +25,6 @@ class Summary:
     """When the first task (or else message) was sent, in seconds since the run began."""
     end: float
     """When the last task ended, or else the journal; the time between is what the shares in a report are of."""
-    journal_end: float
     modules: int
     messages: int
     tasks: dict[State, int]
@@ -58,7 +57,6 @@ def summary(past: Past) -> Summary:
         past.began,
         start,
         end,
-        past.time,
         len(past.modules),
         len(past.messages),
         {state: counts[state] for state in State if counts[state]},

@@ -4,7 +4,6 @@ from tca_tools.check.kills import check_below
 from tca_tools.check.records import (
     END_PLANNING,
     FAN_OUT,
-    SAFE,
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
@@ -23,7 +22,7 @@ ROUNDING = 1e-9
 """Seconds by which sums of times may differ."""
 
 CENTRAL = "central"
-_OF_MONITORS = (Role.CONDITION, Role.SET_UP, Role.ACTION)
+_WATCHING = (Role.CONDITION, Role.SET_UP, Role.ACTION)
 AT_BIRTH = START_PLANNING | END_PLANNING
 """What a task that is no goal has reached as soon as it is sent."""
 
@@ -57,7 +56,10 @@ def _made_by_central(world: World, item: Item) -> None:
     """What it was made for knows of it."""
     if item.role is Role.LISTENER:
         world.later.append(lambda: check_sent(world, item))
-    if item.role in _OF_MONITORS and (monitor := world.items.get(item.about)) is not None:
+    monitor = world.items.get(item.about)
+    sent_for = monitor if item.role.is_of_monitor else item
+    item.is_tapped = sent_for is not None and sent_for.role is not Role.LISTENER
+    if item.role in _WATCHING and monitor is not None:
         monitor.again = False  # where it was retried, it has begun to watch again
         monitor.asked = item.id if item.role is Role.CONDITION else monitor.asked
         monitor.has_fired = monitor.has_fired or item.role is Role.ACTION
@@ -76,7 +78,7 @@ def _plant(world: World, item: Item, fact: facts.Received) -> None:
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
-        item.is_suspended = parent.is_suspended and item.role not in SAFE
+        item.is_suspended = parent.is_suspended and not item.role.leaves_safe
         if parent.is_killed:
             world.later.append(lambda: check_below(world, parent))
     _constrain(world, fact.constraints)

@@ -1,6 +1,6 @@
 """Kills, suspension and retries: what they do to a task and all under it."""
 
-from tca_tools.check.records import START_HANDLING, SURVIVORS, Item
+from tca_tools.check.records import START_HANDLING, Item
 from tca_tools.check.rules import CAUGHT, KILLED, QUEUED, SUSPENDED
 from tca_tools.check.world import World
 from tca_wire import facts
@@ -39,7 +39,7 @@ def check_below(world: World, item: Item) -> None:
     if item.waits_at is not None:
         world.broken(QUEUED, item.id, f"{item} is killed, and waits for a handler")
     for child in item.children.values():
-        if not child.is_killed and child.role not in SURVIVORS and not child.is_over:
+        if not child.is_killed and not child.role.survives and not child.is_over:
             world.broken(KILLED, child.id, f"{child} lives, and {item} above it is killed")
 
 
@@ -76,5 +76,5 @@ def retried(world: World, fact: facts.Retried) -> None:
 def _check_retried(world: World, item: Item) -> None:
     """What was under a task that is retried is of no use any more."""
     for child in item.children.values():
-        if item.again and not (child.is_killed or child.role in SURVIVORS or child.role):
+        if item.again and not (child.is_killed or child.role):
             world.broken(KILLED, child.id, f"{child} lives, and {item} above it is retried")

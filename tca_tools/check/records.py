@@ -12,10 +12,6 @@ from tca_wire.formats import decode_untyped
 from tca_wire.points import ALL_MOMENTS, Moment
 from tca_wire.vocabulary import MessageClass, Role
 
-SURVIVORS = frozenset((Role.EXCEPTION, Role.TERMINATION, Role.CANCEL))
-"""What is not killed with the task above it."""
-SAFE = frozenset((Role.TERMINATION, Role.CANCEL))
-"""What is not suspended with it."""
 FAN_OUT = frozenset((MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE))
 """What goes to all who handle it, in a copy for each."""
 _FIRES = (Role.LISTENER, Role.ACTION)
@@ -95,6 +91,7 @@ class Item:
         "is_retried",
         "is_stranger",
         "is_suspended",
+        "is_tapped",
         "is_task",
         "is_void",
         "message",
@@ -135,8 +132,7 @@ class Item:
         self.waits_at: Place | None = None  #: the resource whose queue it is in; one without a name: for a handler
         self.place: Place | None = None  #: the resource whose handler has it
         self.begun_in = -1  #: the event in which it was begun
-        self.asked = 0  #: of a monitor: its condition under way
-        self.untested = 0  #: of a monitor: answers to its condition that it has not looked at
+        self.asked = self.untested = 0  #: of a monitor: its condition under way; answers that it has not looked at
         self.is_begun = self.is_killed = self.is_suspended = self.is_over = False
         self.is_new, self.is_retried, self.has_fired = True, False, False
         self.is_answered = self.is_dropped = False
@@ -151,6 +147,7 @@ class Item:
         self.ended_handlers: list[int] = []  #: exception handlers that have just ended
         self.is_void = False  #: of an exception handler: it decides nothing any more
         self.invocations: dict[int, int] = {}  #: how often each attachment was called here
+        self.is_tapped = True  #: wiretaps are fired for it
         self.fired: set[int] = set()  #: the wiretaps that were fired for it
         self.claims: dict[int, facts.Claimed] = {}  #: what was claimed for it
         self.waiters: list[tuple[str, int, int]] = []  #: who waits for which moment of it

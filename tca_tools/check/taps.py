@@ -92,9 +92,11 @@ def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
 
 
 def check_fired(world: World, item: Item, moments: int) -> None:
-    """A task goes on: all wiretaps that were there when it was sent have been fired."""
+    """A task goes on: all wiretaps that were there when it was sent have been fired. What is sent for a wiretap is not
+    tapped, nor what a monitor sends that was.
+    """
     of_message = world.taps_before.get(item.message)
-    if not of_message or item.role is Role.LISTENER or not item.is_task:
+    if not of_message or not item.is_tapped or not item.is_task:
         return
     for tap in of_message.values():
         if _FIRED_BEFORE[tap.condition] & moments and tap.id < item.id and tap.id not in item.fired and not tap.task:
@@ -115,9 +117,11 @@ def check_sent(world: World, listener: Item) -> None:
 
 def tested(world: World, fact: facts.MonitorTested) -> None:
     """The condition of a monitor was asked."""
-    item = _watching(world, fact.monitor, "was tested")
+    item = _monitor(world, fact.monitor, "was tested")
     if item is None:
         return
+    if not item.reached & START_HANDLING:
+        world.broken(MONITOR, item.id, f"{item} was tested, and had not begun to watch")
     if item.returned and not item.again:
         world.broken(MONITOR, item.id, f"{item} was tested, and watches no longer")
     if not item.untested:
@@ -145,8 +149,8 @@ def _check_tested(world: World, monitor: Item) -> None:
 
 
 def monitor_ended(world: World, fact: facts.MonitorEnded) -> None:
-    """A monitor watches no longer."""
-    item = _watching(world, fact.monitor, "ended")
+    """A monitor watches no longer; one that has not begun never will."""
+    item = _monitor(world, fact.monitor, "ended")
     if item is None:
         return
     if item.returned and not (item.again or item.is_killed):
@@ -154,13 +158,11 @@ def monitor_ended(world: World, fact: facts.MonitorEnded) -> None:
     item.again, item.returned, item.asked = False, True, 0
 
 
-def _watching(world: World, monitor: int, what: str) -> Item | None:
+def _monitor(world: World, monitor: int, what: str) -> Item | None:
     item = world.task(monitor, what)
     if item is None or item.is_stranger:
         return None
     if not item.message_class.is_monitor:
         world.broken(MONITOR, item.id, f"{item} {what}, and is no monitor")
         return None
-    if not item.reached & START_HANDLING:
-        world.broken(MONITOR, item.id, f"{item} {what}, and had not begun to watch")
     return item

@@ -46,7 +46,7 @@ def _messages(past: Past) -> Iterator[Row]:
             message.id, message.name, str(message.message_class), message.sender, message.origin or None,
             str(message.role) or None, message.about or None, message.received, _started(message), _ended(message),
             message.answered, len(message.handlings), message.failure or None, message.dropped or None,
-            _json(message.body), _json(message.result),
+            _json(message.body), _json(message.result), _json(message.failure_data),
         )  # fmt: skip
 
 
@@ -128,7 +128,7 @@ TABLES = (
         {
             "id": _INT, "name": _TEXT, "class": _TEXT, "sender": _TEXT, "origin": _INT, "role": _TEXT, "about": _INT,
             "sent": _SECONDS, "started": _SECONDS, "ended": _SECONDS, "answered": _SECONDS, "handlings": _INT,
-            "failure": _TEXT, "dropped": _TEXT, "data": _JSON, "result": _JSON,
+            "failure": _TEXT, "dropped": _TEXT, "data": _JSON, "result": _JSON, "failure_data": _JSON,
         },
         _messages,
     ),

@@ -64,7 +64,7 @@ class Reading:
 
     @property
     def state(self) -> str:
-        """How the run stands, in a word or two, and what is wrong with its journal."""
+        """How the run stands, in a word or two."""
         if self.problem:
             return "damaged"
         if not self.caught_up:

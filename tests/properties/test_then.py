@@ -71,6 +71,8 @@ class WatchedPlayer(Player):
                 "killed",
                 "body",
                 "result",
+                "failure_data",
+                "is_suspended",
                 "caught_by",
                 "reached",
                 "children",

@@ -33,7 +33,7 @@ def test_messages_and_tasks() -> None:
     assert rows(history, "messages")[4] == {
         "id": 5, "name": "elevation map", "class": "query", "sender": "gait planner", "origin": 2, "role": None,
         "about": None, "sent": 0.8, "started": 0.8, "ended": 1.22, "answered": 1.22, "handlings": 1,
-        "failure": None, "dropped": None, "data": None, "result": '{"ok": true}',
+        "failure": None, "dropped": None, "data": None, "result": '{"ok": true}', "failure_data": None,
     }  # fmt: skip
     body = next(row for row in rows(history, "tasks") if row["id"] == 7)
     assert (body["name"], body["parent"], body["depth"], body["state"]) == ("move body", 2, 3, "failed")

@@ -1,12 +1,12 @@
 """The stories of messages, as people read them."""
 
-from tools.story import GOAL, QUERY, Story, stumbling
+from tools.story import ACTING, GOAL, QUERY, Story, stumbling
 
 from tca_tools.history import History
 from tca_tools.story import story
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome, Role
+from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 
 def told(history: History, message: int) -> list[str]:
@@ -79,6 +79,29 @@ def test_a_failure_that_is_handled_by_another_try() -> None:
         "2.0 achieved",
     ]
     assert told(history, recover)[0] == "1.0 goal made by central: exception handler for move {1}, under move {1}"
+
+
+def test_a_monitor_that_tested_and_one_that_never_watched() -> None:
+    tale = Story().module("user")
+    watch = tale.received("watch", MessageClass.POLLING_MONITOR, "user")
+    tale.reached(watch, ACTING)
+    tests = [(1.0, False), (2.0, False), (3.0, True), (4.0, True), (5.0, False)]
+    for time, holds in tests:
+        tale.at(time).say(facts.MonitorTested(TaskId(watch), holds))
+    tale.at(6.0).say(facts.MonitorEnded(TaskId(watch), "it has watched for 6 s"))
+    tale.reached(watch, Moment.END_HANDLING | Moment.END_ACHIEVING)
+    late = tale.received("watch", MessageClass.POLLING_MONITOR, "user")
+    tale.at(7.0).say(facts.MonitorEnded(TaskId(late), "by module 'user'"))
+    history = tale.fold()
+    assert told(history, watch)[1:] == [
+        "0.0 (6.0 s) achieving",
+        "1.0 (1.0 s) its condition does not hold, 2 times",
+        "3.0 (1.0 s) its condition holds, 2 times",
+        "5.0 its condition does not hold",
+        "6.0 watches no longer: it has watched for 6 s",
+        "6.0 achieved",
+    ]
+    assert "7.0 watches no longer: by module 'user'" in told(history, late)
 
 
 def test_of_what_is_unknown_there_is_no_story() -> None:

@@ -35,6 +35,7 @@ def of_task(past: Past, task: Task) -> Details:
         "failure": task.failure or None,
         "killed": task.killed,
         "result": plain_data(task.result),
+        "failure data": plain_data(task.failure_data),
     }
 
 
@@ -43,8 +44,10 @@ def of_handling(past: Past, handling: Handling) -> Details:
     message = past.messages.get(handling.message_id)
     told: Details = {"directly from": handling.direct_from or None} | (of_message(past, message) if message else {})
     is_last = message is not None and message.handlings[-1:] == [handling]
-    result = message.result if message and is_last else b""
-    return told | {"outcome": handling.outcome and str(handling.outcome), "result": plain_data(result)}
+    told["outcome"] = handling.outcome and str(handling.outcome)
+    if message is None or not is_last:
+        return told
+    return told | {"result": plain_data(message.result), "failure data": plain_data(message.failure_data)}
 
 
 def of_wait(past: Past, wait: Wait) -> Details:

@@ -23,8 +23,6 @@ from tca_wire.vocabulary import Outcome
 _NO_HANDLER = "(no handler)"
 _OUTSIDE = "outside of handlers"
 
-Begun = list[tuple[Span, Event]]
-
 
 def add_modules(trace: Trace) -> None:
     """A group for every module, for central if it sent anything, and for what nobody handles."""
