@@ -1,6 +1,6 @@
 # demo   the Ambler walks, then its task tree and Gantt chart        test    all tests but the long ones
 # check  format, lint, types, tests with coverage                    bench   what things cost here
-# soak   long walks and lives, and a month                            clean   away with what the others made
+# soak   all tests, the long ones too, on new random lives            clean   away with what the others made
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
@@ -25,7 +25,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks
 
 soak: $(READY)
-	$(BIN)/python -m pytest -m soak
+	$(BIN)/python -m pytest -m "" --new-lives
 
 $(READY): setup.cfg pyproject.toml scripts/setup.sh
 	PYTHON=$(PYTHON) scripts/setup.sh

@@ -5,12 +5,21 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--rewrite", action="store_true", help="write the expected transcripts anew")
+    parser.addoption("--new-lives", action="store_true", help="random examples that were never tried before")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What fails is due to what was changed: random examples are the same in every run, unless new ones are wanted."""
+    settings.register_profile("the same lives", derandomize=True)
+    if not config.getoption("--new-lives"):
+        settings.load_profile("the same lives")
 
 
 @pytest.fixture(scope="session", autouse=True)
