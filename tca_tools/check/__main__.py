@@ -8,8 +8,9 @@ import click
 
 from tca_tools.check.checker import Checker
 from tca_tools.check.files import properties_in
-from tca_tools.check.language import BadProperty, property_from
-from tca_tools.check.properties import Property, Those
+from tca_tools.check.language import property_from
+from tca_tools.check.predicates import BadProperty, Those
+from tca_tools.check.properties import Property
 from tca_tools.check.records import Item
 from tca_tools.check.report import violation_lines
 from tca_tools.check.rules import RULES, Violation

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from tca_tools.check.language import BadProperty, property_from
+from tca_tools.check.language import property_from
+from tca_tools.check.predicates import BadProperty
 from tca_tools.check.properties import Property, never_stuck, words_of
 from tca_tools.check.records import Item
 from tca_tools.check.world import World

@@ -1,6 +1,6 @@
 """The user's own properties: what must be true of a run, in the words of the explorer (docs/explorer.md).
 
-A predicate is a text (language.py) or a function of the World (world.py); it gives the messages of which it is true,
+A predicate is a text (predicates.py) or a function of the World (world.py); it gives the messages of which it is true,
 or a truth value. A text is looked at again only for the messages that an event touched; a function is asked after each
 event.
 """
@@ -8,20 +8,11 @@ event.
 from collections.abc import Callable, Iterable, Sized
 from typing import Any
 
+from tca_tools.check.predicates import Those, predicate_from
 from tca_tools.check.records import Item
 from tca_tools.check.world import World
 
 Predicate = Callable[[World], object]
-
-
-class Those:
-    """The predicate that finds the messages under way for which a test holds."""
-
-    def __init__(self, words: str, test: Callable[[Item], bool], message: str = "", module: str = "") -> None:
-        self.words = words
-        self.test = test
-        self.message = message  #: the name that it is about ("": any)
-        self.module = module
 
 
 class _Members:
@@ -206,8 +197,4 @@ def words_of(predicate: object) -> str:
 
 
 def _made(predicate: str | Those | Predicate) -> Those | Predicate:
-    if not isinstance(predicate, str):
-        return predicate
-    from tca_tools.check.language import predicate_from  # noqa: PLC0415 - the language makes properties
-
-    return predicate_from(predicate)
+    return predicate_from(predicate) if isinstance(predicate, str) else predicate

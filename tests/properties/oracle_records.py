@@ -203,9 +203,10 @@ class Seen:
         self.made = [birth for birth in births if birth.sender == "central"]
         self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
         slots = [connection for connection, header in self.told if isinstance(header, headers.Deliver)]
-        delivered = [fact for fact in self.facts if isinstance(fact, facts.Delivered)]
-        slot_of: dict[object, str] = dict(zip(delivered, slots, strict=True))
-        self.given = [(fact, slot_of.get(fact, "")) for fact in self.facts if is_turn(fact)]
+        next_slot = iter(slots)
+        self.given = [
+            (fact, next(next_slot) if isinstance(fact, facts.Delivered) else "") for fact in self.facts if is_turn(fact)
+        ]
         refused = [(name, header) for name, header in self.told if isinstance(header, headers.Refused)]
         self.deadlocked = [(name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK]
 

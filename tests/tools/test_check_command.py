@@ -12,7 +12,8 @@ from click.testing import CliRunner, Result
 from tools.runs import OPENED, encoded, lost, walk
 
 from tca_tools.check.__main__ import check
-from tca_tools.check.language import BadProperty, predicate_from, property_from
+from tca_tools.check.language import property_from
+from tca_tools.check.predicates import BadProperty, predicate_from
 from tca_wire.constraints import Flags
 from tca_wire.facts import Closed, Entry, kind_of
 
