@@ -22,10 +22,10 @@ from msgspec.structs import replace
 from tca_central.registry import MessageType
 from tca_explorer.actors import Actor
 from tca_explorer.exchange import connection_of
-from tca_explorer.fold import Tracked
 from tca_explorer.marks import Mark
 from tca_explorer.naming import without_ids
 from tca_explorer.play import Play
+from tca_explorer.under_way import Tracked
 from tca_wire.points import ALL_MOMENTS
 
 IGNORED = {

@@ -10,7 +10,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from tca_explorer import promises
-from tca_explorer.world import UnderWay
+from tca_explorer.under_way import Situation, Tracked
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
@@ -24,64 +24,13 @@ _HELD = {
 """By condition: which moment of the tapped task comes no sooner than which of the listener."""
 
 
-class Tracked(UnderWay, frozen=True, kw_only=True):
-    """A message under way, with what names others, and what holds it."""
-
-    id: int
-    parent_id: int
-    about: int = 0
-    """Where central sent it: the failing, tapped, killed or monitoring task."""
-    recovering: tuple[int, ...] = ()
-    """The exception handlers' tasks that are at work on its failures."""
-    after: tuple[tuple[int, Point], ...] = ()
-    """The constraints on it: which of its moments comes no sooner than which point."""
-    delayed: tuple[tuple[int, Point, float], ...] = ()
-    """The same, and so many seconds later."""
-    not_before: tuple[tuple[int, float], ...] = ()
-    """Which of its moments comes no sooner than at which time, in seconds since the run began."""
-
-    def __str__(self) -> str:
-        return f"{self.message} {{{self.id}}}"
-
-
-class Fold:
-    """The messages under way. What ended with the last action is still there; what ended before is not."""
+class Fold(Situation):
+    """The situation after each fact."""
 
     def __init__(self) -> None:
-        self.seen: dict[int, Tracked] = {}  #: by id, oldest first; each receiver of a broadcast has one of its own
-        self.claims: dict[int, facts.Claimed] = {}  #: locks and reservations, waited for or in force
-        self.held_by: dict[tuple[str, str], facts.Claimed] = {}  #: those in force, by module and resource
-        self.modules: tuple[str, ...] = ()  #: those connected, oldest first
-        self.now = 0.0  #: seconds since the run began
-        self.passed = 0.0  #: seconds that passed with the last action
-        self.broken = ""  #: what central did against its promises with the last action
+        super().__init__()
         self._tasks: dict[int, int] = {}  #: of deliveries of tasks that are retried
         self._conditions: dict[int, Condition] = {}  #: of wiretaps
-
-    @property
-    def messages(self) -> list[Tracked]:
-        """Everything under way, oldest first."""
-        return list(self.seen.values())
-
-    @property
-    def tasks(self) -> list[Tracked]:
-        """The tasks among them."""
-        return [seen for seen in self.seen.values() if seen.is_task]
-
-    def parent(self, task: Tracked) -> Tracked | None:
-        """The task that *task* is under; None: the root."""
-        return self.seen.get(task.parent_id)
-
-    def children(self, task: Tracked) -> list[Tracked]:
-        """The tasks under *task*, oldest first."""
-        return [seen for seen in self.seen.values() if seen.is_task and seen.parent_id == task.id]
-
-    def is_past(self, point: Point) -> bool:
-        """Whether a point of a task has been reached."""
-        leader = self.seen.get(point.task)
-        return leader is None or point.task == ROOT or leader.has(point.moment)
-
-    # --- the fold ----------------------------------------------------------------------------------------------------
 
     def forget_what_is_over(self) -> None:
         """A new action begins."""

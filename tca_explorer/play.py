@@ -16,9 +16,9 @@ from tca_central.events import ConnectionLost, Tick
 from tca_explorer.actors import Actor, Line, Run
 from tca_explorer.errors import ScenarioError
 from tca_explorer.exchange import Exchange, connection_of
-from tca_explorer.fold import Tracked
 from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Await, Given, Got
+from tca_explorer.under_way import Tracked
 from tca_wire import headers
 from tca_wire.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId

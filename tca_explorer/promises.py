@@ -5,30 +5,26 @@ before its parent's, no parent's end before its children's; nothing suspended or
 others have locked or reserved the resource; no task is handled twice at once, or ends before its handler does.
 """
 
-from typing import TYPE_CHECKING
-
+from tca_explorer.under_way import Situation, Tracked
 from tca_wire.facts import Delivered
 from tca_wire.points import Moment, Point, TaskId
-
-if TYPE_CHECKING:
-    from tca_explorer.fold import Fold, Tracked
 
 _STARTS = int(Moment.START_PLANNING | Moment.START_ACHIEVING)
 _ENDS = (int(Moment.END_PLANNING), int(Moment.END_ACHIEVING))
 _ROUNDING = 1e-9  # seconds
 
 
-def reached(fold: "Fold", task: "Tracked", moments: int) -> str:
+def reached(now: Situation, task: Tracked, moments: int) -> str:
     """What is wrong with moments that a task has just reached; "" if nothing is."""
     too_early = []
     if not task.is_killed:
-        too_early += _not_met(fold, task, moments)
-        parent = fold.parent(task)
+        too_early += _not_met(now, task, moments)
+        parent = now.parent(task)
         if parent is not None and moments & _STARTS & ~parent.reached and not task.role:
             too_early.append(f"the start of {parent}")
     for end in _ENDS:
         if moments & end and task.message_class.is_goal:
-            too_early += [f"the end of {child}" for child in fold.children(task) if not child.reached & end]
+            too_early += [f"the end of {child}" for child in now.children(task) if not child.reached & end]
     if task.is_over and task.is_handled:
         too_early.append("the end of its handler")
     if not too_early:
@@ -37,9 +33,9 @@ def reached(fold: "Fold", task: "Tracked", moments: int) -> str:
     return f"{words} ('{task.message}') came before {', '.join(too_early)}"
 
 
-def delivered(fold: "Fold", message: "Tracked", fact: Delivered) -> str:
+def delivered(now: Situation, message: Tracked, fact: Delivered) -> str:
     """What is wrong with giving a message to a handler now; "" if nothing is."""
-    held_by = fold.held_by.get((fact.module, fact.resource))
+    held_by = now.held_by.get((fact.module, fact.resource))
     if held_by is not None and not (held_by.is_reserved and message.sender in (held_by.sender, fact.module)):
         how = "reserved" if held_by.is_reserved else "locked"
         return f"{message} was given to '{fact.resource}' while {held_by.sender} has it {how}"
@@ -47,18 +43,18 @@ def delivered(fold: "Fold", message: "Tracked", fact: Delivered) -> str:
         return f"{message} was given to a handler while one has it"
     if message.is_suspended or message.is_killed:
         return f"{message} was given to a handler though it is {'suspended' if message.is_suspended else 'killed'}"
-    too_early = _not_met(fold, message, int(Moment.START_HANDLING))  # of a retried task, too
+    too_early = _not_met(now, message, int(Moment.START_HANDLING))  # of a retried task, too
     return f"{message} was given to a handler before {', '.join(too_early)}" if too_early else ""
 
 
-def returned(message: "Tracked | None", key: int) -> str:
+def returned(message: Tracked | None, key: int) -> str:
     """What is wrong with the end of a message's handler; "" if nothing is."""
     return "" if message is not None and message.is_handled else f"a handler of {message or key} ended, and none had it"
 
 
-def _not_met(fold: "Fold", task: "Tracked", moments: int) -> list[str]:
+def _not_met(now: Situation, task: Tracked, moments: int) -> list[str]:
     """What those moments of a task come after, and is not past."""
-    points = [str(point) for moment, point in task.after if moments & moment and not fold.is_past(point)]
+    points = [str(point) for moment, point in task.after if moments & moment and not now.is_past(point)]
     delays = [str(point) for moment, point, _ in task.delayed if moments & moment]
-    times = [time for moment, time in task.not_before if moments & moment and fold.now < time - _ROUNDING]
-    return [*points, *delays, *(f"{time - fold.now:g} s were over" for time in times)]
+    times = [time for moment, time in task.not_before if moments & moment and now.now < time - _ROUNDING]
+    return [*points, *delays, *(f"{time - now.now:g} s were over" for time in times)]

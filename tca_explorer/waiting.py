@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from tca_explorer.actors import Actor
-from tca_explorer.fold import Tracked
 from tca_explorer.play import Play
 from tca_explorer.steps import Life
+from tca_explorer.under_way import Tracked
 
 Waiting = tuple[int] | tuple[Actor, Life]
 """A task that is held or queued, by id; a script, at that point of its life."""

@@ -5,11 +5,11 @@ from typing import Any
 
 from tca_explorer.actors import Actor, Line
 from tca_explorer.asking import in_words, point_in_words
-from tca_explorer.fold import Tracked
 from tca_explorer.link import CHOOSE
 from tca_explorer.naming import renamed
 from tca_explorer.play import Action, Kind, Play
 from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Return, Step
+from tca_explorer.under_way import Tracked
 from tca_explorer.waiting import Waiting
 from tca_wire import headers
 from tca_wire.points import Point, describe_moments

@@ -7,94 +7,14 @@ no part of a state, the time, is made part of it as soon as it is looked at: see
 """
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import NoReturn
 
 import msgspec
 
+from tca_explorer.under_way import Situation, Tracked, UnderWay
 from tca_wire.points import Moment
-from tca_wire.vocabulary import MessageClass, Role
 
-if TYPE_CHECKING:
-    from tca_explorer.fold import Fold, Tracked
-
-_FIRES = (Role.LISTENER, Role.ACTION)
 _DIGITS = 6  # of seconds
-
-
-class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
-    """What can be said of a message under way without naming others."""
-
-    message: str
-    message_class: MessageClass
-    sender: str
-    body: bytes
-    reached: int = 0
-    is_queued: bool = False
-    """It waits for a resource or for a handler."""
-    is_begun: bool = False
-    """A handler was given it."""
-    module: str = ""
-    """The module whose handler has it now."""
-    role: Role = Role.NONE
-    """Why central sent it; "": a module did."""
-    is_killed: bool = False
-    failure: str = ""
-    """The failure that was raised on it and has not been dealt with."""
-    is_suspended: bool = False
-    attempts: int = 1
-    """How often it has been, or is to be, handled: each retry is one more."""
-    is_over: bool = False
-    """It ended with the last action, and is out of sight after the next."""
-    is_new: bool = False
-    """It was sent with the last action."""
-    is_retried: bool = False
-    """It was retried with the last action."""
-    has_fired: bool = False
-    """Of a monitor: it sent its action with the last action."""
-
-    @property
-    def data(self) -> Any:
-        """What was sent with it, as plain values."""
-        return msgspec.msgpack.decode(self.body)
-
-    @property
-    def is_task(self) -> bool:
-        """Whether it is a goal or a command."""
-        return self.message_class.is_task
-
-    def has(self, moment: Moment) -> bool:
-        """Whether it has reached *moment*. A killed task has reached all when it ends."""
-        return bool(self.reached & moment)
-
-    @property
-    def is_handled(self) -> bool:
-        """Whether a handler has it now."""
-        return bool(self.module)
-
-    @property
-    def is_fire(self) -> bool:
-        """Whether a wiretap or a monitor has just sent it."""
-        return self.is_new and self.role in _FIRES
-
-    @property
-    def is_planned(self) -> bool:
-        """Whether it and everything under it has been expanded; of a command always."""
-        return self.has(Moment.END_PLANNING)
-
-    @property
-    def is_being_achieved(self) -> bool:
-        """Whether its achieving has started and not ended."""
-        return self.has(Moment.START_ACHIEVING) and not self.has(Moment.END_ACHIEVING)
-
-    @property
-    def is_planned_ahead(self) -> bool:
-        """Whether it was begun before it may be achieved."""
-        return self.is_begun and not self.has(Moment.START_ACHIEVING)
-
-    @property
-    def is_achieved(self) -> bool:
-        """Whether it was achieved, not killed, with the last action."""
-        return self.has(Moment.END_ACHIEVING) and not self.is_killed
 
 
 class Name:
@@ -171,12 +91,12 @@ class Messages:
 class World:
     """The messages under way. What ended with the last action is still there; what ended before is not."""
 
-    def __init__(self, fold: "Fold", order: dict[int, int], look: Callable[[], None] = lambda: None) -> None:
-        self._fold = fold
+    def __init__(self, now: Situation, order: dict[int, int], look: Callable[[], None] = lambda: None) -> None:
+        self._situation = now
         self._look = look  #: called when somebody looks at the time
         # What there was before the last action comes as the state before it has it; the rest as it was sent.
-        keys = sorted(fold.seen, key=lambda key: (key not in order, order.get(key, key)))
-        self._seen = {key: _seen(fold.seen[key]) for key in keys}
+        keys = sorted(now.seen, key=lambda key: (key not in order, order.get(key, key)))
+        self._seen = {key: _seen(now.seen[key]) for key in keys}
 
     @property
     def messages(self) -> Messages:
@@ -201,24 +121,24 @@ class World:
         that has ended). Constraints with a delay are not among them.
         """
         of = {seen.id: key for key, seen in self._seen.items()}
-        after = self._fold.seen[of[task.id]].after
+        after = self._situation.seen[of[task.id]].after
         return [(Moment(moment), point.moment, self._seen.get(point.task)) for moment, point in after]
 
     @property
     def held_by(self) -> dict[tuple[str, str], Held]:
         """The locks and reservations in force, by module and resource."""
         return {key: Held(claim.module, claim.resource, claim.sender, claim.is_reserved)
-                for key, claim in sorted(self._fold.held_by.items())}  # fmt: skip
+                for key, claim in sorted(self._situation.held_by.items())}  # fmt: skip
 
     @property
     def modules(self) -> tuple[str, ...]:
         """The modules that are connected, by name."""
-        return tuple(sorted(self._fold.modules))
+        return tuple(sorted(self._situation.modules))
 
     @property
     def passed(self) -> float:
         """Seconds that passed with the last action."""
-        return round(self._fold.passed, _DIGITS)
+        return round(self._situation.passed, _DIGITS)
 
     @property
     def now(self) -> float:
@@ -226,7 +146,7 @@ class World:
         which time never stops endless: ``within`` does not.
         """
         self._look()
-        return round(self._fold.now, _DIGITS)
+        return round(self._situation.now, _DIGITS)
 
 
 def shown(found: object) -> str:
@@ -237,7 +157,7 @@ def shown(found: object) -> str:
                      for one in found)  # fmt: skip
 
 
-def _seen(record: "Tracked") -> Seen:
+def _seen(record: Tracked) -> Seen:
     said = {name: getattr(record, name) for name in UnderWay.__struct_fields__}
     return Seen(**said, id=Name(record.id), parent_id=Name(record.parent_id), about=Name(record.about),
                 is_recovering=bool(record.recovering))  # fmt: skip

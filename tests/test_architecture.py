@@ -1,6 +1,7 @@
 """Who may import whom: the arrows of docs/architecture.md, and the few files that may touch the world."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -193,6 +194,17 @@ def test_packages_import_along_the_arrows(package: str) -> None:
             allowed = MAY_IMPORT[package] | {package}
             assert imported in allowed or (name, imported) in EXCEPTIONS, f"{name} imports {imported}"
             assert name in ONLY_IN.get(imported, {name}), f"{name} imports {imported}"
+
+
+def test_files_import_in_no_circle() -> None:
+    """Not for types either: who reads one file needs those that it builds on, and never both at once."""
+    paths = [path for package in PACKAGES for path in files(package) if path.name != "__init__.py"]
+    named = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in paths}
+    arrows = {
+        name: {module for dotted in imports(path) for module in (dotted, dotted.rpartition(".")[0]) if module in named}
+        for name, path in named.items()
+    }
+    TopologicalSorter(arrows).prepare()  # raises CycleError, with the circle
 
 
 def test_the_parts_of_central_do_not_know_each_other() -> None:
