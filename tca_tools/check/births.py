@@ -144,12 +144,17 @@ def not_met(item: Item, moments: int) -> str:
     return ", ".join(map(_said, unmet)) if unmet else ""
 
 
+def is_delayed(item: Item) -> bool:
+    """Whether the planning of a goal, which begins with its handling, comes no sooner than its own achieving."""
+    return any(hold.before is item and hold.moment & (START_HANDLING | START_PLANNING) for hold in item.holds)
+
+
 def not_startable(item: Item) -> str:
     """What a task is begun after and is not past, in words; its planning may have to wait for its own achieving."""
     if not item.holds:
         return ""
     first = START_HANDLING | (START_PLANNING if item.is_goal else START_ACHIEVING)
-    if any(hold.before is item and hold.moment == START_PLANNING for hold in item.holds):
+    if is_delayed(item):
         first |= START_ACHIEVING
     unmet = [hold for hold in item.holds if hold.moment & first and hold.before is not item and not hold.is_met]
     return ", ".join(map(_said, unmet))

@@ -1,6 +1,6 @@
 """What may happen happens at once: no event ends while a task that it touched could go on."""
 
-from tca_tools.check.births import not_met, not_startable
+from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.presence import check_claims
 from tca_tools.check.records import (
     END_ACHIEVING,
@@ -42,10 +42,8 @@ def _first_moment(item: Item) -> int:
     if item.is_queued or item.is_suspended or item.is_orphan or not_startable(item):
         return 0
     start = START_PLANNING if item.is_goal else START_ACHIEVING
-    is_free = item.role or item.parent is None or item.parent.reached & start
-    is_delayed = any(hold.before is item and hold.moment == START_PLANNING for hold in item.holds)
-    if is_delayed and not (is_free and (item.role or item.parent is None or item.parent.reached & START_ACHIEVING)):
-        return 0
+    needed = start | (START_ACHIEVING if is_delayed(item) else 0)
+    is_free = item.role or item.parent is None or item.parent.reached & needed == needed
     return start if is_free else 0
 
 
