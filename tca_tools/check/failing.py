@@ -120,7 +120,7 @@ def reissued(world: World, fact: facts.Reissued) -> None:
         world.broken(HANDLER, handler.id, f"{handler} reissued a failure, and deals with none")
     handler.is_void = handler.returned = True
     if handler.parent is not None:
-        _deals_no_more(world, handler.parent, handler.id)
+        deals_no_more(world, handler.parent, handler.id)
         if not (handler.parent.is_killed or handler.parent.again):
             search(world, handler.parent, handler.id)
 
@@ -130,15 +130,15 @@ def handler_ended(world: World, handler: Item) -> None:
     failing = handler.parent
     if failing is None:
         return
-    _deals_no_more(world, failing, handler.id)
+    deals_no_more(world, failing, handler.id)
     if failing.is_killed or failing.again:
-        failing.deciding = 0 if failing.deciding == handler.id else failing.deciding
         return
     failing.ended_handlers.append(handler.id)
     world.later.append(lambda: _check_recovered(world, failing))
 
 
-def _deals_no_more(world: World, failing: Item, handler: int) -> None:
+def deals_no_more(world: World, failing: Item, handler: int) -> None:
+    """An exception handler is at work on that failure no longer."""
     failing.recovering = tuple(one for one in failing.recovering if one != handler)
     world.touched[failing] = None
 

@@ -1,5 +1,6 @@
 """Kills, suspension and retries: what they do to a task and all under it."""
 
+from tca_tools.check.failing import deals_no_more
 from tca_tools.check.records import START_HANDLING, Item
 from tca_tools.check.rules import CAUGHT, KILLED, QUEUED, SUSPENDED
 from tca_tools.check.world import World
@@ -21,6 +22,7 @@ def killed(world: World, fact: facts.Killed) -> None:
     failing = item.parent if item.role is Role.EXCEPTION and not item.is_void else None
     if failing is not None:
         item.is_void = True
+        deals_no_more(world, failing, item.id)
     if failing is not None and not failing.again:
         failing.searches.append(item.id)
         world.later.append(lambda: _check_searched(world, item))
@@ -69,7 +71,7 @@ def retried(world: World, fact: facts.Retried) -> None:
     item.is_retried = True
     world.flagged.append(item)
     if item.reached & START_HANDLING:
-        item.again, item.returned = True, False
+        item.again, item.returned, item.deciding = True, False, 0
         world.later.append(lambda: _check_retried(world, item))
 
 

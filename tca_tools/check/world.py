@@ -184,7 +184,7 @@ class World:
             return None
         self.new_number(fact.id)
         if original is not None and original.is_task:
-            original.again, original.deciding = False, 0
+            original.again = False
             self.deliveries.pop(original.given_as, None)
             original.given_as, self.deliveries[fact.id] = fact.id, original
             original.attempts += 1
