@@ -4,14 +4,14 @@ from tca_central.clock import Due, checked_seconds
 from tca_central.errors import RequestError
 from tca_central.failures import kill, raise_failure
 from tca_central.intervals import SINGLE_MOMENTS
-from tca_central.making import suspend
+from tca_central.making import make_task, suspend
 from tca_central.registry import Connection, MessageType
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.headers import Accepted
 from tca_wire.points import ROOT, Point, describe_moments
-from tca_wire.vocabulary import MessageClass, Refusal, Scope
+from tca_wire.vocabulary import MessageClass, Refusal, Role, Scope
 
 MOST_PARTING = 100
 """Messages that may be kept for the termination of one task."""
@@ -104,8 +104,16 @@ def check_parting(message: MessageType, task_id: int) -> None:
         raise RequestError(Refusal.PROTOCOL, text)
 
 
-def keep_for_termination(task: Task, message: MessageType, body: bytes) -> None:
-    """Keep a message that is to be sent when the task is killed after it was started (TDL: ON TERMINATE)."""
+def keep_for_termination(central: State, task: Task, message: MessageType, body: bytes) -> None:
+    """Keep a message that is to be sent when the task is killed after it was started (TDL: ON TERMINATE). Of a killed
+    task whose handler goes on, which may not know of it yet, it is sent now: what it is to leave safe may be under way.
+    """
+    if task.killed and task.slot is None:
+        text = f"{task} was killed and its handler is done: '{message.name}' is not sent on its termination any more"
+        raise RequestError(Refusal.TOO_LATE, text)
+    if task.killed:
+        make_task(central, message, body, task, Role.TERMINATION)
+        return
     if len(task.more.parting) >= MOST_PARTING:
         raise RequestError(Refusal.OVERLOAD, f"{MOST_PARTING} messages wait for the termination of {task} already")
     task.more.parting.append((message, body))

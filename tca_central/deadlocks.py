@@ -193,6 +193,8 @@ def _words(central: State, node: Node, following: Node) -> str:
             return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
         case Place(task, _) if isinstance(following, Place) and following.task is not task:
             return f"{_name(task)} waits until {_point(following)}"
+        case Place(task, _) if isinstance(following, Returning | Turn) and following.delivery is not task:
+            return f"{_name(task)} waits for the reply to its condition {_name(following.delivery)}"
     return ""
 
 

@@ -10,7 +10,7 @@ def copy_of(central: State, original: Delivery) -> Delivery:
     """A delivery of the same message, for one of those who handle it."""
     copy = Delivery(central.new_id(), original.message, original.body, original.sender)
     copy.message_id, copy.priority = original.id, original.priority
-    copy.role, copy.context = original.role, original.context
+    copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
     return copy
 
 

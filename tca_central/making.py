@@ -18,39 +18,44 @@ CENTRAL = "central"
 
 
 def make_task(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: int = 0,
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: Delivery | None = None,
     context: Any = None,
 ) -> Task:  # fmt: skip
-    """A new task under *parent* which waits for nothing above it, and which outlives the kill of *parent* where it
-    handles a failure or leaves things safe.
+    """A new task under *parent*, made for *about* (None: for *parent*), which waits for nothing above it, and which
+    outlives the kill of *parent* where it handles a failure or leaves things safe.
     """
+    about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
     task.role, task.is_free = role, True
     task.survives = role.survives
-    task.context = context
+    task.context, task.sent_by = context, about.sent_by
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
     birth = facts.Received(
         task.id, message.name, message.message_class, CENTRAL, TaskId(parent.id), 0, False, body, constraints, role,
-        about or parent.id,
+        about.message_id,
     )  # fmt: skip
     central.facts[mark:mark] = [birth, *at_birth(task)]
     return task
 
 
 def make_delivery(
-    central: State, message: MessageType, body: bytes, role: Role, *, about: int, context: Any = None
+    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
 ) -> Delivery:
     """A new message that is no task, recorded but not on its way yet."""
     made = Delivery(central.new_id(), message, body, None)
     made.role, made.context = role, context
-    birth = facts.Received(made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, about)
+    made.sent_by = about.sent_by if about is not None else None
+    number = about.message_id if about is not None else 0
+    birth = facts.Received(
+        made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, number
+    )  # fmt: skip
     central.facts.append(birth)
     return made
 
 
 def make_statement(
-    central: State, message: MessageType, body: bytes, role: Role, *, about: int, context: Any = None
+    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
 ) -> Delivery:
     """A new inform or broadcast, on its way to whoever handles it."""
     made = make_delivery(central, message, body, role, about=about, context=context)
@@ -59,12 +64,12 @@ def make_statement(
 
 
 def make(
-    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: int = 0, context: Any = None
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, context: Any = None
 ) -> Delivery:
     """A new task under *parent* or, if the message is none, a new statement."""
     if message.message_class.is_task:
-        return make_task(central, message, body, parent, role, about=about, context=context)
-    return make_statement(central, message, body, role, about=about or parent.id, context=context)
+        return make_task(central, message, body, parent, role, context=context)
+    return make_statement(central, message, body, role, about=parent, context=context)
 
 
 def at_birth(task: Task) -> list[facts.Fact]:

@@ -128,7 +128,7 @@ def _test(central: State, watch: Watch) -> None:
             stop(central, watch, "its condition could not be asked")
             fail_task(central, task, Failure("overload", f"too many messages wait for the handler of '{query.name}'"))
         return
-    asked = make_delivery(central, query, task.body, Role.CONDITION, about=task.id, context=watch)
+    asked = make_delivery(central, query, task.body, Role.CONDITION, about=task, context=watch)
     watch.condition = asked
     central.asked[asked.id] = watch
     central.dispatcher.route(asked)

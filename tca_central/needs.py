@@ -155,13 +155,18 @@ def _of_point(central: State, place: Place) -> Groups:
 
 
 def _of_test(monitor: Task) -> Groups:
-    """A point monitor asks once, and waits for the answer; when the others end, time and events decide."""
-    condition = monitor.more.watch.condition if monitor.more.watch is not None else None
-    if condition is not None and monitor.message.message_class is MessageClass.POINT_MONITOR:
-        if condition.slot is not None:
-            yield [Returning(condition)]
-        elif condition.queues:
-            yield [Turn(condition)]
+    """A monitor asks its condition no more until it is answered. One that ends when it has been tested, or has acted so
+    many times, waits for that, or for the point until which it watches; others end by time, events or somebody's will.
+    """
+    watch = monitor.more.watch
+    if watch is None or (condition := watch.condition) is None or watch.options.duration:
+        return
+    is_point = monitor.message.message_class is MessageClass.POINT_MONITOR
+    if (is_point or watch.options.maximum) and (condition.slot is not None or condition.queues):
+        ends: list[Node] = [Returning(condition) if condition.slot is not None else Turn(condition)]
+        if watch.waits_for is not None:
+            ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
+        yield ends
 
 
 def _of_its_handler(task: Task, moment: int) -> Groups:

@@ -12,4 +12,4 @@ def tell(central: State, notice: Notice[D], data: D) -> None:
     message = central.registry.messages.get(notice.name)
     if message is None or not message.serving:
         return
-    make_statement(central, message, notice.encode_data(data), Role.NONE, about=0)
+    make_statement(central, message, notice.encode_data(data), Role.NONE, about=None)

@@ -187,7 +187,7 @@ class Delivery:
     """One message on its way to one handler."""
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
-                 "priority", "queues", "role", "sender", "since", "slot", "ticket")  # fmt: skip
+                 "priority", "queues", "role", "sender", "sent_by", "since", "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
@@ -198,6 +198,8 @@ class Delivery:
         self.role = Role.NONE  #: why central made it
         self.context: Any = None  #: what it is about, where central made it
         self.sender = sender  #: who wants the answer; None when it is gone
+        self.sent_by: object = sender.module if sender is not None else None
+        """The module that sent it; of what central made, who sent the message that it was made for (None: nobody)."""
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again
@@ -206,11 +208,6 @@ class Delivery:
         self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
-
-    @property
-    def sent_by(self) -> object:
-        """The module that sent it; None: central."""
-        return self.sender.module if self.sender is not None else None
 
     def withdraw(self) -> None:
         """Leave the queues."""

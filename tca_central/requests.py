@@ -140,7 +140,7 @@ def _route_task(
         text = f"task {header.parent} has ended: nothing can be added under it"
         raise RequestError(Refusal.TOO_LATE, text)
     if header.when_killed:
-        keep_for_termination(parent, message, body)
+        keep_for_termination(central, parent, message, body)
         central.send(connection, header.number, Accepted(header.number))
         return
     task = Task(TaskId(central.new_id()), message, body, connection)

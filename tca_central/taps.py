@@ -248,7 +248,7 @@ def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery |
         made = _make_task(central, tap, tapped, body)
     else:
         context = Listening(tap, tapped)
-        made = make_statement(central, message, body, Role.LISTENER, about=tapped.message_id, context=context)
+        made = make_statement(central, message, body, Role.LISTENER, about=tapped, context=context)
     central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
     return made
 
@@ -257,8 +257,8 @@ def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
     """A listener that is a task."""
     is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
     parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
-    context, about = Listening(tap, tapped), tapped.message_id
-    listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=about, context=context)
+    context = Listening(tap, tapped)
+    listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=tapped, context=context)
     options = tap.watch or WatchOptions()
     if isinstance(tapped, Task) and tap.condition in _WHILE:
         living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]

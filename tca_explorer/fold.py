@@ -55,10 +55,11 @@ class Fold(Situation):
 
     def _received(self, fact: facts.Received) -> None:
         is_original = fact.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
-        parent = self.seen.get(fact.parent)
+        parent, about = self.seen.get(fact.parent), self.seen.get(fact.about)
         self.seen[fact.id] = Tracked(
             id=fact.id, message=fact.message, message_class=fact.message_class, sender=fact.sender,
             parent_id=fact.parent, body=fact.body, is_over=is_original, role=fact.role, about=fact.about, is_new=True,
+            sent_by=about.sent_by if about is not None else "" if fact.role else fact.sender,
             is_suspended=parent is not None and parent.is_suspended and not fact.role.leaves_safe,
         )  # fmt: skip
         if fact.role is Role.EXCEPTION and (failing := self.seen.get(fact.about)) is not None:

@@ -36,7 +36,7 @@ def reached(now: Situation, task: Tracked, moments: int) -> str:
 def delivered(now: Situation, message: Tracked, fact: Delivered) -> str:
     """What is wrong with giving a message to a handler now; "" if nothing is."""
     held_by = now.held_by.get((fact.module, fact.resource))
-    if held_by is not None and not (held_by.is_reserved and message.sender in (held_by.sender, fact.module)):
+    if held_by is not None and not (held_by.is_reserved and message.sent_by in (held_by.sender, fact.module, "")):
         how = "reserved" if held_by.is_reserved else "locked"
         return f"{message} was given to '{fact.resource}' while {held_by.sender} has it {how}"
     if message.is_handled:

@@ -92,6 +92,8 @@ class Tracked(UnderWay, frozen=True, kw_only=True):
 
     id: int
     parent_id: int
+    sent_by: str = ""
+    """The module that sent it; of what central sent, as what that was sent for ("": it is over)."""
     about: int = 0
     """Where central sent it: the failing, tapped, killed or monitoring task."""
     recovering: tuple[int, ...] = ()

@@ -149,7 +149,8 @@ class TaskHandle(Intervals):
 
         It is sent at once and waits for a free slot only: handlers of the task that still run, and have been told, may
         run beside it. So it fits a "stop". What must come after a handler of the task belongs into that handler's
-        resource, of capacity 1. What comes after the task waits until that has been done.
+        resource, of capacity 1. What comes after the task waits until that has been done. Of a task that has been
+        killed and whose handler is not done it is sent now; of a killed one whose handler is, refused ("too late").
         """
         check_class(message, Goal, Command, call="on_termination()")
         body = message.encode_data(data)

@@ -54,6 +54,8 @@ def received(world: World, fact: facts.Received) -> None:
 
 def _made_by_central(world: World, item: Item) -> None:
     """What it was made for knows of it."""
+    about = world.items.get(item.about) or world.over.get(item.about)
+    item.sent_by = about.sent_by if about is not None else ""
     if item.role is Role.LISTENER:
         world.later.append(lambda: check_sent(world, item))
     monitor = world.items.get(item.about)

@@ -126,7 +126,7 @@ def _may_go_to(world: World, item: Item, place: Place) -> None:
     held_by = place.held_by
     if held_by is not None:
         is_own = item.message_class.has_reply and item.sender == place.module
-        if not (held_by.is_reserved and (item.sender == held_by.sender or is_own)):
+        if not (held_by.is_reserved and (item.sent_by in (held_by.sender, "") or is_own)):
             how = "reserved" if held_by.is_reserved else "locked"
             world.broken(LOCKED, item.id, f"{item} was given to {said(place)}, which {held_by.sender} has {how}")
 

@@ -107,6 +107,7 @@ class Item:
         "role",
         "searches",
         "sender",
+        "sent_by",
         "unplanned",
         "untested",
         "waiters",
@@ -115,7 +116,8 @@ class Item:
 
     def __init__(self, fact: facts.Received, parent: "Item | None") -> None:
         self.id = self.given_as = fact.id
-        self.message, self.message_class, self.sender = fact.message, fact.message_class, fact.sender
+        self.message, self.message_class = fact.message, fact.message_class
+        self.sender = self.sent_by = fact.sender  #: *sent_by*, where central did: as what it made it for ("": unknown)
         self.parent, self.body, self.role, self.about, self.origin = (
             parent, fact.body, fact.role, fact.about, fact.origin
         )  # fmt: skip
@@ -136,8 +138,7 @@ class Item:
         self.is_begun = self.is_killed = self.is_suspended = self.is_over = False
         self.is_new, self.is_retried, self.has_fired = True, False, False
         self.is_answered = self.is_dropped = False
-        self.returned = False  #: its handler is done, for good
-        self.again = False  #: it is to be handled once more
+        self.returned = self.again = False  #: its handler is done for good; it is to be handled once more
         self.must_fail = False  #: its handler failed, and the failure is still to be raised
         self.attempts = 1
         self.failure = ""

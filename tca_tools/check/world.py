@@ -24,6 +24,7 @@ class Gone(NamedTuple):
     message: str
     message_class: MessageClass
     sender: str
+    sent_by: str
 
 
 class World:
@@ -115,7 +116,7 @@ class World:
         for item in self.flagged:
             item.is_new = item.is_retried = item.has_fired = False
             if item.is_over and self.items.pop(item.id, None) is not None:
-                self.over[item.id] = Gone(item.message, item.message_class, item.sender)
+                self.over[item.id] = Gone(item.message, item.message_class, item.sender, item.sent_by)
                 self.deliveries.pop(item.given_as, None)
         self.flagged.clear()
         self.touched.clear()
@@ -204,6 +205,7 @@ class World:
             ),
             None,
         )
+        copy.sent_by = original.sent_by
         copy.original = original if isinstance(original, Item) else None
         if copy.original is not None:
             copy.original.copies += 1

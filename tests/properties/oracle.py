@@ -40,7 +40,7 @@ from properties.oracle_records import (
 from tca_central.events import ConnectionLost, Effect, Event, Received
 from tca_wire import facts, headers
 from tca_wire.points import THIS, Moment
-from tca_wire.vocabulary import Condition, MessageClass
+from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
 
@@ -180,7 +180,10 @@ class Oracle:
             if not (header.if_handled and not self._is_served(header.message)):
                 parent = world.node(header.parent)
                 assert parent
-                parent.parting.append(header.message)
+                if parent.killed:
+                    oracle_rules.make(world, header.message, Role.TERMINATION, parent, parent)
+                else:
+                    parent.parting.append(header.message)
             return
         if header.if_handled and not self._is_served(header.message):
             return

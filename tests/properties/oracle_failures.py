@@ -45,7 +45,7 @@ def _doomed(world: World, node: Node) -> list[Node]:
 def _leave_behind(world: World, node: Node) -> None:
     if SH in node.past:
         for message in node.parting:
-            oracle_rules.make(world, message, Role.TERMINATION, node, node.id)
+            oracle_rules.make(world, message, Role.TERMINATION, node, node)
     oracle_monitors.stop(world, node)
     for listener in node.listeners:
         if listener.id in world.nodes:
@@ -110,7 +110,7 @@ def _search(world: World, node: Node, names: tuple[str, ...], after: Trouble | N
         nested = sum(above.failing is not None and above.failing.attachment is attachment for above in node.lineage())
         if fits and not exhausted and nested < MOST_NESTED:
             at.calls[attachment.id] = at.calls.get(attachment.id, 0) + 1
-            handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node.id)
+            handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node)
             handler.failing = Trouble(node, names, at, attachment)
             return handler
     lineage = node.lineage()

@@ -79,10 +79,10 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
         return
     kind = world.kinds[message]
     if kind.is_task:
-        oracle_rules.make(world, message, role, node, node.id)
+        oracle_rules.make(world, message, role, node, node)
     else:
         made = world.seen.take_made(message, role, 0, node.id)
-        job = Job(made, message, kind, role=role, sent_for_listener=node.role is Role.LISTENER)
+        job = Job(made, message, kind, module=node.module, role=role, sent_for_listener=node.role is Role.LISTENER)
         oracle_slots.send_statement(world, job)
 
 
@@ -117,7 +117,9 @@ def _test(world: World, node: Node) -> None:
     query = world.parts[node.message][0]
     made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
     is_listener = node.role is Role.LISTENER
-    node.watch.condition = Job(made, query, world.kinds[query], role=Role.CONDITION, sent_for_listener=is_listener)
+    node.watch.condition = Job(
+        made, query, world.kinds[query], module=node.module, role=Role.CONDITION, sent_for_listener=is_listener
+    )
     oracle_slots.wait(world, node.watch.condition)
 
 

@@ -24,7 +24,7 @@ class Job:
     message: str
     kind: MessageClass
     sender: str = ""  # the connection that sent it
-    module: str = ""  # of that
+    module: str = ""  # of that; of what central made, of the message that it was made for
     number: int = 0  # of the sender's request, if an answer is due
     priority: int = 0
     role: Role = Role.NONE

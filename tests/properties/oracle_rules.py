@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from properties import oracle_failures, oracle_locks, oracle_monitors, oracle_taps
-from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Node, Pair, World
+from properties.oracle_records import EA, EH, EP, SA, SH, SP, STARTS, Alarm, Job, Node, Pair, World
 
 from tca_wire.constraints import Flags
 from tca_wire.points import Moment
@@ -122,10 +122,10 @@ def add(world: World, node: Node, parent: Node) -> None:
         oracle_failures.kill(world, node)
 
 
-def make(world: World, message: str, role: Role, parent: Node, about: int, tap: int = 0) -> Node:
-    """A task that central makes itself: it waits for nothing above it."""
-    task = world.seen.take_made(message, role, parent.id, about, tap)
-    node = Node(task, message, world.kinds[message], role=role, free=True)
+def make(world: World, message: str, role: Role, parent: Node, about: Job, tap: int = 0) -> Node:
+    """A task that central makes itself, for another message: it waits for nothing above it."""
+    task = world.seen.take_made(message, role, parent.id, about.id, tap)
+    node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
     node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
     add(world, node, parent)

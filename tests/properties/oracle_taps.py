@@ -97,15 +97,14 @@ def take_news(world: World) -> bool:
 
 def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     kind = world.kinds[tap.listener]
-    about = job.id
     if not world.handlers.get(tap.listener) and not kind.is_monitor:
         return None
     if not kind.is_task:
-        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, about, tap.id)
-        oracle_slots.send_statement(world, Job(made, tap.listener, kind, role=Role.LISTENER))
+        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)
+        oracle_slots.send_statement(world, Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER))
         return None
     parent = job if isinstance(job, Node) and tap.condition in CHILDREN else world.root
-    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, about, tap.id)
+    listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, job, tap.id)
     listener.tap = tap
     options = tap.watch or WatchOptions()
     if isinstance(job, Node) and tap.condition in WHILE:
