@@ -44,8 +44,9 @@ def failure_line(text: str) -> str:
 
 
 def data(task: TaskThen) -> str:
-    """Its data and result."""
-    return " -> ".join(filter(None, (data_text(task.body), data_text(task.result or task.failure_data))))
+    """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``."""
+    given, result, failure_data = map(data_text, (task.body, task.result, task.failure_data))
+    return " ".join(filter(None, (given, result and f"-> {result}", failure_data and f"failed with {failure_data}")))
 
 
 def folded(row: Row) -> str:

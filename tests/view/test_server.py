@@ -45,7 +45,7 @@ def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
         "terrain collision: leg 4 met\x1b[31m rock",
         [],
     )
-    assert told["story"][-1] == {
+    assert told["story"][-2] == {
         "time": 4.5,
         "text": "failed: terrain collision: leg 4 met\x1b[31m rock",
         "seconds": None,
