@@ -1,6 +1,7 @@
 """The server of the page, asked by a program."""
 
 import json
+import re
 import subprocess
 import sys
 import urllib.error
@@ -123,10 +124,12 @@ def test_an_empty_journal_is_said_to_be_empty(tmp_path: Path, is_folder: bool) -
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            assert process.stdout.readline().startswith("new: http://")
-            assert process.stdout.readline() == "it is empty: what central writes to it will be shown\n"
+            found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
+            assert found
+            get(found[1])  # it serves: what it has to say it has said
         finally:
             process.terminate()
+        assert process.communicate()[0] == "it is empty: what central writes to it will be shown\n"
 
 
 def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: Path) -> None:
