@@ -72,7 +72,7 @@ class TreePane(ScrollView, can_focus=True):
     def _called(self, row: Row) -> str:
         if not row.task or self.then is None:
             return f"+ {row.folded} more"
-        return printable(str(self.then.past.tasks[row.task])) + (f" + {row.folded}" if row.folded else "")
+        return words.called(self.then.tasks[row.task]) + (f" + {row.folded}" if row.folded else "")
 
     def render_line(self, y: int) -> Strip:
         """One line, drawn when it is seen."""

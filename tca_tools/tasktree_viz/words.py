@@ -24,6 +24,17 @@ def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | Non
     return start, end
 
 
+def role(task: TaskThen) -> str:
+    """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"."""
+    kind = "monitor" if task.message_class.is_monitor else ""
+    return ", ".join(filter(None, (kind, task.role)))
+
+
+def called(task: TaskThen) -> str:
+    """Its name, with its role: ``stability check {7} (listener)``."""
+    return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
+
+
 def note(then: Then, task: TaskThen) -> str:
     """What keeps it waiting, or how it ended if not well."""
     if task.failure:

@@ -41,6 +41,7 @@ def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: 
     page = look(stumbling().write(tmp_path / "walk"))
     expect(page.locator("#status")).to_have_text("ended")
     expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
+    expect(line(page, 1)).to_contain_text("killed: failure 'terrain collision' of move body {7} was not handled")
     page.locator("#counts button[data-state='failed']").click()
     expect(page.locator("#task h2")).to_have_text("move body {7}")
     expect(page.locator("#task")).to_contain_text("handled by controller: failed")
