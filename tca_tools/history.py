@@ -29,12 +29,13 @@ class History(Notes):
 
     @classmethod
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
-        """What was known at *time* (None: at the end)."""
+        """What was known at *time* (None: at the end); what comes later is not even read."""
         history = cls()
         with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
-                    history.time = time
+                    history.until_time = time
+                    history.time = max(history.time, time)  # of several entries at that time the last is a bit later
                     break
                 history.apply(entry)
         return history
