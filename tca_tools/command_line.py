@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -70,6 +71,8 @@ class CommandLine(click.Group):
         **extra: Any,
     ) -> Any:
         """Run from the command line, and end the program (unless *standalone_mode* is off)."""
+        if sys.stdout is None:  # it was closed: who does that wants no output
+            sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the program runs
         try:
             result = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
         except click.Abort:

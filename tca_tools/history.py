@@ -8,19 +8,18 @@ from math import inf, nextafter
 from typing import Any
 
 from tca_tools.garbage import no_garbage
-from tca_tools.past import UNKNOWN, Past
-from tca_tools.records import Claim, Handling, Hold, Message, ModuleRecord, Queueing, Task, Wait
+from tca_tools.notes import Notes
+from tca_tools.records import Claim, Handling, Hold, Message, Queueing, Task, Wait
 from tca_wire import facts
-from tca_wire.points import MOMENTS, ROOT, Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.points import MOMENTS, Moment
+from tca_wire.vocabulary import Outcome
 
 
-class History(Past):
+class History(Notes):
     """What happened until ``time``; ``apply`` is the only way it changes."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._touched: dict[int, Task] = {}
         self._deliveries: dict[int, Handling] = {}
         self._queued: dict[int, Queueing] = {}
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
@@ -30,12 +29,13 @@ class History(Past):
 
     @classmethod
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
-        """What was known at *time* (None: at the end)."""
+        """What was known at *time* (None: at the end); what comes later is not even read."""
         history = cls()
         with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
-                    history.time = time
+                    history.until_time = time
+                    history.time = max(history.time, time)  # of several entries at that time the last is a bit later
                     break
                 history.apply(entry)
         return history
@@ -119,18 +119,6 @@ class History(Past):
         if fact.blocking and not fact.message_class.is_task:
             self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
-    def _plant(self, task: Task) -> None:
-        """Put a new task into the tree."""
-        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = task
-        self.births.append(self.time)
-        if task.parent != ROOT and 0 < task.parent < task.id:
-            parent = self._task(task.parent)
-            parent.children.append(TaskId(task.id))
-            task.is_suspended = parent.is_suspended and not task.role.leaves_safe
-        else:
-            task.parent = ROOT
-            self.top.append(TaskId(task.id))
-
     def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
         for constraint in fact.constraints:
             if constraint.after.task in self.tasks:
@@ -174,8 +162,7 @@ class History(Past):
         self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
             message.handlings.append(handling)
-            self._change(message, "failure", "")
-            self._change(message, "failure_data", b"")
+            self._forget_outcome(message)
             self._touch(message.id)
 
     def _return(self, fact: facts.Returned) -> None:
@@ -265,7 +252,7 @@ class History(Past):
         if fact.task > 0:
             task = self._task(fact.task)
             task.is_recovering = False
-            self._change(task, "failure", "")
+            self._forget_outcome(task)
             self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
@@ -332,31 +319,6 @@ class History(Past):
         if wait and wait.end is None:
             wait.end = self.time
             self.news.append(wait)
-
-    # --- records made when they are first needed --------------------------------------------------------------------
-
-    def _module(self, name: str) -> ModuleRecord:
-        if name not in self.modules:
-            self.modules[name] = ModuleRecord(name)
-        return self.modules[name]
-
-    def _task(self, task: TaskId) -> Task:
-        """A task that something happens to; one sent before the journal begins gets a record under the root."""
-        if task not in self.tasks:
-            self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
-        return self._touched.setdefault(task, self.tasks[task])
-
-    def _touch(self, message_id: int) -> None:
-        """Look at a task's state again when all facts of the event are known."""
-        if (task := self.tasks.get(message_id)) is not None:
-            self._touched[message_id] = task
-
-    def _change(self, message: Message, name: str, value: str | bytes | bool) -> None:
-        """Write a new value over a field, and remember from when on it is so."""
-        if getattr(message, name) != value:
-            message.changes.append((self.time, name, getattr(message, name)))
-            setattr(message, name, value)
-            self._touch(message.id)
 
 
 # ruff: noqa: SLF001

@@ -9,11 +9,9 @@ from tca_tools.errors import ToolError
 
 
 def write_output(path: Path, content: str | bytes) -> None:
-    """Write a whole file. Raises ToolError if that can't be done."""
-    try:
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    except OSError as error:
-        raise ToolError(f"{path}: can't be written: {error.strerror}") from None
+    """Write a whole file, or leave what was there. Raises ToolError if it can't be written."""
+    with new_file(path) as stream:
+        stream.write(content if isinstance(content, bytes) else content.encode())
 
 
 @contextmanager

@@ -19,6 +19,9 @@ class Past:
     2. A task's parent is the root or a task with a smaller id, so walks up and down end.
     """
 
+    until_time: float | None = None
+    """Until when the journal was read, if it goes on after that."""
+
     def __init__(self) -> None:
         self.time = 0.0
         self.times = array("d")

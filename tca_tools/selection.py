@@ -60,7 +60,7 @@ def tasks_called(past: Past, text: str) -> list[TaskId]:
                 f"{printable(str(message))} is a {message.message_class}, no task: 'tca log show' tells of it"
             )
         raise NotInLog(
-            f"no task '{printable(text)}' in this journal{_nearest(text, {t.name for t in past.tasks.values()})}"
+            f"no task '{printable(text)}' {_in_journal(past)}{_nearest(text, {t.name for t in past.tasks.values()})}"
         )
     return found
 
@@ -78,7 +78,7 @@ def check_modules(past: Past, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
         if name not in past.modules:
-            raise NotInLog(f"no module '{printable(name)}' in this journal{_nearest(name, past.modules)}")
+            raise NotInLog(f"no module '{printable(name)}' {_in_journal(past)}{_nearest(name, past.modules)}")
 
 
 def part_of(
@@ -184,6 +184,10 @@ def _time_at(past: Past, clock: float | None, default: float) -> float:
         return default
     place = past.place(clock)
     return max(past.times[place - 1], clock) if place else clock
+
+
+def _in_journal(past: Past) -> str:
+    return "in this journal" + ("" if past.until_time is None else f" until {past.until_time:g} s")
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

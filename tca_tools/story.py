@@ -6,6 +6,7 @@ from math import nextafter
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, Queueing, State, Task, Wait
 from tca_tools.then import Then
@@ -98,6 +99,7 @@ def _changes(message: Message) -> Iterator[Sentence]:
 
 _SAY: dict[str, Any] = {
     "failure": lambda text: f"failed: {text}",
+    "failure_data": lambda data: f"the failure's data: {data_text(data)}",
     "killed": lambda why: f"killed: {why}",
     "dropped": lambda why: f"came to nothing: {why}",
     "watched": lambda why: f"watches no longer: {why}",

@@ -171,8 +171,8 @@ class Then:
     def by_clock(cls, past: Past, clock: float | None) -> "Then":
         """As it was when the clock of the entries showed so many seconds (None: at the end)."""
         place = len(past.times) if clock is None else past.place(clock)
-        is_past = place < len(past.times)
-        return cls(past, past.times[place - 1] if place else -inf, clock if is_past else past.time)
+        time = past.time if clock is None else min(clock, past.time)
+        return cls(past, past.times[place - 1] if place else -inf, time)
 
     @cached_property
     def top(self) -> list[TaskId]:

@@ -5,9 +5,9 @@ from typing import ClassVar
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
-from textual.widgets import Footer, Input
+from textual.widgets import Footer
 
-from tca_tools.replay.panes import MessagesPane, StoryPane, TimeBar, TreePane
+from tca_tools.replay.panes import MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Outline
 from tca_tools.terminal import printable
@@ -17,6 +17,8 @@ FRAMES = 15
 """How often the screen is drawn in a second while time passes."""
 SPEEDS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0, 500.0, 1000.0, 5000.0)
 _FAR = 20
+_OF_THE_TREE = {"step", "fold", "select", "go_to_start", "go_to_end", "ask_time", "ask_name"}
+"""What keys do at once, but not while something is typed."""
 
 
 class Replay(App[None]):
@@ -41,8 +43,8 @@ class Replay(App[None]):
         Binding("r", "turn", "backwards"),
         Binding("f", "failure(1)", "next failure"),
         Binding("F", "failure(-1)", "failure before", show=False),
-        Binding("g", "ask_time", "go to time"),
-        Binding("slash", "ask_name", "search", key_display="/"),
+        Binding("g", "ask_time", "go to time", priority=True),
+        Binding("slash", "ask_name", "search", key_display="/", priority=True),
         Binding("n", "search(1)", "next found", show=False),
         Binding("N", "search(-1)", "found before", show=False),
         Binding("enter", "fold", "open/close", priority=True),
@@ -84,7 +86,7 @@ class Replay(App[None]):
                 yield TreePane()
                 yield StoryPane(self.recording)
             yield MessagesPane(self.recording)
-        yield Input(id="ask")
+        yield Question(self._answer)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -108,8 +110,8 @@ class Replay(App[None]):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """While something is typed the keys are for that."""
         del parameters
-        is_asking = isinstance(self.focused, Input)
-        return not is_asking or action not in ("step", "fold", "select", "go_to_start", "go_to_end")
+        is_asking = isinstance(self.focused, Question)
+        return not is_asking or action not in _OF_THE_TREE
 
     # --- moving ------------------------------------------------------------------------------------------------------
 
@@ -242,23 +244,23 @@ class Replay(App[None]):
     def _ask(self, what: str, words: str) -> None:
         self._asked = what
         self.is_playing = False
-        ask = self.query_one("#ask", Input)
+        ask = self.query_one(Question)
         ask.value, ask.placeholder = "", words
         ask.add_class("asked")
-        ask.focus()
+        self.set_focus(ask)  # at once: the next key may have been typed already
 
     def action_stop_asking(self) -> None:
         """Nothing is asked any more."""
-        self.query_one("#ask").remove_class("asked")
-        self.query_one(TreePane).focus()
+        self.query_one(Question).remove_class("asked")
+        self.set_focus(self.query_one(TreePane))
 
-    def on_input_submitted(self, submitted: Input.Submitted) -> None:
-        """The answer."""
+    def _answer(self, text: str) -> None:
+        """What was asked for has been typed."""
         self.action_stop_asking()
-        text = submitted.value.strip()
         if self._asked == "name":
             self._wanted = text or self._wanted
-            self.action_search(1)
+            if self._wanted:
+                self.action_search(1)
             return
         try:
             self.go_to(self.recording.place_of(float(text.removesuffix("s"))))

@@ -7,7 +7,7 @@ import click
 from tca_tools.replay.recording import Recording
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
 from tca_tools.then import Then
 
 _DEEPEST = 12
@@ -27,7 +27,7 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         task, state = then.tasks[number], past.tasks[number].states[order][1]
         depth = recording.depths[number]
         indent = "  " * depth if depth <= _DEEPEST else f"{'  ' * _DEEPEST}[{depth}] "
-        line = f"{clock:10.3f}  {' ' if order else '+'} {indent}{printable(str(task))}: "
+        line = f"{clock:10.3f}  {' ' if order else '+'} {indent}{words.called(task)}: "
         note = words.note(then, task)
         rest = cut(f"{state}" + (f", {note}" if note else ""), None if width is None else max(width - len(line), 8))
         yield line + click.style(rest[: len(state)], fg=COLOURS[state]) + rest[len(state) :]

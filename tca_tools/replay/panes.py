@@ -6,12 +6,13 @@ Each draws only the lines that are seen.
 from collections.abc import Callable
 
 from rich.text import Text
-from textual.events import Click
+from textual.events import Click, Key
 from textual.geometry import Region, Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
+from textual.widgets import Input
 
 from tca_tools.data import data_text
 from tca_tools.log import BAD_NEWS
@@ -71,7 +72,7 @@ class TreePane(ScrollView, can_focus=True):
     def _called(self, row: Row) -> str:
         if not row.task or self.then is None:
             return f"+ {row.folded} more"
-        return printable(str(self.then.past.tasks[row.task])) + (f" + {row.folded}" if row.folded else "")
+        return words.called(self.then.tasks[row.task]) + (f" + {row.folded}" if row.folded else "")
 
     def render_line(self, y: int) -> Strip:
         """One line, drawn when it is seen."""
@@ -245,3 +246,23 @@ class TimeBar(Widget):
         start, end = recording.time(0), recording.time(recording.last)
         wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
         self.post_message(self.Wanted(recording.place_of(wanted)))
+
+
+class Question(Input):
+    """A line to type in. It hands over the answer at once: keys that were typed fast after it are not part of it."""
+
+    _ENTER = ("enter", "ctrl+j")
+    """What terminals send, and what programs send that write a line."""
+
+    def __init__(self, answer: Callable[[str], object]) -> None:
+        super().__init__(id="ask")
+        self._answer = answer
+
+    def on_key(self, event: Key) -> None:
+        """A key that came here: it may have been on its way when another pane got the focus."""
+        if self.app.focused is not self:
+            event.stop().prevent_default()
+            self.app.post_message(Key(event.key, event.character))
+        elif event.key in self._ENTER:
+            event.stop().prevent_default()
+            self._answer(self.value.strip())

@@ -35,6 +35,7 @@ class Node:
     state: str = ""
     spans: str = ""
     note: str = ""
+    role: str = ""
     is_parent: bool = False
     is_open: bool = False
     folded: str = ""
@@ -148,7 +149,7 @@ def _counted(past: Past, hidden: list[TaskId]) -> str:
 
 def _describe(then: Then, record: Task, node: Node) -> None:
     task = then.tasks[record.id]
-    node.task, node.state, node.note = task, str(task.state), words.note(then, task)
+    node.task, node.state, node.note, node.role = task, str(task.state), words.note(then, task), words.role(task)
     spans = []
     for interval in (Interval.PLANNING, Interval.ACHIEVING):
         if span := words.span(task, interval):

@@ -40,7 +40,7 @@ def tree(
     """
     check_output(output, (".txt",) if story else KINDS)
     journal = open_log(asked.log_path)
-    history = History.until(journal, asked.at if story else None)
+    history = History.until(journal, asked.at)
     if story:
         _tell(history, story, output)
     else:

@@ -104,7 +104,7 @@ def _node(then: Then, row: Row, found: Arrows, with_data: bool) -> str:
     task, state = row.task, row.task.state
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if state is State.HELD else ""
-    tooltip = "\n".join(filter(None, [f"{printable(str(task))}: {state}", words.note(then, task), words.data(task)]))
+    tooltip = "\n".join(filter(None, [f"{words.called(task)}: {state}", words.note(then, task), words.data(task)]))
     label = "<br/>".join(_label_lines(then, task, found.own.get(task.id, []), with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
@@ -122,7 +122,7 @@ def _label_lines(then: Then, task: TaskThen, own: list[str], with_data: bool) ->
     yield _small(" ".join(filter(None, [task.state, _times(task)])))
     if own:
         yield f'<font point-size="9" color="{_HEAVY}">{escape(", ".join(own))}</font>'
-    if task.failure:
+    if task.failure or task.killed is not None:
         for line in wrap(words.note(then, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
             yield _small(line)
     if with_data and (data := words.data(task)):

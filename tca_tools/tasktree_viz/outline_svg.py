@@ -117,7 +117,9 @@ def _box(then: Then, place: Place, top: float) -> Iterator[str]:
         look += ' stroke-dasharray="4 3"' if task.state is State.HELD else ""
         if looks := looks_of(task):
             look = look.replace('stroke="#1f2933"', f'stroke="{looks[0]}" stroke-width="2.2"')
-        title = "\n".join(filter(None, [f"{task}: {task.state}", words.note(then, task), words.data(task)]))
+        title = "\n".join(
+            filter(None, [f"{words.called(task)}: {task.state}", words.note(then, task), words.data(task)])
+        )
     yield rectangle(look, left, y, left + place.width, BOX, title)
     yield f'<text class="name" x="{left + 7:.1f}" y="{y + 13.5:.1f}" pointer-events="none">{text(place.label)}</text>'
     if place.after:

@@ -8,7 +8,7 @@ import click
 from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut, padded, printable
+from tca_tools.terminal import columns_of, cut, padded
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import Interval
 
@@ -71,7 +71,7 @@ def tree_lines(
 
 
 def _name(row: Row) -> str:
-    return printable(str(row.task)) if row.task else words.folded(row)
+    return words.called(row.task) if row.task else words.folded(row)
 
 
 def _task_line(then: Then, task: TaskThen, label: str, width: int | None) -> str:

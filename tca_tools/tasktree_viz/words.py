@@ -24,6 +24,17 @@ def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | Non
     return start, end
 
 
+def role(task: TaskThen) -> str:
+    """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"."""
+    kind = "monitor" if task.message_class.is_monitor else ""
+    return ", ".join(filter(None, (kind, task.role)))
+
+
+def called(task: TaskThen) -> str:
+    """Its name, with its role: ``stability check {7} (listener)``."""
+    return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
+
+
 def note(then: Then, task: TaskThen) -> str:
     """What keeps it waiting, or how it ended if not well."""
     if task.failure:
@@ -44,8 +55,9 @@ def failure_line(text: str) -> str:
 
 
 def data(task: TaskThen) -> str:
-    """Its data and result."""
-    return " -> ".join(filter(None, (data_text(task.body), data_text(task.result or task.failure_data))))
+    """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``."""
+    given, result, failure_data = map(data_text, (task.body, task.result, task.failure_data))
+    return " ".join(filter(None, (given, result and f"-> {result}", failure_data and f"failed with {failure_data}")))
 
 
 def folded(row: Row) -> str:

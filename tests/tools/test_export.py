@@ -76,6 +76,18 @@ def test_what_cant_be_written_is_said(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FORMATS)
+def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> None:
+    """Of a device the export would become the file; what is tried here is a name that leads to one."""
+    output = tmp_path / "device"
+    output.symlink_to("/dev/null")
+    result = exported(run, "--to", name, "-o", output, "--force")
+    assert result.exit_code == 1
+    assert f"{output}: neither a file nor a folder: give another name" in result.stderr
+    assert output.is_char_device()
+    assert Path("/dev/null").is_char_device()
+
+
+@pytest.mark.parametrize("name", FORMATS)
 def test_of_a_cut_journal_what_is_good_is_exported(tmp_path: Path, name: str) -> None:
     run = walking().write(tmp_path / "run", segments=2)
     second = run / "00000002.tcaj"

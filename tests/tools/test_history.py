@@ -17,7 +17,7 @@ from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.then import Then
 from tca_tools.waiting import why_waiting
 from tca_wire import facts
-from tca_wire.constraints import plan_first
+from tca_wire.constraints import plan_first, sequential_achievement
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.wording import Wording
@@ -353,3 +353,29 @@ def test_a_note_of_a_direct_message_with_impossible_times() -> None:
         story.say(facts.HandledDirectly("height", "map", "map", "x", 0, 1, ended, seconds, Outcome.DONE, ""))
     handlings = story.at(3.0).fold().handlings
     assert [(one.start, one.end) for one in handlings] == [(1.5, 1.5), (1.5, 2.0), (0.0, 0.0), (1.5, 2.0), (0.0, 0.0)]
+
+
+def test_what_is_suspended_from_above_waits_for_that_to_be_resumed() -> None:
+    """However deep, and whatever else it would wait for: a queue, its parent, the one before it."""
+    story = Story().module("planner", "walk").module("legs", "move")
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "planner").reached(walk, Moment.START_ACHIEVING)
+    step = story.goal("walk", "planner", walk)
+    first = story.command("move", "planner", step)
+    held = story.command("move", "planner", step, sequential_achievement(TaskId(first), THIS))
+    story.delivered(step, "planner").reached(step, Moment.START_ACHIEVING).returned(step).delivered(first, "legs")
+    queued = story.command("move", "planner", walk)
+    story.queued(queued, "legs").at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
+    story.at(2.0)
+    late = story.command("move", "planner", step)
+    known = story.fold()
+    for task in (step, held, queued, late):
+        assert reasons(known, task) == [f"until walk {{{walk}}} is resumed"]
+    assert reasons(known, first) == []  # its handler runs on
+    assert reasons(story.fold(0.5), held) == [f"until move {{{first}}} is achieved"]
+    story.at(3.0).say(facts.SuspendedOrResumed(TaskId(walk), False))
+    assert reasons(story.fold(), held) == [f"until move {{{first}}} is achieved"]
+    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(step), True))
+    known = story.fold()
+    assert reasons(known, held) == [f"until walk {{{step}}} is resumed"]
+    assert reasons(known, queued) == ["for legs, busy with move {3}"]

@@ -1,7 +1,9 @@
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from integration.programs import central
 from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
@@ -79,13 +81,52 @@ def test_what_cant_be_read_is_refused(tmp_path: Path) -> None:
         list(open_log(tmp_path))
 
 
-def test_a_torn_tail_is_no_damage(tmp_path: Path) -> None:
+def test_a_torn_tail_is_no_damage_but_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     story = walking()
     path = tmp_path / "00000001.tcaj"
-    path.write_bytes(story.encoded()[:-3])
+    whole = b"".join(map(record, story.entries[:-1]))
+    path.write_bytes(story.encoded()[: len(whole) + 9])
     log = open_log(path)
     assert len(numbers(log)) == len(story.entries) - 1
+    assert log.cut == f"{path}, byte {len(whole)}: cut off, the last 9 bytes are no whole entry"
     log.check()
+    assert capsys.readouterr().err == f"tca: {log.cut}; what comes before it is shown\n"
+
+
+def test_of_a_whole_journal_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = open_log(walking().write(tmp_path / "run", segments=2))
+    assert numbers(log)
+    log.check()
+    assert (log.cut, capsys.readouterr().err) == ("", "")
+
+
+@pytest.mark.slow
+def test_whether_a_central_writes_to_it(tmp_path: Path) -> None:
+    with central(tmp_path / "one") as ended, central(tmp_path / "two") as killed:
+        for daemon in (ended, killed):
+            assert open_log(daemon.journal).is_being_written
+        ended.stop()
+        killed.signal(signal.SIGKILL)
+        killed.process.wait(timeout=10)
+        for daemon in (ended, killed):
+            assert not open_log(daemon.journal).is_being_written
+
+
+@pytest.mark.slow
+def test_an_entry_that_is_just_being_written_is_no_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with central(tmp_path) as daemon:
+        daemon.signal(signal.SIGSTOP)
+        newest = open_log(daemon.journal).segments()[-1]
+        with newest.open("ab") as stream:
+            stream.write(record(Entry(99, 1.0, []))[:-2])
+        log = open_log(daemon.journal)
+        list(log)
+        log.check()
+        assert (log.cut, capsys.readouterr().err) == ("", "")
+        daemon.signal(signal.SIGKILL)
+        daemon.process.wait(timeout=10)
+        log.check()
+        assert "cut off, the last" in capsys.readouterr().err
 
 
 def test_damage_ends_the_log_and_is_told_after_what_is_good(tmp_path: Path) -> None:

@@ -198,6 +198,20 @@ def test_a_task_is_closed_and_opened() -> None:
     play(app, act)
 
 
+@pytest.mark.parametrize("keys", [["q"], ["ctrl+c"], ["slash", "ctrl+c"], ["slash", *"unheard", "enter", "q"],
+                                  ["slash", "enter", "q"], ["slash", "q", "escape", "q"], ["g", *"x", "ctrl+j", "q"]])  # fmt: skip
+def test_how_it_ends(keys: list[str]) -> None:
+    app = replay(stumbling().entries)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press(*keys[:-1])
+        assert app.return_code is None
+        await pilot.press(keys[-1])
+
+    play(app, act)
+    assert app.return_code == 0
+
+
 def test_an_empty_run() -> None:
     app = replay(Story().entries)
 

@@ -108,6 +108,7 @@ def test_failures_with_what_became_of_them_and_their_stories(reported: Reported)
         assert words in shown.text
     assert "The story of move {1}" in shown.text
     assert "exception handler recover {2} is called" in shown.text
+    assert "recover {2} (exception handler)" in shown.text
 
 
 def test_of_many_short_tasks_the_longest_is_looked_at_too(reported: Reported) -> None:

@@ -30,6 +30,7 @@ def test_a_task_that_failed() -> None:
         "1.4 (2.0 s) held, until move leg {6} is achieved",
         "3.4 (1.1 s) handled by controller: failed",
         "4.5 failed: terrain collision: leg 4 met\x1b[31m rock",
+        '4.5 the failure\'s data: {"force": 812.0}',
     ]
 
 

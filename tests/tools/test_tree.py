@@ -182,18 +182,54 @@ def test_what_stands_in_a_row_needs_no_arrow_from_the_first_to_the_third() -> No
     assert arrows(Then(history), {1, 3}).between == {(1, 3): ["SEQ"]}
 
 
-def test_the_picture_tells_what_central_sent_itself() -> None:
+def with_roles() -> Story:
+    """A move with tasks that central made itself, and a monitor."""
     story = Story()
     leg = story.goal("move leg", "x")
     for name, role, message_class in (
         ("raise leg", Role.EXCEPTION, MessageClass.EXCEPTION),
         ("stability check", Role.LISTENER, MessageClass.COMMAND),
         ("achieved position?", Role.NONE, MessageClass.POINT_MONITOR),
+        ("at rest?", Role.CONDITION, MessageClass.COMMAND),
+        ("report", Role.ACTION, MessageClass.COMMAND),
+        ("watch", Role.LISTENER, MessageClass.POLLING_MONITOR),
     ):
         number = story.received(name, message_class, "central", leg)
         (birth,) = [f for f in story.entries[-1].facts if isinstance(f, facts.Received) and f.id == number]
         story.entries[-1].facts[story.entries[-1].facts.index(birth)] = msgspec.structs.replace(birth, role=role)
-    history = story.fold()
+    return story
+
+
+def test_the_text_tells_what_no_module_wanted_done(tca: Tca, tmp_path: Path) -> None:
+    shown = tca("tree", with_roles().write(tmp_path / "run")).stdout
+    assert re.findall(r"(\w[^{\n]*\{\d\}(?: \(.*\))?)  ", shown) == [
+        "move leg {1}",
+        "raise leg {2} (exception handler)",
+        "stability check {3} (listener)",
+        "achieved position? {4} (monitor)",
+        "at rest? {5} (condition)",
+        "report {6} (action)",
+        "watch {7} (monitor, listener)",
+    ]
+
+
+def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(tca: Tca, tmp_path: Path) -> None:
+    """Its sender was told that it failed; that its state is "killed" needs a word."""
+    run, why = stumbling().write(tmp_path / "fall"), "failure 'terrain collision' of move body {7} was not handled"
+    assert re.findall(rf"(\w+ \w+ {{\d}}) .*{re.escape(why)}", tca("tree", run).stdout) == ["traverse arc {1}"]
+    assert tca("tree", run, "-o", tmp_path / "fall.dot").exit_code == 0
+    labels = re.findall(r"label=<(.*?)>, style", (tmp_path / "fall.dot").read_text())
+    told = [re.sub(r"<[^>]*>", " ", label) for label in labels]
+    assert [text.split(" ")[0] for text in told if "was not" in " ".join(text.split())] == ["traverse"]
+    assert tca("tree", run, "--layout", "outline", "-o", tmp_path / "fall.svg").exit_code == 0
+    notes = re.findall(r'class="note"[^>]*>(killed[^<]*)', (tmp_path / "fall.svg").read_text())
+    assert [note for note in notes if "failure" in note] == [
+        "killed: failure &#x27;terrain collision&#x27; of move body {7}"
+    ]
+
+
+def test_the_picture_tells_what_central_sent_itself() -> None:
+    history = with_roles().fold()
     dot = dot_source(Then(history), whole_outline(Then(history)), "roles")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [False, True, True, True]

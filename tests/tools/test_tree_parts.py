@@ -11,16 +11,19 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from click.testing import Result
+from tools.runs import encoded, walk
 from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
 
 from tca_tools.history import History
 from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
+from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
+from tca_wire.facts import Entry
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome, Role
 
@@ -264,3 +267,36 @@ def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
     result = tca("tree", story.write(tmp_path / "run"), "-o", tmp_path / "tree.png")
     assert result.exit_code == 1
     assert "3100 tasks are too many for a picture: ask for a part with --task" in result.stderr
+
+
+def hasty() -> list[Entry]:
+    """A robot so fast that its clock shows the same for several events."""
+    return [Entry(entry.number, entry.time // 5, entry.facts) for entry in walk()]
+
+
+@pytest.mark.parametrize("entries", [walk(), hasty()])
+def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[Entry]) -> None:
+    whole = History.until(entries)
+    for moment in sorted({entry.time for entry in entries}):
+        known, remembered = History.until(entries, moment), Then.by_clock(whole, moment)
+        read = Then.by_clock(known, moment)
+        assert (read.moment, read.time) == (remembered.moment, remembered.time)
+        shown, expected = (list(tree_lines(then, whole_outline(then), with_data=True)) for then in (read, remembered))
+        assert shown == expected
+
+
+def test_damage_after_the_moment_that_was_asked_for_is_not_reached(tca: Tca, tmp_path: Path) -> None:
+    entries = walk()
+    late = tmp_path / "late.tcaj"
+    late.write_bytes(encoded(entries) + b"\xce and then garbage")
+    assert tca("tree", late).exit_code == 1
+    early = tca("tree", late, "--at", entries[-2].time)
+    assert (early.exit_code, early.stderr) == (0, "")
+
+
+def test_what_is_there_only_later_is_said_to_be_unknown_until_then(tca: Tca, run: Path) -> None:
+    for command in ("tree", "gantt"):
+        refused = tca(command, run, "--at", 1.0, "--task", "move leg").stderr
+        assert refused == "tca: no task 'move leg' in this journal until 1 s\n"
+        refused = tca(command, run, "--at", 0.15, "--module", "controller").stderr
+        assert refused == "tca: no module 'controller' in this journal until 0.15 s\n"

@@ -1,16 +1,25 @@
 """The page in a real browser, used as a person would."""
 
 import re
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import uvicorn
 from integration.programs import central
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 from tools.story import Story, stumbling, walking
 from view.conftest import Look
 
 from tca_module import Command, Goal, Module, Task, connect
+from tca_tools.logs import Log, Place
+from tca_tools.view.app import application
+from tca_tools.view.reading import Reading
 from tca_wire import facts
+from tca_wire.facts import Entry
 from tca_wire.points import Moment
 
 pytestmark = pytest.mark.slow
@@ -32,6 +41,7 @@ def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: 
     page = look(stumbling().write(tmp_path / "walk"))
     expect(page.locator("#status")).to_have_text("ended")
     expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
+    expect(line(page, 1)).to_contain_text("killed: failure 'terrain collision' of move body {7} was not handled")
     page.locator("#counts button[data-state='failed']").click()
     expect(page.locator("#task h2")).to_have_text("move body {7}")
     expect(page.locator("#task")).to_contain_text("handled by controller: failed")
@@ -186,6 +196,55 @@ def many_tasks(number: int) -> bytes:
         else:
             story.reached(parent, Moment.END_PLANNING, Moment.END_ACHIEVING)
     return story.encoded()
+
+
+class Halting(Log):
+    """A journal of which only the first entries can be read for a while, as if the disk were slow."""
+
+    def __init__(self, path: Path, first: int) -> None:
+        super().__init__(path)
+        self._first = first
+        self.go_on = threading.Event()
+
+    def follow_places(self, wait: Callable[[], object] = lambda: None) -> Iterator[tuple[Entry, Place]]:
+        for number, found in enumerate(super().follow_places(wait)):
+            if number == self._first:
+                self.go_on.wait()
+            yield found
+
+
+def test_the_address_is_kept_until_what_it_names_has_been_read(browser: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "long.tcaj"
+    path.write_bytes(many_tasks(5_000))
+    log, wanted = Halting(path, first=5_000), "#t=400.5&task=4000"
+    with served(log) as address, browser.new_page() as page:
+        try:
+            page.goto(address + wanted)
+            expect(page.locator("#status")).to_contain_text("reading, 4000 entries")
+            expect(page.locator("#counts")).to_contain_text("achieved")  # it is drawn already
+            assert page.evaluate("location.hash") == wanted
+        finally:
+            log.go_on.set()
+        expect(page.locator("#clock")).to_have_text("400.500 s")
+        expect(page.locator("#task h2")).to_have_text("move {4000}")
+        assert page.evaluate("location.hash") == wanted
+
+
+@contextmanager
+def served(log: Log) -> Iterator[str]:
+    """The page's address; its server runs in a thread."""
+    reading = Reading(log)
+    server = uvicorn.Server(uvicorn.Config(application(reading, ["127.0.0.1"]), log_level="warning"))
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})
+        reading.start()
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{door.getsockname()[1]}/"
+        finally:
+            reading.stop()
+            server.should_exit = True
+            thread.join()
 
 
 def test_a_hundred_thousand_tasks_stay_usable(look: Look, tmp_path: Path) -> None:

@@ -1,6 +1,9 @@
 """The server of the page, asked by a program."""
 
 import json
+import re
+import subprocess
+import sys
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -45,7 +48,7 @@ def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
         "terrain collision: leg 4 met\x1b[31m rock",
         [],
     )
-    assert told["story"][-1] == {
+    assert told["story"][-2] == {
         "time": 4.5,
         "text": "failed: terrain collision: leg 4 met\x1b[31m rock",
         "seconds": None,
@@ -109,6 +112,24 @@ def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) ->
     for path, why in ((foreign, "not a journal of tca central"), (future, "written by a later version")):
         told = CliRunner().invoke(view, [str(path), "--no-browser"])
         assert (told.exit_code, why in told.stderr, told.stdout) == (2, True, "")
+
+
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_an_empty_journal_is_said_to_be_empty(tmp_path: Path, is_folder: bool) -> None:
+    log = tmp_path / "new"
+    if is_folder:
+        log.mkdir()
+    (log / "00000001.tcaj" if is_folder else log).touch()
+    command = [sys.executable, "-m", "tca_tools.view", str(log), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
+            assert found
+            get(found[1])  # it serves: what it has to say it has said
+        finally:
+            process.terminate()
+        assert process.communicate()[0] == "it is empty: what central writes to it will be shown\n"
 
 
 def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: Path) -> None:

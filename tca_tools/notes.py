@@ -1,0 +1,60 @@
+"""How the records of a run are made and written over, so that it stays known from when on what was so. Pure.
+
+history.py says which fact writes what.
+"""
+
+from tca_tools.past import UNKNOWN, Past
+from tca_tools.records import Message, ModuleRecord, Task
+from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import MessageClass
+
+
+class Notes(Past):
+    """Records that are being written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._touched: dict[int, Task] = {}
+        """The tasks whose state may have changed with the newest entry."""
+
+    def _module(self, name: str) -> ModuleRecord:
+        if name not in self.modules:
+            self.modules[name] = ModuleRecord(name)
+        return self.modules[name]
+
+    def _task(self, task: TaskId) -> Task:
+        """A task that something happens to; one sent before the journal begins gets a record under the root."""
+        if task not in self.tasks:
+            self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
+        return self._touched.setdefault(task, self.tasks[task])
+
+    def _touch(self, message_id: int) -> None:
+        """Look at a task's state again when all facts of the event are known."""
+        if (task := self.tasks.get(message_id)) is not None:
+            self._touched[message_id] = task
+
+    def _forget_outcome(self, message: Message) -> None:
+        """It is handled anew: what came of that before is void. A message to many keeps what the others answered."""
+        self._change(message, "failure", "")
+        self._change(message, "failure_data", b"")
+        if message.message_class.is_task:
+            self._change(message, "result", b"")
+
+    def _change(self, message: Message, name: str, value: str | bytes | bool) -> None:
+        """Write a new value over a field, and remember from when on it is so."""
+        if getattr(message, name) != value:
+            message.changes.append((self.time, name, getattr(message, name)))
+            setattr(message, name, value)
+            self._touch(message.id)
+
+    def _plant(self, task: Task) -> None:
+        """Put a new task into the tree."""
+        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = task
+        self.births.append(self.time)
+        if task.parent != ROOT and 0 < task.parent < task.id:
+            parent = self._task(task.parent)
+            parent.children.append(TaskId(task.id))
+            task.is_suspended = parent.is_suspended and not task.role.leaves_safe
+        else:
+            task.parent = ROOT
+            self.top.append(TaskId(task.id))

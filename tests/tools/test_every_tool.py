@@ -1,0 +1,127 @@
+"""What all tools have in common: how they refuse moments that are none, and what they say when nobody takes their output."""
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+from tools.runs import encoded, walk
+
+Tca = Callable[..., Result]
+
+MOMENTS = [
+    *(("gantt", option) for option in ("--from", "--to", "--at")),
+    *(("tree", option) for option in ("--from", "--to", "--at")),
+    *(("stats", option) for option in ("--from", "--to")),
+    ("replay", "--at"),
+]
+TO_STDOUT = [
+    "log show",
+    "log show --json",
+    "log show --classic",
+    "tree",
+    "tree --story 3",
+    "gantt",
+    "stats",
+    "stats --json",
+    "check",
+    "replay --text",
+]
+TO_FILES = [
+    ("tree", "out.txt"),
+    ("tree", "out.svg"),
+    ("gantt", "out.svg"),
+    ("gantt", "out.png"),
+    ("report", "out.html"),
+    ("export", "out.jsonl"),
+    ("export", "out.mcap"),
+    ("export", "out.pftrace"),
+    ("export --to csv", "out"),
+    ("export --to parquet", "out"),
+]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    path = tmp_path / "walk.tcaj"
+    path.write_bytes(encoded(walk()))
+    return path
+
+
+def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":
+    """``tca``, as a process of its own."""
+    command = [sys.executable, "-c", "from tca_tools.command_line import main; main()", *map(str, arguments)]
+    return subprocess.run(command, text=True, timeout=60, check=False, stderr=subprocess.PIPE, **options)
+
+
+def leave_little_room() -> None:
+    """No file of this process may be larger than this."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+
+
+@pytest.mark.parametrize(("command", "option"), MOMENTS)
+@pytest.mark.parametrize("moment", ["nan", "inf", "-inf", "soon"])
+def test_a_moment_that_is_none_is_refused_in_a_line(
+    tca: Tca, run: Path, command: str, option: str, moment: str
+) -> None:
+    result = tca(command, run, option, moment)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == (
+        f"tca: invalid value for '{option}': '{moment}' is no time: give seconds, such as 12.5;"
+        f" see 'tca {command} --help'\n"
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", TO_STDOUT)
+def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = process(*command.split(), run, stdout=full)
+    assert (done.returncode, done.stderr) == (
+        1,
+        "tca: the output can't be written: No space left on device: make room\n",
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", TO_STDOUT)
+def test_a_reader_that_went_away_ends_a_tool_quietly(run: Path, command: str) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = process(*command.split(), run, stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", TO_STDOUT)
+def test_who_closed_the_output_wants_none(run: Path, command: str) -> None:
+    done = process(*command.split(), run, preexec_fn=lambda: os.close(1))
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "name"), TO_FILES)
+def test_a_file_that_finds_no_room_leaves_no_half_of_it(run: Path, tmp_path: Path, command: str, name: str) -> None:
+    output = tmp_path / name
+    done = process(*command.split(), run, "-o", output, preexec_fn=leave_little_room)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"tca: {output}")
+    assert done.stderr.endswith("can't be written: File too large\n")
+    assert not output.is_file()
+    assert not list(tmp_path.rglob("*.part"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tree", "gantt", "report"])
+def test_what_was_there_stays_when_its_successor_finds_no_room(run: Path, tmp_path: Path, name: str) -> None:
+    output = tmp_path / "out.html"
+    output.write_text("precious")
+    assert process(name, run, "-o", output, preexec_fn=leave_little_room).returncode == 1
+    assert output.read_text() == "precious"
