@@ -55,7 +55,7 @@ def on_attach(central: State, connection: Connection, header: headers.Attach, _:
     if task is None:
         text = f"task {header.task} has ended: no exception handler can be attached to it"
         raise RequestError(Refusal.TOO_LATE, text)
-    attached = attach(central, header.attachment, message or task, connection.module.name)
+    attached = attach(central, header.attachment, message or task, connection.module.called)
     central.send(connection, header.number, Accepted(header.number, attached.id))
 
 
@@ -80,7 +80,7 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
 
 
 def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> Attached:
-    """Attach an exception handler as the newest; the same one of the same module makes room for it."""
+    """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
     check_attachments(central, [wanted])
     others = place.more.attached if isinstance(place, Task) else place.attached
     for other in others:
@@ -103,7 +103,7 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
     if (attached := central.attached.get(header.id)) is not None:
         _remove(central, attached)
     elif (tap := central.taps.get(header.id)) is not None:
-        remove_tap(central, tap, connection.module.name)
+        remove_tap(central, tap, connection.module)
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
     central.send(connection, header.number, Accepted(header.number))

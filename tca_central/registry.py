@@ -75,8 +75,9 @@ class Connection:
 class Module:
     """A connected program. It is there as long as one of its connections is."""
 
-    def __init__(self, name: str, incarnation: str, process: str) -> None:
+    def __init__(self, name: str, called: str, incarnation: str, process: str) -> None:
         self.name = name  #: unique among those connected
+        self.called = called  #: what it calls itself: several copies of a program do alike
         self.incarnation = incarnation
         self.process = process
         self.connections: dict[str, Connection] = {}  #: by session
@@ -162,7 +163,7 @@ class Attached:
         self.handler = handler
         self.maximum = maximum  #: of its calls for one task; 0: any number
         self.place = place  #: the task or message type that it is attached to
-        self.by = by  #: the module that attached it
+        self.by = by  #: what the module that attached it calls itself
 
 
 class Tap:
@@ -180,7 +181,8 @@ class Tap:
         self.before = 0
         self.at = 0
         self.watch: WatchOptions | None = None  #: how a listener that is a monitor watches
-        self.holders: dict[str, None] = {}  #: the modules that added it and have not taken it away
+        self.holders: dict[str, str] = {}
+        """The modules that added it and have not taken it away: by unique name, what each calls itself."""
 
 
 class Delivery:
@@ -237,8 +239,12 @@ class Registry:
         while unique in self._names:
             unique, number = f"{name}#{number}", number + 1
         self._names.add(unique)
-        self.modules[incarnation] = Module(unique, incarnation, process)
+        self.modules[incarnation] = Module(unique, name, incarnation, process)
         return self.modules[incarnation], True
+
+    def is_connected(self, name: str) -> bool:
+        """Whether there is a module of that (unique) name."""
+        return name in self._names
 
     def forget_connection(self, connection: Connection) -> None:
         """A connection is gone; what it asked and was told is kept for a while."""

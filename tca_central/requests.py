@@ -154,7 +154,7 @@ def _route_task(
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
     for attachment in header.attachments:
-        attach(central, attachment, task, connection.module.name)
+        attach(central, attachment, task, connection.module.called)
     if header.keep:
         keep(central, task, connection.module)
     happened(central, task, SENT)

@@ -29,7 +29,7 @@ from tca_central.intervals import (
     delivered_at,
 )
 from tca_central.making import make_statement, make_task
-from tca_central.registry import Connection, Delivery, MessageType, Tap
+from tca_central.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.state import State, involved
 from tca_central.task_tree import Task, taps_of
 from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself
@@ -130,11 +130,11 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
     tap = _add(central, header, listener, tapped, place)
-    tap.holders[connection.module.name] = None
+    tap.holders[connection.module.name] = connection.module.called
     for other in list(place.more.taps if isinstance(place, Task) else place.taps):
         is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
         if is_said_anew and connection.module.name in other.holders:
-            remove(central, other, connection.module.name)  # its monitor is to watch as is said now
+            remove(central, other, connection.module)  # its monitor is to watch as is said now
     central.send(connection, header.number, Accepted(header.number, tap.id))
 
 
@@ -192,10 +192,12 @@ def _add(
     return tap
 
 
-def remove(central: State, tap: Tap, by: str) -> None:
-    """Module *by* wants a tap no longer: it is taken away if nobody else added it, too. What it has sent stays."""
-    tap.holders.pop(by, None)
-    if tap.holders:
+def remove(central: State, tap: Tap, by: Module) -> None:
+    """A module wants a tap no longer: it is taken away if nobody else added it, too, but for copies of the same program
+    that have left. What it has sent stays.
+    """
+    tap.holders.pop(by.name, None)
+    if any(called != by.called or central.registry.is_connected(name) for name, called in tap.holders.items()):
         return
     (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
     del central.taps[tap.id]

@@ -274,7 +274,7 @@ def test_the_tables_name_what_there_is() -> None:
     """An attribute of central that was renamed would silently be taken in again."""
     central = Central()
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message
-    module = Module("legs", "run", "")
+    module = Module("legs", "legs", "run", "")
     things = [
         central, central.tree, central.registry, central.agenda, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
