@@ -32,6 +32,11 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
+def waits_since(task: TaskThen) -> float:
+    """From when on a task has waited for that; of a handler that blocks, since it does."""
+    return task.wait.start if task.wait else task.since
+
+
 def clause(moment: Moment) -> str:
     """What a task does when it reaches a moment: "is achieved"."""
     return _CLAUSES[moment]

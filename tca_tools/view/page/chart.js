@@ -27,6 +27,7 @@ export class Chart {
   show(time) {
     this.time = time;
     this.draw();
+    if (!this.hint.hidden) this.#showHint(this.pointer);
   }
 
   showAll() {
@@ -304,14 +305,15 @@ export class Chart {
     this.draw();
   }
 
-  #showHint(event) {
-    const found = this.at(event.offsetX, event.offsetY);
+  #showHint({ offsetX, offsetY }) {
+    this.pointer = { offsetX, offsetY };
+    const found = this.at(offsetX, offsetY);
     this.hint.hidden = !found;
     if (!found) return;
     this.hint.textContent = describe(found, this.store);
-    const left = Math.min(event.offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
+    const left = Math.min(offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
     this.hint.style.left = `${Math.max(left, 0)}px`;
-    this.hint.style.top = `${Math.min(event.offsetY + 16, this.height - 26)}px`;
+    this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;
   }
 }
 

@@ -17,6 +17,20 @@ export function length(time) {
   return time < 600 ? `${time.toFixed(2)} s` : seconds(time);
 }
 
+// How long something has gone on at the moment that is shown: an element that `count` keeps up.
+let shown = 0;
+
+export function age(since) {
+  const made = element("span", { class: "age", text: length(Math.max(shown - since, 0)) });
+  made.dataset.since = since;
+  return made;
+}
+
+export function count(time) {
+  shown = time;
+  for (const made of document.querySelectorAll(".age")) made.textContent = length(Math.max(time - made.dataset.since, 0));
+}
+
 // Round times between start and end, about `most` of them, with labels.
 export function ticks(start, end, most) {
   const shortest = (end - start) / Math.max(most, 1);

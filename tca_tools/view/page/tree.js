@@ -1,7 +1,7 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { element, length, seconds, soon } from "./format.js";
+import { age, element, seconds, soon } from "./format.js";
 import { Outline } from "./outline.js";
 
 const ROW = 24; // pixels, as in style.css
@@ -36,8 +36,10 @@ export class Tree {
   }
 
   show(time) {
-    if (time !== this.time || this.version !== this.store.version) this.notes.clear();
+    const moment = lastNotAfter(this.store.times, time); // what is known changes with messages, not with time
+    if (moment !== this.moment || this.version !== this.store.version) this.notes.clear();
     this.time = time;
+    this.moment = moment;
     this.version = this.store.version;
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
@@ -147,15 +149,11 @@ export class Tree {
     if (mark) cell.append(element("span", { class: "role", text: mark }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const note = this.notes.get(task.id) ?? "";
-    const why = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note ? `${note}, for ${this.#howLong(task)}` : name;
-    line.append(cell, element("span", { class: "when", text: when }), element("span", { class: "why", text: why, title: note }));
+    const [note, since] = this.notes.get(task.id) ?? ["", null], why = element("span", { class: "why", title: note });
+    if (since !== null) why.append(`${note}, for `, age(since));
+    else why.append(note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name);
+    line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
-  }
-
-  // Since when it has been in its state.
-  #howLong(task) {
-    return length(this.time - task.times[lastNotAfter(task.times, this.time)]);
   }
 
   async #fetchNotes() {
@@ -163,10 +161,10 @@ export class Tree {
     const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
     const ids = seen.filter((row) => row.task && !this.notes.has(row.task.id) && this.#hasNote(row.task)).map((row) => row.task.id);
     if (!ids.length) return;
-    const time = this.time, version = this.version;
-    const notes = await this.ask("notes", { ids: ids.join(","), at: time });
-    if (!notes || time !== this.time || version !== this.version) return;
-    for (const id of ids) this.notes.set(id, notes[id] ?? "");
+    const { moment, version } = this;
+    const notes = await this.ask("notes", { ids: ids.join(","), at: this.time });
+    if (!notes || moment !== this.moment || version !== this.version) return;
+    for (const id of ids) this.notes.set(id, notes[id] ?? ["", null]);
     this.#draw();
   }
 
