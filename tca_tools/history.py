@@ -303,6 +303,7 @@ class History(Past):
 
     def _claimed(self, fact: facts.Claimed) -> None:
         claim = Claim(fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
+        claim.by = self._deliveries.get(fact.origin)
         self.claims[fact.id] = claim
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)

@@ -139,7 +139,8 @@ class Feed:
     def _tell_claim(self, claim: Claim) -> None:
         if claim.granted is not None and claim.granted == self.history.time:
             row = self._row(claim.module, claim.resource)
-            self._span(claim, SpanKind.HELD, row, claim.sender, claim.id, claim.granted)
+            message = claim.by.message_id if claim.by else 0
+            self._span(claim, SpanKind.HELD, row, claim.sender, message, claim.granted)
         if claim.end is not None and id(claim) in self._open:
             self._end(claim, claim.end)
 

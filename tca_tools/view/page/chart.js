@@ -321,7 +321,8 @@ const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspe
 
 function describe({ span, wait, row }, store) {
   const one = wait ?? span, end = Math.min(one.end, store.end);
-  const what = span.message && span.kind !== "held" ? `${span.name} {${span.message}}` : span.name;
+  const holder = store.byId.get(span.message)?.name ?? "message";
+  const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
   const where = span.kind === "suspended" ? "" : ` ${row.label}`;
   const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}` : "";
   const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
