@@ -96,6 +96,7 @@ class History(Past):
     def _resource(self, fact: facts.ResourceChanged) -> None:
         module = self._module(fact.module)
         module.resources[fact.resource] = fact.capacity
+        self.news.append(module)
         module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
 
     def _format(self, fact: facts.FormatDefined) -> None:

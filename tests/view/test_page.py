@@ -121,6 +121,22 @@ def test_subtrees_are_closed_and_a_bar_chooses_its_task(look: Look, tmp_path: Pa
     expect(page.locator("#task h2")).to_have_text("move leg {6}")
 
 
+def test_the_chart_begins_with_the_first_message_and_has_modules_that_handled_nothing(
+    look: Look, tmp_path: Path
+) -> None:
+    story = Story().module("legs", "move").module("lamp", "shine").at(100.0)
+    page = look(story.acted(story.command("move", "user"), "legs", 10.0).write(tmp_path / "late"))
+    assert page.evaluate("tca.chart.layout.map((place) => place.row.label)") == ["legs", "lamp"]
+    start, end = page.evaluate("tca.chart.window")
+    assert 99 < start < 100
+    assert 110 < end < 111
+    page.locator("#tree").focus()
+    page.keyboard.press("f")
+    assert page.evaluate("tca.chart.window[0]") < 0
+    page.keyboard.press("f")
+    assert page.evaluate("tca.chart.window[0]") == start
+
+
 def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"

@@ -53,6 +53,7 @@ export class Store {
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
     this.failures = []; // times at which tasks failed
     this.version = 0;
+    this.first = Infinity; // when the first message was sent or handled
     this.end = 0; // of the run, as far as it has come
     this.heard = 0; // when the newest answer came, by the browser's clock
   }
@@ -105,6 +106,7 @@ export class Store {
         depth: 0, modules: null, suspension: null,
       };
       task.depth = task.parent ? task.parent.depth + 1 : 0;
+      this.first = Math.min(this.first, task.time);
       this.byId.set(task.id, task);
       this.tasks.push(task);
       (task.parent ? task.parent.children : this.top).push(task);
@@ -149,6 +151,7 @@ export class Store {
         message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
         end: Infinity, outcome: "", waits: [],
       };
+      if (span.kind !== "connected") this.first = Math.min(this.first, span.start);
       this.spans.push(span);
       fresh.push(span);
     }

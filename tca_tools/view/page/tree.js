@@ -150,7 +150,7 @@ export class Tree {
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const [note, since] = this.notes.get(task.id) ?? ["", null], why = element("span", { class: "why", title: note });
-    if (since !== null) why.append(`${note}, for `, age(since));
+    if (since !== null) why.append(element("span", { class: "what", text: note }), ", for ", age(since));
     else why.append(note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name);
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
