@@ -295,3 +295,17 @@ def test_wide_characters_keep_the_columns() -> None:
     story.goal("walk", "x")
     lines = list(tree_lines(Then(story.fold()), whole_outline(Then(story.fold()))))
     assert lines[1].index("held") + 2 == lines[2].index("held")
+
+
+def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_waits() -> None:
+    story = Story()
+    walk = story.goal("walk", "user")
+    first = TaskId(story.goal("approach", "planner", walk))
+    story.goal("grasp", "planner", walk, sequential_achievement(first, THIS))
+    story.goal("lift", "planner", walk, sequential_achievement(first, THIS))
+    then = Then(story.fold())
+    source = dot_source(then, whole_outline(then), "a lift")
+    near, far = (next(line for line in source.splitlines() if line.startswith(f"  t2 -> t{one}")) for one in (3, 4))
+    assert 'label="SEQ"' in near
+    assert 'label=""' in far
+    assert "SEQ: after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))

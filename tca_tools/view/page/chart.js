@@ -111,7 +111,7 @@ export class Chart {
       context.moveTo(x, AXIS - 4);
       context.lineTo(x, height);
       context.stroke();
-      if (x > this.labels) context.fillText(label, x, AXIS / 2);
+      if (x > this.labels) context.fillText(label, Math.min(x, width - context.measureText(label).width / 2 - 2), AXIS / 2);
     }
   }
 

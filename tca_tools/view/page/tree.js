@@ -106,6 +106,7 @@ export class Tree {
     const first = Math.max(Math.floor(this.scroller.scrollTop / ROW) - 4, 0);
     const last = Math.min(first + Math.ceil(this.scroller.clientHeight / ROW) + 8, this.rows.length);
     const lines = [];
+    this.related = this.#related();
     for (let place = first; place < last; place++) lines.push(this.#line(this.rows[place], place));
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
     this.spacer.replaceChildren(...lines, this.arrows);
@@ -147,6 +148,7 @@ export class Tree {
     if (row.children && !row.open) cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     if (mark) cell.append(element("span", { class: "role", text: mark }));
+    if (this.related.has(task)) cell.append(element("span", { class: "kind", text: [...this.related.get(task)].join(", ") }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const [note, since] = this.notes.get(task.id) ?? ["", null], why = element("span", { class: "why", title: note });
@@ -175,19 +177,30 @@ export class Tree {
 
   // --- constraint arrows -------------------------------------------------------------------------------------------
 
+  // What comes before the chosen task or waits for it, with the kinds of constraints: they are named where these stand.
+  #related() {
+    const { chosen } = this.outline, found = new Map();
+    const note = (task, hold) => hold.time <= this.time && found.set(task, (found.get(task) ?? new Set()).add(hold.kind));
+    for (const hold of chosen?.holds ?? []) note(hold.before, hold);
+    for (const { task } of chosen ? this.rows : []) {
+      for (const hold of task?.holds ?? []) if (hold.before === chosen) note(task, hold);
+    }
+    return found;
+  }
+
   #drawArrows(first, last) {
-    const places = new Map(), paths = [];
+    const places = new Map(), paths = [], cell = this.spacer.querySelector(".task");
     for (let place = first; place < last; place++) if (this.rows[place].task) places.set(this.rows[place].task, place);
-    const edge = this.spacer.clientWidth * 0.46;
+    const edge = cell ? cell.offsetLeft + cell.offsetWidth : 0, room = cell ? parseFloat(getComputedStyle(cell).paddingRight) : 0;
     for (const [task, place] of places) {
       const drawn = new Map();
       for (const hold of task.holds) {
         if (hold.time > this.time || !places.has(hold.before)) continue;
-        drawn.set(hold.before, [...(drawn.get(hold.before) ?? []), hold.kind]);
+        drawn.set(hold.before, (drawn.get(hold.before) ?? new Set()).add(hold.kind));
       }
       for (const [before, kinds] of drawn) {
-        const other = task === this.outline.chosen ? before : before === this.outline.chosen ? task : null;
-        paths.push(...arrow(edge, places.get(before), place, [...new Set(kinds)].join(", "), other && places.get(other)));
+        const isChosen = task === this.outline.chosen || before === this.outline.chosen;
+        paths.push(...arrow(edge, room, places.get(before), place, [...kinds].join(", "), isChosen));
       }
     }
     this.arrows.replaceChildren(...paths);
@@ -206,18 +219,14 @@ function svg(kind, attributes) {
   return made;
 }
 
-// From the row of what comes first to the row of what waits for it, as a bow at the right of the names; if one of both is
-// chosen, what it means stands at the other's row.
-function arrow(edge, from, to, kind, labelled) {
-  const chosen = labelled !== null;
-  const a = from * ROW + ROW / 2, b = to * ROW + ROW / 2, bow = Math.min(14 + Math.abs(to - from) * 4, 60);
-  const looks = chosen ? { class: "chosen" } : {};
+// From the row of what comes first to the row of what waits for it, as a bow in the room at the right of the names.
+function arrow(edge, room, from, to, kind, isChosen) {
+  const a = from * ROW + ROW / 2, b = to * ROW + ROW / 2;
+  const bow = Math.min(14 + Math.abs(to - from) * 4, room / 0.75); // a curve goes so far towards where it is drawn to
+  const looks = isChosen ? { class: "chosen" } : {};
   const path = svg("path", { d: `M ${edge} ${a} C ${edge - bow} ${a}, ${edge - bow} ${b}, ${edge} ${b}`, ...looks });
   const head = svg("path", { d: `M ${edge - 6} ${b - 4} L ${edge} ${b} L ${edge - 6} ${b + 4}`, ...looks });
   path.append(svg("title", {}));
   path.firstChild.textContent = kind;
-  if (!chosen) return [path, head];
-  const text = svg("text", { x: edge - 16, y: labelled * ROW + ROW / 2 + 3, "text-anchor": "end" });
-  text.textContent = kind;
-  return [path, head, text];
+  return [path, head];
 }
