@@ -6,15 +6,20 @@ seconds of central's clock.
 
 import heapq
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from operator import itemgetter
 from typing import Any
 
+from tca_central.holds import is_held
 from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.resources import Claim
 from tca_central.state import State
+from tca_central.task_tree import Task
 from tca_wire.points import Moment, describe_moments
 
 SHOWN_WAITS = 50
+LOOKED_AT = 10_000
+"""Living tasks, the oldest, among which those that are held longest are looked for: so nothing need be noted of it."""
 
 Waiting = tuple[float, str, str]
 """Since when, who, and what for."""
@@ -23,7 +28,6 @@ Waiting = tuple[float, str, str]
 def load(central: State) -> dict[str, Any]:
     """Numbers of everything, and the longest waits, the longest first."""
     now, registry = central.clock.now, central.registry
-    longest = heapq.nsmallest(SHOWN_WAITS, _waits(central), key=itemgetter(0))
     return {
         "epoch": central.epoch,
         "time": now,
@@ -48,8 +52,14 @@ def load(central: State) -> dict[str, Any]:
             }
             for message in registry.messages.values()
         ],
-        "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
+        "waits": _longest(_waits(central), now),
+        "held": _longest(_held(central), now),
     }
+
+
+def _longest(waiting: Iterator[Waiting], now: float) -> list[dict[str, Any]]:
+    found = heapq.nsmallest(SHOWN_WAITS, waiting, key=itemgetter(0))
+    return [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in found]
 
 
 def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
@@ -97,6 +107,28 @@ def _waits(central: State) -> Iterator[Waiting]:
             handled = central.dispatcher.attended.get(wait.origin)
             inside = f" in {_named(handled)}" if handled is not None else ""
             yield wait.at, f"'{connection.module.name}'{inside}", _awaited(central, connection, number)
+
+
+def _held(central: State) -> Iterator[Waiting]:
+    """Tasks that constraints hold back, since they were sent or last handled."""
+    for task in islice(central.tree.tasks.values(), LOOKED_AT):
+        if task.held and task.slot is None and task.queues is None and not task.killed:
+            at = next((moment for moment in _BEGINNINGS if is_held(task, moment)), None)
+            if at is not None:
+                yield task.since, _named(task), _held_by(central, task, at)
+
+
+_BEGINNINGS = (Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING)
+
+
+def _held_by(central: State, task: Task, at: Moment) -> str:
+    """What the beginning of a task waits for."""
+    tasks = central.tree.tasks
+    ahead = [(tasks.get(leader), moment) for held, leader, moment in task.leaders or () if held == at]
+    named = [f"{describe_moments(Moment(moment))[0]} of {_named(leader)}" for leader, moment in ahead
+             if leader is not None and not leader.reached & moment]  # fmt: skip
+    more = f" (and {len(named) - 1} more)" if len(named) > 1 else ""
+    return f"{named[0]}{more}" if named else "the end of a delay"
 
 
 def _awaited(central: State, connection: Connection, number: int) -> str:

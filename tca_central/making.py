@@ -25,7 +25,7 @@ def make_task(
     handles a failure or leaves things safe.
     """
     task = Task(TaskId(central.new_id()), message, body, None)
-    task.role, task.is_free = role, True
+    task.role, task.is_free, task.since = role, True, central.clock.now
     task.survives = role.survives
     task.context = context
     mark = len(central.facts)
