@@ -28,6 +28,7 @@ Waiting = tuple[float, str, str]
 def load(central: State) -> dict[str, Any]:
     """Numbers of everything, and the longest waits, the longest first."""
     now, registry = central.clock.now, central.registry
+    longest = heapq.nsmallest(SHOWN_WAITS, _waits(central), key=itemgetter(0))
     return {
         "epoch": central.epoch,
         "time": now,
@@ -52,14 +53,9 @@ def load(central: State) -> dict[str, Any]:
             }
             for message in registry.messages.values()
         ],
-        "waits": _longest(_waits(central), now),
-        "held": _longest(_held(central), now),
+        "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
+        "held": list(_held(central, now)),
     }
-
-
-def _longest(waiting: Iterator[Waiting], now: float) -> list[dict[str, Any]]:
-    found = heapq.nsmallest(SHOWN_WAITS, waiting, key=itemgetter(0))
-    return [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in found]
 
 
 def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
@@ -109,26 +105,33 @@ def _waits(central: State) -> Iterator[Waiting]:
             yield wait.at, f"'{connection.module.name}'{inside}", _awaited(central, connection, number)
 
 
-def _held(central: State) -> Iterator[Waiting]:
-    """Tasks that constraints hold back, since they were sent or last handled."""
-    for task in islice(central.tree.tasks.values(), LOOKED_AT):
-        if task.held and task.slot is None and task.queues is None and not task.killed:
-            at = next((moment for moment in _BEGINNINGS if is_held(task, moment)), None)
-            if at is not None:
-                yield task.since, _named(task), _held_by(central, task, at)
+def _held(central: State, now: float) -> Iterator[dict[str, Any]]:
+    """Tasks that constraints hold back, since they were sent or last handled, the longest first."""
+    oldest = islice(central.tree.tasks.values(), LOOKED_AT)
+    held = (task for task in oldest if task.held and task.slot is None and task.queues is None and not task.killed)
+    waiting = ((task.since, number, task, at) for number, task in enumerate(held) if (at := _held_at(task)))
+    for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, waiting):
+        yield {"what": _named(task), "for": _held_by(central, task, at), "seconds": max(now - since, 0.0)}
 
 
-_BEGINNINGS = (Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING)
+def _held_at(task: Task) -> int:
+    """Which beginning of a task is held (0: none)."""
+    return next((moment for moment in _BEGINNINGS if is_held(task, moment)), 0)
 
 
-def _held_by(central: State, task: Task, at: Moment) -> str:
+_BEGINNINGS = (int(Moment.START_HANDLING), int(Moment.START_PLANNING), int(Moment.START_ACHIEVING))
+
+
+def _held_by(central: State, task: Task, at: int) -> str:
     """What the beginning of a task waits for."""
     tasks = central.tree.tasks
-    ahead = [(tasks.get(leader), moment) for held, leader, moment in task.leaders or () if held == at]
-    named = [f"{describe_moments(Moment(moment))[0]} of {_named(leader)}" for leader, moment in ahead
-             if leader is not None and not leader.reached & moment]  # fmt: skip
-    more = f" (and {len(named) - 1} more)" if len(named) > 1 else ""
-    return f"{named[0]}{more}" if named else "the end of a delay"
+    entries = ((tasks.get(leader), moment) for held, leader, moment in task.leaders or () if held == at)
+    ahead = [(leader, moment) for leader, moment in entries if leader is not None and not leader.reached & moment]
+    if not ahead:
+        return "the end of a delay"
+    leader, moment = ahead[0]
+    more = f" (and {len(ahead) - 1} more)" if len(ahead) > 1 else ""
+    return f"{describe_moments(Moment(moment))[0]} of {_named(leader)}{more}"
 
 
 def _awaited(central: State, connection: Connection, number: int) -> str:
