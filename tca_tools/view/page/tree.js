@@ -5,7 +5,6 @@ import { age, element, seconds, soon } from "./format.js";
 import { Outline } from "./outline.js";
 
 const ROW = 24; // pixels, as in style.css
-const INDENT = 15;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const GOAL = 1, MONITOR = 2;
 const ROLE_MARKS = {
@@ -106,7 +105,7 @@ export class Tree {
     const first = Math.max(Math.floor(this.scroller.scrollTop / ROW) - 4, 0);
     const last = Math.min(first + Math.ceil(this.scroller.clientHeight / ROW) + 8, this.rows.length);
     const lines = [];
-    this.related = this.#related();
+    this.related = this.#related(this.rows.slice(first, last));
     for (let place = first; place < last; place++) lines.push(this.#line(this.rows[place], place));
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
     this.spacer.replaceChildren(...lines, this.arrows);
@@ -115,12 +114,11 @@ export class Tree {
   }
 
   #line(row, place) {
-    const indent = Math.min(row.depth, DEEPEST) * INDENT;
     const line = element("div", { class: "row" });
     line.dataset.place = place;
     line.style.top = `${place * ROW}px`;
     const task = element("span", { class: "task" });
-    task.style.paddingLeft = `${indent}px`;
+    task.style.paddingLeft = `calc(${Math.min(row.depth, DEEPEST)} * var(--indent))`;
     if (row.task) this.#fillTask(line, task, row);
     else this.#fillFolded(line, task, row);
     return line;
@@ -178,11 +176,11 @@ export class Tree {
   // --- constraint arrows -------------------------------------------------------------------------------------------
 
   // What comes before the chosen task or waits for it, with the kinds of constraints: they are named where these stand.
-  #related() {
+  #related(rows) {
     const { chosen } = this.outline, found = new Map();
     const note = (task, hold) => hold.time <= this.time && found.set(task, (found.get(task) ?? new Set()).add(hold.kind));
     for (const hold of chosen?.holds ?? []) note(hold.before, hold);
-    for (const { task } of chosen ? this.rows : []) {
+    for (const { task } of chosen ? rows : []) {
       for (const hold of task?.holds ?? []) if (hold.before === chosen) note(task, hold);
     }
     return found;
