@@ -303,9 +303,8 @@ class History(Past):
             self._task_waits[key] = waits
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        claim = Claim(fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
-        claim.by = self._deliveries.get(fact.origin)
-        self.claims[fact.id] = claim
+        known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
+        claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 

@@ -44,13 +44,14 @@ def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], No
     assert tca("tree", run, "--at", 0.2).stdout.splitlines() == ["run: 0.20 s, 0 tasks", "(no task was sent)"]
 
 
-def test_waits_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None:
+def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None:
     segment = run / "00000001.tcaj"
     written = time.time() - 40
     os.utime(segment, (written, written))
     with segment.open("ab") as central:
         fcntl.flock(central, fcntl.LOCK_EX)
         live, before = (tca("tree", run, *options).stdout for options in ((), ("--at", 1.0)))
+        bars = tca("gantt", run).stdout
     rested = tca("tree", run).stdout
     assert rested.startswith("run: 4.00 s, 8 tasks")
     assert "take steps {3} is being achieved, for 3.40 s\n" in rested
@@ -58,6 +59,7 @@ def test_waits_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None
     assert float(title.split()[1]) >= 44
     assert float(last.split()[-2]) >= 43
     assert before.startswith("run: 1.00 s, 4 tasks")
+    assert float(bars.partition(" to ")[2].split()[0]) >= 44
 
 
 def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
