@@ -6,15 +6,20 @@ seconds of central's clock.
 
 import heapq
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from operator import itemgetter
 from typing import Any
 
+from tca_central.holds import is_held
 from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.resources import Claim
 from tca_central.state import State
+from tca_central.task_tree import Task
 from tca_wire.points import Moment, describe_moments
 
 SHOWN_WAITS = 50
+LOOKED_AT = 10_000
+"""Living tasks, the oldest, among which those that are held longest are looked for: so nothing need be noted of it."""
 
 Waiting = tuple[float, str, str]
 """Since when, who, and what for."""
@@ -49,6 +54,7 @@ def load(central: State) -> dict[str, Any]:
             for message in registry.messages.values()
         ],
         "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
+        "held": list(_held(central, now)),
     }
 
 
@@ -97,6 +103,35 @@ def _waits(central: State) -> Iterator[Waiting]:
             handled = central.dispatcher.attended.get(wait.origin)
             inside = f" in {_named(handled)}" if handled is not None else ""
             yield wait.at, f"'{connection.module.name}'{inside}", _awaited(central, connection, number)
+
+
+def _held(central: State, now: float) -> Iterator[dict[str, Any]]:
+    """Tasks that constraints hold back, since they were sent or last handled, the longest first."""
+    oldest = islice(central.tree.tasks.values(), LOOKED_AT)
+    held = (task for task in oldest if task.held and task.slot is None and task.queues is None and not task.killed)
+    waiting = ((task.since, number, task, at) for number, task in enumerate(held) if (at := _held_at(task)))
+    for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, waiting):
+        yield {"what": _named(task), "for": _held_by(central, task, at), "seconds": max(now - since, 0.0)}
+
+
+def _held_at(task: Task) -> int:
+    """Which beginning of a task is held (0: none)."""
+    return next((moment for moment in _BEGINNINGS if is_held(task, moment)), 0)
+
+
+_BEGINNINGS = (int(Moment.START_HANDLING), int(Moment.START_PLANNING), int(Moment.START_ACHIEVING))
+
+
+def _held_by(central: State, task: Task, at: int) -> str:
+    """What the beginning of a task waits for."""
+    tasks = central.tree.tasks
+    entries = ((tasks.get(leader), moment) for held, leader, moment in task.leaders or () if held == at)
+    ahead = [(leader, moment) for leader, moment in entries if leader is not None and not leader.reached & moment]
+    if not ahead:
+        return "the end of a delay"
+    leader, moment = ahead[0]
+    more = f" (and {len(ahead) - 1} more)" if len(ahead) > 1 else ""
+    return f"{describe_moments(Moment(moment))[0]} of {_named(leader)}{more}"
 
 
 def _awaited(central: State, connection: Connection, number: int) -> str:

@@ -205,7 +205,7 @@ class Delivery:
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again
-        self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled
+        self.since = 0.0  #: when it last began to wait in a queue or for a handler, or to be handled; of a task, to be
         self.ticket = 0  #: place in the queues; a queue entry with another ticket is void
         self.queues: tuple[ModuleResource, ...] | None = None  #: where it waits; (): for a handler, None: nowhere
         self.slot: Connection | None = None  #: the connection whose thread handles it

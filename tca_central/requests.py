@@ -144,7 +144,7 @@ def _route_task(
         central.send(connection, header.number, Accepted(header.number))
         return
     task = Task(TaskId(central.new_id()), message, body, connection)
-    task.priority = header.priority
+    task.priority, task.since = header.priority, central.clock.now
     if message.message_class.is_monitor:
         options = header.watch or WatchOptions()
         check_options(central, message, options)

@@ -30,7 +30,7 @@ _TERMINATED = 128 + signal.SIGTERM
 )  # fmt: skip
 @click.option("--once", is_flag=True, help="Print it once, with the rates of the whole run, and end.")
 def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None:
-    """Watch modules, resources, queues, rates and the longest waits of a running central.
+    """Watch modules, resources, queues, rates, the longest waits and held tasks of a running central.
 
     It ends with q or Ctrl-C. When central is away it says so, and goes on when central is back.
     """

@@ -65,6 +65,8 @@ class Frame(NamedTuple):
     """Those that were sent most often lately come first."""
     waits: list[WaitLine]
     """The longest come first."""
+    held: list[WaitLine]
+    """Tasks that constraints hold back, the longest first."""
 
 
 def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
@@ -85,10 +87,10 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     delivered = {one["message"]: one["delivered"] for one in before["messages"]}
     messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
     messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))
-    waits = [WaitLine(one["seconds"], one["what"], one["for"]) for one in now["waits"]]
+    waits, held = ([WaitLine(one["seconds"], one["what"], one["for"]) for one in now[key]] for key in ("waits", "held"))
     events = (now["events"] - before["events"]) / span
     return Frame(
-        now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits
+        now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held
     )  # fmt: skip
 
 
@@ -119,5 +121,6 @@ def plain_frame(shown: Frame) -> dict[str, Any]:
         "resources": [line._asdict() for line in shown.resources],
         "messages": [line._asdict() for line in shown.messages],
         "waits": [line._asdict() for line in shown.waits],
+        "held": [line._asdict() for line in shown.held],
     }
     return {**shown._asdict(), **lists}

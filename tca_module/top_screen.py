@@ -1,10 +1,10 @@
 """How ``tca top`` looks: tables that fit the terminal. The only file of this package that imports rich."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -18,7 +18,9 @@ _HEAD, _TABLE = 2, 3
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
 _FEWEST = 3
-"""Rows that every table gets, however small the terminal is."""
+"""Rows that each of three tables gets, however small the terminal is."""
+_NARROW = 110
+"""Columns below which the table of resources has fewer: then it fits into 80."""
 
 
 def console() -> Console:
@@ -36,11 +38,13 @@ def screen(shown: Frame | None, address: str, trouble: str, height: int | None =
     if shown is None:
         return Text(f"central at {address} is away: {trouble}", style="bold red")
     rooms = _rooms(shown, None if height is None else height - _HEAD - (trouble != ""))
-    tables = [
-        _table(_RESOURCES, shown.resources, _resource_cells, rooms[0], "no module offers to handle anything"),
+    tables: list[RenderableType] = [
+        _Resources(shown.resources, rooms[0]),
         _table(_MESSAGES, shown.messages, _message_cells, rooms[1], "no messages have been declared"),
         _table(_WAITS, shown.waits, _wait_cells, rooms[2], "nobody waits"),
     ]
+    if shown.held:
+        tables.append(_table(_HELD, shown.held, _wait_cells, rooms[3], ""))
     warning = [Text(f"central is away: {trouble}. This is how it was:", style="bold red")] * (trouble != "")
     return Group(*warning, _heading(shown, address), *tables)
 
@@ -59,12 +63,14 @@ def _heading(shown: Frame, address: str) -> Text:
 def _rooms(shown: Frame, height: int | None) -> list[int]:
     """How many rows each table gets: what one does not need is for the others."""
     needed = [len(shown.resources), len(shown.messages), len(shown.waits)]
+    needed += [len(shown.held)] * bool(shown.held)
     if height is None:
         return needed
-    room = max(height - _TABLE * len(needed) - 1, _FEWEST * len(needed))
-    rooms = [min(_FEWEST, one) for one in needed]
+    fewest = _FEWEST if len(needed) == _FEWEST else _FEWEST - 1
+    room = max(height - _TABLE * len(needed) - 1, fewest * len(needed))
+    rooms = [min(fewest, one) for one in needed]
     room -= sum(rooms)
-    for place in (0, 2, 1):
+    for place in (0, 2, *range(3, len(needed)), 1):
         more = min(max(needed[place] - rooms[place], 0), max(room, 0))
         rooms[place] += more
         room -= more
@@ -79,6 +85,10 @@ _RESOURCES: Sequence[Column] = (
     ("slots", _NUMBER), ("blocked", _NUMBER), ("waiting", _NUMBER), ("oldest", _NUMBER),
     ("handling", {**_WORDS, "ratio": 3}),
 )  # fmt: skip
+_FEWER: Sequence[Column] = (
+    ("resource", {**_WORDS, "max_width": 30}), ("busy", _NUMBER), ("msg/s", _NUMBER), ("waiting", _NUMBER),
+    ("handling", {**_WORDS, "ratio": 1}),
+)  # fmt: skip
 _MESSAGES: Sequence[Column] = (
     ("message", {**_WORDS, "ratio": 2}), ("class", {**_WORDS, "ratio": 1}), ("msg/s", _NUMBER), ("delivered", _NUMBER),
     ("failed", _NUMBER), ("no handler", _NUMBER),
@@ -88,12 +98,26 @@ _WAITS: Sequence[Column] = (
     ("longest first", {**_WORDS, "ratio": 1}),
     ("for", {**_WORDS, "ratio": 1}),
 )
+_HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("until", {**_WORDS, "ratio": 1}))
+
+
+class _Resources(NamedTuple):
+    """The table of resources, as wide as there is room for."""
+
+    lines: Sequence[ResourceLine]
+    room: int
+
+    def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        columns, cells = (_FEWER, _fewer_cells) if options.max_width < _NARROW else (_RESOURCES, _resource_cells)
+        yield _table(columns, self.lines, cells, self.room, "no module offers to handle anything")
 
 
 def _table(
     columns: Sequence[Column], lines: Sequence[Any], cells: Callable[[Any], list[Text | str]], room: int, nothing: str
 ) -> RenderableType:
-    table = Table(box=SIMPLE_HEAD, expand=True, pad_edge=False, show_edge=False, header_style="dim")
+    table = Table(
+        box=SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="dim"
+    )
     for name, how in columns:
         table.add_column(name, **how)
     shown = lines if len(lines) <= room else lines[: max(room - 1, 0)]
@@ -104,17 +128,37 @@ def _table(
 
 
 def _resource_cells(line: ResourceLine) -> list[Text | str]:
-    name = line.module if line.resource in ("", line.module) else f"{line.module} / {line.resource}"
     full = round(line.busy * _BAR)
     bar = Text.assemble(("█" * full, "green"), ("░" * (_BAR - full), "dim"), f" {line.busy:4.0%}")
-    handling = f"{line.handling}  {_time(line.seconds)}" if line.handling else ""
-    held = Text(printable(line.held), style="yellow") if line.held else Text()
-    doing = Text.assemble(printable(handling), "  " if handling and line.held else "", held)
     waiting = Text(str(line.waiting or ""), style="yellow")
     return [
-        printable(name), bar, _rate(line.rate), str(line.capacity), str(line.blocked or ""), waiting,
-        _wait(line.oldest) if line.waiting else "", doing,
+        _name(line), bar, _rate(line.rate), str(line.capacity), str(line.blocked or ""), waiting,
+        _wait(line.oldest) if line.waiting else "", _doing(line),
     ]  # fmt: skip
+
+
+def _fewer_cells(line: ResourceLine) -> list[Text | str]:
+    """The same in fewer columns; several slots stand at the name, blocked ones where it says what is handled."""
+    name = _name(line) + (f" x{line.capacity}" if line.capacity > 1 else "")
+    busy = Text(f"{line.busy:.0%}", style="green" if line.busy >= 0.5 / _BAR else "dim")
+    waiting = Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest)) if line.waiting else Text()
+    blocked = f"{line.blocked if line.capacity > 1 else ''} blocked: ".lstrip() if line.blocked else ""
+    held = (f"{printable(line.held)}  " * bool(line.held), "yellow")
+    return [name, busy, _rate(line.rate), waiting, Text.assemble(held, (blocked, "yellow"), _handled(line))]
+
+
+def _name(line: ResourceLine) -> str:
+    return printable(line.module if line.resource in ("", line.module) else f"{line.module} / {line.resource}")
+
+
+def _doing(line: ResourceLine) -> Text:
+    """What is handled, and who has it for himself."""
+    handling = _handled(line)
+    return Text.assemble(handling, "  " if handling and line.held else "", (printable(line.held), "yellow"))
+
+
+def _handled(line: ResourceLine) -> str:
+    return printable(f"{line.handling}  {_time(line.seconds)}") if line.handling else ""
 
 
 def _message_cells(line: MessageLine) -> list[Text | str]:

@@ -96,6 +96,7 @@ class History(Notes):
     def _resource(self, fact: facts.ResourceChanged) -> None:
         module = self._module(fact.module)
         module.resources[fact.resource] = fact.capacity
+        self.news.append(module)
         module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
 
     def _format(self, fact: facts.FormatDefined) -> None:
@@ -289,8 +290,8 @@ class History(Notes):
             self._task_waits[key] = waits
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        claim = Claim(fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
-        self.claims[fact.id] = claim
+        known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
+        claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 

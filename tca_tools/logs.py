@@ -118,6 +118,20 @@ class Log:
             pass
         return False
 
+    def present(self, last: float) -> float | None:
+        """The present on the run's clock, if its last entry was at *last* and more may come; None if it is over.
+
+        It is reckoned from when the journal was last written to: a wall clock that was set since the run began, as on
+        a robot that learns the time late, does no harm.
+        """
+        if self._damage or not self.is_being_written:
+            return None
+        try:
+            silence = time.time() - self.segments()[-1].stat().st_mtime
+        except OSError:
+            return None
+        return last + max(silence, 0.0)
+
     @property
     def cut(self) -> str:
         """What there is to say of a last entry that is not whole, and that nobody is writing just now."""

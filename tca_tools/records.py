@@ -84,6 +84,8 @@ class Claim:
     end: float | None = None
     ended: str = ""
     """Why it is over."""
+    by: "Handling | None" = field(default=None, repr=False, compare=False)
+    """The run of a handler for which it was wanted."""
 
     def __str__(self) -> str:
         return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)} {{{self.id}}}"

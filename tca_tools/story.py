@@ -10,7 +10,7 @@ from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, Queueing, State, Task, Wait
 from tca_tools.then import Then
-from tca_tools.waiting import clause, why_waiting
+from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
@@ -63,12 +63,18 @@ def _birth(past: Past, message: Message) -> Sentence:
 
 def _waits_in_queues(past: Past, message: Message) -> Iterator[Sentence]:
     for queueing in message.queueings:
-        where = place(queueing.module, queueing.resource)
-        busy = Then(past, queueing.start).running(queueing.module, queueing.resource)
-        why = f", busy with {past.describe(busy[0].message_id)}" if where and busy else ""
-        yield Sentence(
-            queueing.start, f"queued for {where}{why}" if where else "no module handles it", _length(queueing)
-        )
+        text = "no module handles it"
+        if where := place(queueing.module, queueing.resource):
+            why = _kept_busy(past, queueing, message.sender)
+            text = f"queued for {where}" + (f", {why}" if why else "")
+        yield Sentence(queueing.start, text, _length(queueing))
+
+
+def _kept_busy(past: Past, queueing: Queueing, sender: str) -> str:
+    """Who had the resource when the wait began; or who had it for himself when it ended."""
+    key, start = (queueing.module, queueing.resource), Then(past, queueing.start)
+    last = Then(past) if queueing.end is None else Then(past, nextafter(queueing.end, 0.0))
+    return kept_busy(last if last.held_by(*key) and not start.held_by(*key) else start, *key, sender)
 
 
 def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
@@ -85,8 +91,9 @@ def awaited(past: Past, wait: Wait) -> str:
     """What a handler waited for: ``for the reply to next stance {7}``."""
     if wait.moment:
         return f"until {past.describe(wait.awaited)} {clause(wait.moment)}"
-    reply = "" if wait.awaited in past.claims else "reply to "
-    return f"for the {reply}{past.describe(wait.awaited)}"
+    if claim := past.claims.get(wait.awaited):
+        return f"for the {claim_and_why(Then(past, wait.start), claim)}"
+    return f"for the reply to {past.describe(wait.awaited)}"
 
 
 def _changes(message: Message) -> Iterator[Sentence]:

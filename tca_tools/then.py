@@ -67,8 +67,17 @@ class TaskThen:
     @property
     def state(self) -> State:
         """What it was doing."""
+        return self._stage[1]
+
+    @property
+    def since(self) -> float:
+        """From when on it was in that state."""
+        return self._stage[0]
+
+    @property
+    def _stage(self) -> tuple[float, State]:
         states = self._record.states
-        return states[max(bisect_right(states, self._time, key=_SINCE) - 1, 0)][1]
+        return states[max(bisect_right(states, self._time, key=_SINCE) - 1, 0)]
 
     @property
     def failure(self) -> str:
@@ -168,11 +177,14 @@ class Then:
         self._running: dict[tuple[str, str], list[Handling]] = {}
 
     @classmethod
-    def by_clock(cls, past: Past, clock: float | None) -> "Then":
-        """As it was when the clock of the entries showed so many seconds (None: at the end)."""
+    def by_clock(cls, past: Past, clock: float | None, now: float | None = None) -> "Then":
+        """As it was when the clock of the entries showed so many seconds (None: at the end).
+
+        Of a run that goes on, *now* is the present; else time ends with the last entry.
+        """
         place = len(past.times) if clock is None else past.place(clock)
-        time = past.time if clock is None else min(clock, past.time)
-        return cls(past, past.times[place - 1] if place else -inf, time)
+        end = past.time if now is None else max(now, past.time)
+        return cls(past, past.times[place - 1] if place else -inf, end if clock is None else min(clock, end))
 
     @cached_property
     def top(self) -> list[TaskId]:

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from tca_tools.records import Hold, State
+from tca_tools.past import Past
+from tca_tools.records import Claim, Hold, State
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.wording import place
@@ -32,9 +33,48 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
+def waits_since(task: TaskThen) -> float:
+    """From when on a task has waited for that; of a handler that blocks, since it does."""
+    return task.wait.start if task.wait else task.since
+
+
 def clause(moment: Moment) -> str:
     """What a task does when it reaches a moment: "is achieved"."""
     return _CLAUSES[moment]
+
+
+def kept_busy(then: Then, module: str, resource: str, sender: str) -> str:
+    """What keeps a resource from a message of *sender*: ``which controller has locked while handling walk {3}``."""
+    held_by = then.held_by(module, resource)
+    if held_by and not (held_by.is_reserved and held_by.sender == sender):
+        return f"which {held_by.sender} has {_how(held_by)}{for_whom(then.past, held_by, then.moment)}"
+    busy = _busy(then, module, resource)
+    return f"busy with {busy}" if busy else ""
+
+
+def claim_and_why(then: Then, claim: Claim) -> str:
+    """A claim that waits, and for whom: ``lock of legs {8}, but legs is busy with move {4}``."""
+    held_by = then.held_by(claim.module, claim.resource)
+    if held_by:
+        return f"{claim}, but {held_by.sender} has {_how(held_by)} it{for_whom(then.past, held_by, then.moment)}"
+    busy = _busy(then, claim.module, claim.resource)
+    return f"{claim}, but {place(claim.module, claim.resource)} is busy with {busy}" if busy else str(claim)
+
+
+def for_whom(past: Past, claim: Claim, moment: float) -> str:
+    """The message for which a claim was wanted, if that is known: `` while handling walk {3}``."""
+    if claim.by is None:
+        return ""
+    is_over = claim.by.end is not None and claim.by.end <= moment
+    return f" {'for' if is_over else 'while handling'} {past.describe(claim.by.message_id)}"
+
+
+def _how(claim: Claim) -> str:
+    return "reserved" if claim.is_reserved else "locked"
+
+
+def _busy(then: Then, module: str, resource: str) -> str:
+    return _listed([then.describe(handling.message_id) for handling in then.running(module, resource)])
 
 
 def _of_held(then: Then, task: TaskThen) -> Iterator[str]:
@@ -51,13 +91,8 @@ def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
     if not queueing or not queueing.module:
         yield f"for a module that handles {task.name}"
         return
-    where = place(queueing.module, queueing.resource)
-    held_by = then.held_by(queueing.module, queueing.resource)
-    if held_by and not (held_by.is_reserved and held_by.sender == task.sender):
-        yield f"for {where}, which {held_by.sender} has {'reserved' if held_by.is_reserved else 'locked'}"
-        return
-    busy = [then.describe(handling.message_id) for handling in then.running(queueing.module, queueing.resource)]
-    yield f"for {where}" + (f", busy with {_listed(busy)}" if busy else "")
+    why = kept_busy(then, queueing.module, queueing.resource, task.sender)
+    yield f"for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
 
 
 def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
@@ -66,7 +101,7 @@ def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
     if wait and wait.moment:
         yield _until(then, Point(TaskId(wait.awaited), wait.moment))
     elif wait and wait.awaited in then.past.claims:
-        yield f"for the {then.describe(wait.awaited)}"
+        yield f"for the {claim_and_why(then, then.past.claims[wait.awaited])}"
     elif wait:
         yield f"for the reply to {then.describe(wait.awaited)}"
 

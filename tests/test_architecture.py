@@ -86,7 +86,7 @@ CENTRAL: dict[str, set[str]] = {
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
     "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},
     "keeping": {"errors", "registry", "state", "task_tree"},
-    "load": {"registry", "resources", "state"},
+    "load": {"holds", "registry", "resources", "state", "task_tree"},
     "status": {"holds", "load", "registry", "state", "task_tree"},
     "requests": {
         "availability",

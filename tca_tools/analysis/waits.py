@@ -11,7 +11,7 @@ from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, State, Task, Wait
 from tca_tools.story import awaited
 from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import for_whom, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Role
 from tca_wire.wording import place
@@ -151,7 +151,8 @@ def _queue_reason(past: Past, queueing: Queueing) -> str:
         return f"for a module that handles {past.name(queueing.message_id)}"
     where = place(queueing.module, queueing.resource)
     if claim := locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end):
-        return f"for {where}, which {claim.sender} had {'reserved' if claim.is_reserved else 'locked'}"
+        how = "reserved" if claim.is_reserved else "locked"
+        return f"for {where}, which {claim.sender} had {how}{for_whom(past, claim, claim.start)}"
     busy = Then(past, queueing.start).running(queueing.module, queueing.resource)
     with_what = f", busy with {past.describe(busy[0].message_id)}" if busy else ""
     return f"for {where}{with_what}" + (f" and {len(busy) - 1} more" if len(busy) > 1 else "")

@@ -85,6 +85,8 @@ class Row:
     """What waits for the resource, or is suspended and would be handled there."""
     held: list[Held] = field(default_factory=list)
     """Its locks and reservations."""
+    is_offered: bool = False
+    """Whether its module offers to handle something."""
 
     @property
     def lanes(self) -> int:
@@ -143,9 +145,13 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
     start, end = _span_of(bars, past.time, start, end)
     for row in rows.values():
         row.handled, row.queued = (_in_lanes(bars, start, end) for bars in (row.handled, row.queued))
-    with_empty = pick.messages is None
-    shown = [row for row in rows.values() if row.handled or row.queued or (with_empty and row.connected)]
+    shown = [row for row in rows.values() if row.handled or row.queued or _shows_empty(row, pick)]
     return Chart(start, end, shown, list(names))
+
+
+def _shows_empty(row: Row, pick: Pick) -> bool:
+    """Whether a row is shown though there is nothing in it: who only sends has one if he is asked for."""
+    return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
 
 
 def _span_of(bars: list[Bar], now: float, start: float | None, end: float | None) -> tuple[float, float]:
@@ -162,7 +168,7 @@ def _add_rows(rows: dict[tuple[str, str], Row], past: Past, module: ModuleRecord
     """A row for each resource of a module."""
     connected = [(start, past.time if end is None else end) for start, end in module.joined]
     for resource in _resources(module):
-        rows[module.name, resource] = Row(place(module.name, resource), connected)
+        rows[module.name, resource] = Row(place(module.name, resource), connected, is_offered=bool(module.resources))
 
 
 def _resources(module: ModuleRecord) -> list[str]:

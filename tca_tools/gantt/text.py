@@ -40,9 +40,10 @@ class Blocks(NamedTuple):
     locked: str = "╳"  # noqa: RUF001 - looks like no letter where it is a long line
     reserved: str = "╱"  # noqa: RUF001
     axis: str = "╵"
+    connected: str = "─"
 
 
-UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", "x", "/", "'")
+UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", "x", "/", "'", "_")
 
 
 @dataclass(slots=True)
@@ -87,6 +88,7 @@ def _legend(chart: Chart, blocks: Blocks) -> str:
     items += [(blocks.suspended, "suspended")] * any(bar.is_suspended for bar in queued)
     items += [(blocks.locked, "locked")] * any(not one.is_reserved for one in held)
     items += [(blocks.reserved, "reserved")] * any(one.is_reserved for one in held)
+    items += [(blocks.connected, "connected")] * any(map(_is_idle, chart.rows))
     words = "  ".join(f"{character * 2} {meaning}" for character, meaning in items)
     has_failed = any(bar.has_failed for row in chart.rows for bar in row.handled)
     return words + (f"  {blocks.handled}{_FAILED} failed" if has_failed else "")
@@ -109,6 +111,10 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
     handled = [_Cells([" "] * columns, [None] * columns) for _ in range(min(row.lanes, _MOST_LANES))]
     for bar in row.handled:
         _paint(handled[min(bar.lane, _MOST_LANES - 1)], bar, chart, blocks, colours[bar.name])
+    if _is_idle(row):
+        for start, end in row.connected:
+            if end >= chart.start and start <= chart.end:
+                _paint_run(handled[0], start, end, chart, blocks.connected, "", "bright_black")
     yield from handled
     if row.queue_lanes > _MOST_QUEUE_LANES:
         yield _long_queue(row, chart, columns, blocks)
@@ -125,6 +131,11 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
             character = blocks.reserved if one.is_reserved else blocks.locked
             _paint_run(cells, one.start, one.end, chart, character, f"by {one.owner}", "red")
         yield cells
+
+
+def _is_idle(row: Row) -> bool:
+    """Whether its module was there, and nothing else happened in it."""
+    return bool(row.connected) and not row.handled and not row.queued
 
 
 def _long_queue(row: Row, chart: Chart, columns: int, blocks: Blocks) -> _Cells:
@@ -164,7 +175,7 @@ def _paint_run(
 
 def _write_name(line: list[str], name: str) -> None:
     """Write the name into the bar's longest run of one character, if it has room there."""
-    name = f" {printable(name)} "
+    name = f" {printable(name)} " if name else ""
     start = best = length = 0
     for end in range(1, len(line) + 1):
         if end == len(line) or line[end] != line[start]:

@@ -2,6 +2,7 @@
 
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, Task, Wait
+from tca_tools.waiting import for_whom
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
@@ -41,7 +42,7 @@ def held(past: Past, claim: Claim) -> str:
     where, how = place(claim.module, claim.resource), "reserved" if claim.is_reserved else "locked"
     start = claim.start if claim.granted is None else claim.granted
     why = f": {claim.ended}" if claim.ended else ""
-    return f"{where} {how} by {claim.sender} {_span(past, start, claim.end)}{why}"
+    return f"{where} {how} by {claim.sender}{for_whom(past, claim, claim.start)} {_span(past, start, claim.end)}{why}"
 
 
 def awaited_name(past: Past, wait: Wait) -> str:

@@ -44,7 +44,7 @@ def tree(
     if story:
         _tell(history, story, output)
     else:
-        then = Then.by_clock(history, asked.at)
+        then = Then.by_clock(history, asked.at, journal.present(history.time))
         forest = _forest(then, asked)
         rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
         what = f", task {printable(asked.task)}" if asked.task else ""

@@ -61,19 +61,33 @@ def dot_source(then: Then, rows: list[Row], title: str, *, with_data: bool = Fal
 
 
 def _statements(then: Then, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
+    families = list(_brothers(rows))
+    beside = {pair for brothers in families for pair in pairwise(map(_id, brothers))}
+    far: dict[int, list[str]] = {}
+    for (before, after), kinds in found.between.items():
+        if (f"t{before}", f"t{after}") not in beside:  # words on an arrow over others would lie on those
+            far.setdefault(after, []).append(f"{' · '.join(kinds)}: after {then.describe(before)}")
     for row in rows:
-        yield _node(then, row, found, with_data)
+        said = [*_own(row, found), *far.get(row.task.id, ())] if row.task else []
+        yield _node(then, row, said, with_data)
     for row in rows:
         if row.parent >= 0:
             yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
     joined = set()
     for (before, after), kinds in found.between.items():
-        joined.add((f"t{before}", f"t{after}"))
-        yield _constraint_arrow(then, before, after, kinds)
-    for brothers in _brothers(rows):
+        pair = f"t{before}", f"t{after}"
+        joined.add(pair)
+        yield _constraint_arrow(then, before, after, kinds, is_named=pair in beside)
+    for brothers in families:
         names = list(map(_id, brothers))
         order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(names) if (a, b) not in joined)
         yield f"{{ rank=same; {'; '.join(names)}; {order} }}"
+
+
+def _own(row: Row, found: Arrows) -> list[str]:
+    """The constraints of a task on itself and its parent, in a line."""
+    own = found.own.get(row.task.id, []) if row.task else []
+    return [", ".join(own)] if own else []
 
 
 def _id(row: Row) -> str:
@@ -88,15 +102,16 @@ def _brothers(rows: list[Row]) -> Iterable[list[Row]]:
     return (brothers for brothers in below.values() if len(brothers) > 1)
 
 
-def _constraint_arrow(then: Then, before: int, after: int, kinds: list[str]) -> str:
-    label = " · ".join(kinds)
-    tooltip = printable(f"{then.describe(before)} to {then.describe(after)}: {label}")
+def _constraint_arrow(then: Then, before: int, after: int, kinds: list[str], *, is_named: bool) -> str:
+    what = " · ".join(kinds)
+    tooltip = printable(f"{then.describe(before)} to {then.describe(after)}: {what}")
+    label = what if is_named else ""
     siblings = then.tasks[before].parent == then.tasks[after].parent
     rank = "" if siblings else ", constraint=false"
     return f"t{before} -> t{after} [label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}];"
 
 
-def _node(then: Then, row: Row, found: Arrows, with_data: bool) -> str:
+def _node(then: Then, row: Row, said: list[str], with_data: bool) -> str:
     if row.task is None:
         fill = FILLS[row.state]
         label = words.folded(row)
@@ -105,7 +120,7 @@ def _node(then: Then, row: Row, found: Arrows, with_data: bool) -> str:
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if state is State.HELD else ""
     tooltip = "\n".join(filter(None, [f"{words.called(task)}: {state}", words.note(then, task), words.data(task)]))
-    label = "<br/>".join(_label_lines(then, task, found.own.get(task.id, []), with_data))
+    label = "<br/>".join(_label_lines(then, task, said, with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
     return f"{_id(row)} [label=<{label}>, {rest}];"
@@ -116,12 +131,12 @@ def looks_of(task: TaskThen) -> tuple[str, str] | None:
     return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role)
 
 
-def _label_lines(then: Then, task: TaskThen, own: list[str], with_data: bool) -> Iterator[str]:
+def _label_lines(then: Then, task: TaskThen, said: list[str], with_data: bool) -> Iterator[str]:
     name = escape(cut(printable(task.name), _LONGEST_NAME))
     yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
     yield _small(" ".join(filter(None, [task.state, _times(task)])))
-    if own:
-        yield f'<font point-size="9" color="{_HEAVY}">{escape(", ".join(own))}</font>'
+    for line in said:
+        yield f'<font point-size="9" color="{_HEAVY}">{escape(cut(printable(line), _LONGEST_NAME))}</font>'
     if task.failure or task.killed is not None:
         for line in wrap(words.note(then, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
             yield _small(line)

@@ -29,6 +29,8 @@ _WIDEST_NAME, _WIDEST_WITHOUT_END = 48, 64
 """Columns that guides and name may take: of a terminal, and where lines have no end."""
 _SHORTEST_NAME = 20
 """Columns that guides must leave for a name."""
+_SHORTEST_NOTE = 12
+"""Columns of a note that must be left to say for how long it is so, too."""
 _WIDE = 8
 """Levels whose guides have room."""
 _STATE_WIDTH = max(map(len, State))
@@ -77,7 +79,13 @@ def _name(row: Row) -> str:
 def _task_line(then: Then, task: TaskThen, label: str, width: int | None) -> str:
     state = task.state
     spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in (Interval.PLANNING, Interval.ACHIEVING)]
-    rest = cut("  ".join([f"{state:{_STATE_WIDTH}}", *spans, words.note(then, task)]).rstrip(), _rest_of(width, label))
+    note, since = words.note_since(then, task)
+    lasted = "" if since is None else words.lasting(then.time - since)
+    rest = "  ".join([f"{state:{_STATE_WIDTH}}", *spans, note]).rstrip()
+    room = _rest_of(width, label)
+    if room is not None and room - len(lasted) > len(rest) - len(note) + _SHORTEST_NOTE:
+        rest, lasted = cut(rest, room - len(lasted)) + lasted, ""  # how long is the last to be cut
+    rest = cut(rest + lasted, room)
     return f"{label}  {click.style(rest[:_STATE_WIDTH], fg=COLOURS[state])}{rest[_STATE_WIDTH:]}"
 
 

@@ -2,16 +2,19 @@
 
 from collections import Counter
 
+from tca_tools.analysis.words import seconds
 from tca_tools.data import data_text
 from tca_tools.records import State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import waits_since, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 
 _LONGEST_FAILURE = 200
+_SHORTEST = 0.0005
+"""Seconds: of a wait that has just begun nothing is said."""
 
 
 def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | None:
@@ -36,16 +39,27 @@ def called(task: TaskThen) -> str:
 
 
 def note(then: Then, task: TaskThen) -> str:
-    """What keeps it waiting, or how it ended if not well."""
+    """What keeps it waiting and for how long it has, or how it ended if not well."""
+    text, since = note_since(then, task)
+    return text + (lasting(then.time - since) if since is not None else "")
+
+
+def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
+    """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.failure:
-        return failure_line(task.failure)
+        return failure_line(task.failure), None
     if task.killed is not None:
         above = then.tasks.get(task.parent)
-        return "" if above and above.killed == task.killed else printable(task.killed)
+        return "" if above and above.killed == task.killed else printable(task.killed), None
     if task.children and not task.handling and task.state in (State.ACHIEVING, State.PLANNING):
-        return ""  # for them, and they are shown
+        return "", None  # for them, and they are shown
     reasons = why_waiting(then, TaskId(task.id))
-    return printable(f"waits {', and '.join(reasons)}") if reasons else ""
+    return (printable(f"waits {', and '.join(reasons)}"), waits_since(task)) if reasons else ("", None)
+
+
+def lasting(length: float) -> str:
+    """``, for 3.40 s``."""
+    return f", for {seconds(length)}" if length >= _SHORTEST else ""
 
 
 def failure_line(text: str) -> str:

@@ -10,7 +10,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import waits_since, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.wording import Wording, subject_of
@@ -56,6 +56,7 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
     return {
         "state": task.state,
         "reasons": why_waiting(then, task.id),
+        "since": waits_since(task),
         "failure": task.failure,
         "killed": task.killed,
         "data": data_text(task.body),
@@ -88,13 +89,13 @@ def _constraint_text(past: Past, constraint: Any) -> str:
     )
 
 
-def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, str]:
-    """For tasks, what keeps each waiting, or how it ended if not well."""
+def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, tuple[str, float | None]]:
+    """For tasks, what keeps each waiting and since when, or how it ended if not well."""
     with reading:
         then = Then(reading.feed.history, moment)
         found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
         return {
-            str(number): words.note(then, then.tasks[number])
+            str(number): words.note_since(then, then.tasks[number])
             for number, task in found
             if task is not None and task.received <= then.moment
         }

@@ -83,6 +83,7 @@ def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
             "began": history.began,
             "caughtUp": reading.caught_up,
             "state": reading.state,
+            "now": reading.now,
             "problem": reading.problem or reading.log.cut,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
             "outcomes": [outcome or "" for outcome in OUTCOMES],

@@ -77,6 +77,7 @@ class Feed:
         self.columns = Columns(TABLES)
         self._rows: dict[str, int] = {}
         self._open: dict[int, int] = {}  # the spans of records that go on, by the records' identity
+        self._connected: dict[str, dict[str, int]] = {}  # the spans of modules that are connected, by resource
         self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
 
@@ -139,17 +140,27 @@ class Feed:
     def _tell_claim(self, claim: Claim) -> None:
         if claim.granted is not None and claim.granted == self.history.time:
             row = self._row(claim.module, claim.resource)
-            self._span(claim, SpanKind.HELD, row, claim.sender, claim.id, claim.granted)
+            message = claim.by.message_id if claim.by else 0
+            self._span(claim, SpanKind.HELD, row, claim.sender, message, claim.granted)
         if claim.end is not None and id(claim) in self._open:
             self._end(claim, claim.end)
 
     def _tell_module(self, module: ModuleRecord) -> None:
+        """A module that offers to handle something has rows from the beginning, whether it handles anything or not."""
         if not module.joined:
             return
         start, end = module.joined[-1]
-        self._span(module, SpanKind.CONNECTED, self._row(module.name, ""), module.name, 0, start)
+        connected = self._connected.setdefault(module.name, {})
         if end is not None:
-            self._end(module, end)
+            for span in connected.values():
+                self.columns.add("end", span, end, 0)
+            connected.clear()
+            return
+        self._row(module.name, "")  # rows stand in the order in which modules joined
+        for resource, capacity in module.resources.items():
+            if capacity and resource not in connected:
+                row, text = self._row(module.name, resource), self.columns.text(module.name)
+                connected[resource] = self.columns.add("span", row, SpanKind.CONNECTED, text, 0, -1, start)
 
     def _row(self, module: str, resource: str) -> int:
         label = place(module, resource) if module else NO_HANDLER

@@ -4,6 +4,7 @@ import gc
 import threading
 from itertools import groupby
 from operator import attrgetter
+from time import monotonic
 from types import TracebackType
 from typing import Self
 
@@ -18,6 +19,8 @@ _AT_ONCE = 2000
 _POLL_SECONDS = 0.1
 _WHILE_READING = 1.0
 """Seconds between two looks at a long journal that is being read."""
+_WHO_WRITES = 1.0
+"""Seconds between two looks whether central still has the journal open."""
 
 
 class Reading:
@@ -33,6 +36,12 @@ class Reading:
         self.problem = ""
         """Why nothing more can be read."""
         self._grown = threading.Condition()
+        self._is_written = False
+        """Whether a central had the journal open before what was read last."""
+        self._wrote = False
+        self._look_again = 0.0
+        self._known = (0.0, 0.0)
+        """A time of this machine's clock, and what the run's clock showed then."""
         self._places: list[Place] = []
         self._pending: list[tuple[Entry, Place]] = []
         self._stopped = threading.Event()
@@ -71,7 +80,15 @@ class Reading:
             return "reading"
         if self.closed:
             return "ended"
-        return "live" if self.log.is_being_written else "cut off"
+        return "live" if self._is_written else "cut off"
+
+    @property
+    def now(self) -> float | None:
+        """The present on the run's clock, while it is live: never before the last entry."""
+        if self.state != "live" or not self.entries:
+            return None
+        then, showed = self._known
+        return showed + monotonic() - then
 
     @property
     def is_over(self) -> bool:
@@ -79,14 +96,16 @@ class Reading:
         return bool(self.problem) or self._stopped.is_set()
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
-        """Wait, inside of ``with``, until there are more than so many entries, or the time is over.
+        """Wait, inside of ``with``, until there are more than so many entries, the run stands otherwise, or the time is
+        over.
 
         While a long journal is being read, news are told together.
         """
+        state = self.state
         if not self.caught_up:
             self._grown.wait_for(lambda: self.caught_up or self.is_over, min(seconds, _WHILE_READING))
         else:
-            self._grown.wait_for(lambda: self.entries > entries or self.is_over, seconds)
+            self._grown.wait_for(lambda: self.entries > entries or self.is_over or self.state != state, seconds)
 
     def entries_between(self, first: int, last: int) -> list[Entry]:
         """Entries by their numbers from the first on, read anew from the disk. Not to be called inside of ``with``."""
@@ -108,6 +127,7 @@ class Reading:
 
     def _read(self) -> None:
         gc.disable()  # see garbage.py; here until all has been read that there is
+        self._look_who_writes()
         try:
             for entry, place in self.log.follow_places(self._pause):
                 self._pending.append((entry, place))
@@ -123,14 +143,27 @@ class Reading:
 
     def _pause(self) -> None:
         self._take()
+        if self._is_written != self._wrote:
+            with self:
+                self._is_written = self._wrote
+                self._grown.notify_all()
         if not self.caught_up:
             self._catch_up()
+        self._look_who_writes()
         self._stopped.wait(_POLL_SECONDS)
+
+    def _look_who_writes(self) -> None:
+        """Counts only when what was written until now has been read: central's last word may be among it."""
+        if monotonic() >= self._look_again:
+            self._wrote = self.log.is_being_written
+            self._look_again = monotonic() + _WHO_WRITES
 
     def _catch_up(self, problem: str = "") -> None:
         gc.freeze()
         gc.enable()
         with self:
+            last = self.feed.history.time
+            self._known = monotonic(), self.log.present(last) or last
             self.problem, self.caught_up = problem, True
             self._grown.notify_all()
 
@@ -145,5 +178,6 @@ class Reading:
                 if len(self.feed.history.times) > known:  # not another record of the same entry
                     self._places.append(place)
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
+            self._known = monotonic(), self.feed.history.time
             self._pending.clear()
             self._grown.notify_all()

@@ -6,6 +6,7 @@ from central.player import Player
 
 from tca_central.load import load
 from tca_wire import headers
+from tca_wire.constraints import Constraint, Flags
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.routes import Note, Noted
 from tca_wire.vocabulary import Outcome
@@ -116,6 +117,31 @@ def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
     told = load(robot.central)
     assert ("'planner' in 'walk' {1}", "end achieving of 'dance' {2}", 1.0) in waits(told)
     assert resource(told, "planner")["blocked"] == 1
+
+
+def test_held_tasks_say_what_they_wait_for_the_longest_first() -> None:
+    robot = Player()
+    robot.module("planner", "goal walk")
+    robot.module("legs", "command step")
+    robot.module("user")
+    walk = robot.task("user", "walk")
+    robot.declare("planner/1", "command step")
+    first = robot.task("planner/1", "step", under=walk)
+    second = robot.task("planner/1", "step", under=walk, flags=Flags.SEQ_ACH)
+    robot.tick(4.0)
+    third = robot.task("planner/1", "step", under=walk, flags=Flags.SEQ_ACH)
+    later = Point(TaskId(third), Moment.START_HANDLING)
+    also = Constraint(Point(TaskId(first), Moment.END_ACHIEVING), later)
+    robot.receive("planner/1", headers.Constrain(robot.number("planner/1"), [also]))
+    told = load(robot.central)
+    assert [(one["what"], one["for"]) for one in told["held"]] == [
+        (f"'step' {{{second}}}", f"end achieving of 'step' {{{first}}}"),
+        (f"'step' {{{third}}}", f"end achieving of 'step' {{{second}}} (and 1 more)"),
+    ]
+    assert told["held"][0]["seconds"] > told["held"][1]["seconds"]
+    assert load(robot.central)["waits"] == told["waits"]  # they stand in no queue
+    robot.reply("legs/1", value=1)
+    assert [one["what"] for one in load(robot.central)["held"]] == [f"'step' {{{third}}}"]
 
 
 def test_direct_messages_count_like_others() -> None:

@@ -27,7 +27,7 @@ def message(name: str, delivered: int, **more: Any) -> dict[str, Any]:
 def answer(time: float, *resources: dict[str, Any], epoch: str = "one", **more: Any) -> dict[str, Any]:
     modules = [{"module": "legs", "process": "here:1", "resources": list(resources)},
                {"module": "tca top", "process": "here:2", "resources": []}]  # fmt: skip
-    numbers: dict[str, Any] = {"events": int(time * 10), "tasks": 3, "messages": [], "waits": []}
+    numbers: dict[str, Any] = {"events": int(time * 10), "tasks": 3, "messages": [], "waits": [], "held": []}
     return {"epoch": epoch, "time": time, "modules": modules, **numbers, **more}
 
 
@@ -80,17 +80,29 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     assert "\x1b" not in text
 
 
-@pytest.mark.parametrize("height", [10, 24, 40, 200])
+@pytest.mark.parametrize("height", [10, 24, 40, 240])
 def test_a_screen_fits_its_terminal(height: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
     waits = [{"what": f"'step' {{{number}}}", "for": "legs", "seconds": 1.0} for number in range(50)]
-    told = frame(answer(20.0, *many, messages=messages, waits=waits))
+    told = frame(answer(20.0, *many, messages=messages, waits=waits, held=waits))
     lines = shown(screen(told, "ipc:///here", "no answer for 3 s, trying again", height), 80).splitlines()
     assert len(lines) <= max(height, 24)
     assert all(len(line) <= 80 for line in lines)
-    assert sum("and" in line and "more" in line for line in lines) == (3 if height < 200 else 0)
+    assert sum("and" in line and "more" in line for line in lines) == (4 if height < 240 else 0)
     assert "central is away: no answer for 3 s, trying again. This is how it was:" in lines[0]
+
+
+def test_in_80_columns_nothing_that_matters_is_cut() -> None:
+    busy = resource(
+        waiting=4, oldest=12.0, blocked=1, held_by="eyes", handling=[{"id": 7, "message": "move leg", "seconds": 0.5}]
+    )
+    other = resource("ankles", capacity=1, blocked=1, handling=[{"id": 8, "message": "look", "seconds": 90.0}])
+    held = [{"what": "'wave' {9}", "for": "end achieving of 'walk' {3}", "seconds": 31.0}]
+    text = shown(screen(frame(answer(20.0, busy, other, held=held)), "ipc:///here", ""), 80)
+    assert re.search(r"legs x2 +10% +0.5 +4, 12.0 s +locked by eyes  1 blocked: move leg \{7\}", text)
+    assert re.search(r"legs / ankles +20% +0.5 +blocked: look \{8\}  90.0 s", text)
+    assert re.search(r"31.0 s +'wave' \{9\} +end achieving of 'walk' \{3\}", text)
 
 
 def test_nothing_is_told_in_words() -> None:

@@ -77,6 +77,22 @@ def test_a_row_for_each_resource_and_for_what_nobody_handles() -> None:
     assert [row.label for row in chart(story.fold()).rows] == ["arm", "arm / gripper", NO_HANDLER]
 
 
+def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(tca: Tca, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").module("user").at(5.0).module("lamp", "shine", resource="bulb")
+    story.at(10.0).acted(story.command("move", "user"), "legs", 10.0)
+    story.at(30.0).acted(story.command("move", "user"), "legs", 10.0)
+    log = story.write(tmp_path / "run")
+    lines = tca("gantt", log, "--from", 0, "--ascii", COLUMNS="52").stdout.splitlines()
+    assert lines[3:6] == [
+        "legs                   # move ##|         # move ##|",
+        "lamp / bulb       __________________________________",
+        "",
+    ]
+    assert lines[-1].endswith("__ connected")
+    asked = tca("gantt", log, "--module", "user", "--ascii", COLUMNS="52").stdout.splitlines()
+    assert asked[3] == "user  " + "_" * 46
+
+
 def test_a_row_only_of_queues_has_no_room_for_bars() -> None:
     story = Story().module("legs", "walk")
     story.queued(story.goal("dance", "x")).at(1.0)

@@ -53,7 +53,9 @@ def test_who_has_a_resource_for_himself() -> None:
         (2.0, 3.0, False, "eyes"),
         (4.0, 5.0, True, "planner"),
     ]
-    assert legs.held[0].title == "legs locked by eyes from 2.000 s to 3.000 s, 1.000 s: released"
+    assert (
+        legs.held[0].title == "legs locked by eyes while handling look {3} from 2.000 s to 3.000 s, 1.000 s: released"
+    )
     picture = svg_text(chart(locking().fold()), "locking")
     assert "locked by eyes" in picture
     assert "reserved by planner" not in picture.replace("legs reserved by planner", "")  # a bar stands in its place

@@ -316,12 +316,13 @@ def test_a_message_waits_for_a_locked_resource_and_a_handler_for_its_lock() -> N
     move, walk = story.command("move", "user"), story.goal("walk", "user")
     story.delivered(walk, "planner").delivered(move, "legs")
     story.at(1.0).say(facts.Claimed(20, "legs", "legs", False, "planner", walk))
-    assert reasons(story.fold(), walk) == ["for the lock of legs {20}"]
+    assert reasons(story.fold(), walk) == ["for the lock of legs {20}, but legs is busy with move {1}"]
     story.returned(move).say(facts.Granted(20))
     other = story.command("move", "eyes")
     story.queued(other, "legs")
     assert reasons(story.fold(), walk) == []
-    assert reasons(story.fold(), other) == ["for legs, which planner has locked"]
+    assert reasons(story.fold(), other) == ["for legs, which planner has locked while handling walk {2}"]
+    assert reasons(story.at(1.5).returned(walk).fold(), other) == ["for legs, which planner has locked for walk {2}"]
     story.at(2.0).say(facts.ClaimEnded(20, "released"), facts.Claimed(21, "legs", "legs", True, "eyes", 0))
     story.say(facts.Granted(21)).delivered(move, "legs")
     assert reasons(story.fold(), other) == ["for legs, busy with move {1}"]

@@ -1,6 +1,6 @@
 """The stories of messages, as people read them."""
 
-from tools.story import ACTING, GOAL, QUERY, Story, stumbling
+from tools.story import ACTING, GOAL, QUERY, Story, locking, stumbling
 
 from tca_tools.history import History
 from tca_tools.story import story
@@ -44,6 +44,15 @@ def test_a_task_that_queued_asked_and_was_planned_ahead() -> None:
         "2.2 (2.3 s) planned, until take steps {2} is achieved",
         "4.5 killed: failure 'terrain collision' of move body {7} was not handled",
     ]
+
+
+def test_a_wait_for_a_lock_names_who_has_it_and_what_for() -> None:
+    tale = locking()
+    assert told(tale.fold(until=2.5), 4)[-1] == "1.0 queued for legs, which eyes has locked while handling look {3}"
+    history = tale.fold()
+    assert told(history, 4)[1] == "1.0 (2.0 s) queued for legs, which eyes has locked while handling look {3}"
+    waits = "its handler waits for the lock of legs {90}, but legs is busy with move {2}"
+    assert f"1.0 (1.0 s) {waits}" in told(history, 3)
 
 
 def test_a_query_that_nobody_handled_for_a_while() -> None:

@@ -1,5 +1,8 @@
+import fcntl
+import os
 import re
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -39,6 +42,24 @@ def test_the_tree_in_words(tca: Tca, run: Path, tmp_path: Path, expect: Callable
 def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
     expect("tree_walking_at_1.0", tca("tree", run, "--at", 1.0).stdout)
     assert tca("tree", run, "--at", 0.2).stdout.splitlines() == ["run: 0.20 s, 0 tasks", "(no task was sent)"]
+
+
+def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None:
+    segment = run / "00000001.tcaj"
+    written = time.time() - 40
+    os.utime(segment, (written, written))
+    with segment.open("ab") as central:
+        fcntl.flock(central, fcntl.LOCK_EX)
+        live, before = (tca("tree", run, *options).stdout for options in ((), ("--at", 1.0)))
+        bars = tca("gantt", run).stdout
+    rested = tca("tree", run).stdout
+    assert rested.startswith("run: 4.00 s, 8 tasks")
+    assert "take steps {3} is being achieved, for 3.40 s\n" in rested
+    title, *_, last = live.splitlines()
+    assert float(title.split()[1]) >= 44
+    assert float(last.split()[-2]) >= 43
+    assert before.startswith("run: 1.00 s, 4 tasks")
+    assert float(bars.partition(" to ")[2].split()[0]) >= 44
 
 
 def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
@@ -312,3 +333,17 @@ def test_wide_characters_keep_the_columns() -> None:
     story.goal("walk", "x")
     lines = list(tree_lines(Then(story.fold()), whole_outline(Then(story.fold()))))
     assert lines[1].index("held") + 2 == lines[2].index("held")
+
+
+def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_waits() -> None:
+    story = Story()
+    walk = story.goal("walk", "user")
+    first = TaskId(story.goal("approach", "planner", walk))
+    story.goal("grasp", "planner", walk, sequential_achievement(first, THIS))
+    story.goal("lift", "planner", walk, sequential_achievement(first, THIS))
+    then = Then(story.fold())
+    source = dot_source(then, whole_outline(then), "a lift")
+    near, far = (next(line for line in source.splitlines() if line.startswith(f"  t2 -> t{one}")) for one in (3, 4))
+    assert 'label="SEQ"' in near
+    assert 'label=""' in far
+    assert "SEQ: after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))

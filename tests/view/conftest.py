@@ -50,12 +50,15 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def look(browser: Browser, serve: Callable[[Path], str]) -> Iterator[Look]:
-    """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be fetched from elsewhere."""
+    """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be fetched from elsewhere.
+
+    With ``clock=True`` time passes in the page only with ``page.clock``.
+    """
     context = browser.new_context(viewport={"width": 1400, "height": 860})
     context.set_default_timeout(SOON)
     wrong: list[str] = []
 
-    def open_page(what: Path | str, hash_part: str = "") -> Page:
+    def open_page(what: Path | str, hash_part: str = "", *, clock: bool = False) -> Page:
         address = what if isinstance(what, str) else serve(what)
         page = context.new_page()
         page.on("pageerror", lambda error: wrong.append(str(error)))
@@ -63,6 +66,8 @@ def look(browser: Browser, serve: Callable[[Path], str]) -> Iterator[Look]:
         page.on(
             "request", lambda asked: wrong.append(asked.url) if not asked.url.startswith((address, "data:")) else None
         )
+        if clock:
+            page.clock.install()
         page.goto(address + hash_part)
         page.wait_for_selector("#status:not(:has-text('reading'))")
         return page

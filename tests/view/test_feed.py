@@ -6,12 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 from properties.test_then import WatchedPlayer
-from tools.story import stumbling, walking
+from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
 from tca_tools.then import Then
 from tca_tools.view.columns import parsed
 from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
+from tca_wire import facts
 from tca_wire.facts import Entry
 from tca_wire.vocabulary import Outcome
 
@@ -105,6 +106,19 @@ def test_the_columns_of_a_walk() -> None:
     assert page.texts[page.table("span")[wait[4]][2]] == "take steps"  # within whose handling it lies
     holds = {(task, before, page.texts[kind]) for task, before, kind, _ in page.table("hold")}
     assert {(3, 2, "SEQ"), (4, 3, "SEQ"), (4, 3, "plan ahead"), (7, 6, "SEQ"), (10, 9, "SEQ")} == holds
+
+
+def test_a_module_that_handled_nothing_has_a_row() -> None:
+    story = Story().module("user").module("lamp", "shine", resource="bulb").at(1.0)
+    story.say(facts.ModuleLeft("lamp", "its process ended")).at(2.0).module("lamp", "shine", resource="bulb")
+    feed, page = Feed(), Page()
+    for entry in story.entries:
+        feed.apply(entry)
+    page.take(feed)
+    rows = [page.texts[text] for (text,) in page.table("row")]
+    spans = [(rows[row], kind, start) for row, kind, *_, start in page.table("span")]
+    assert spans == [("lamp / bulb", SpanKind.CONNECTED, 0.0), ("lamp / bulb", SpanKind.CONNECTED, 2.0)]
+    assert page.table("end") == [(0, 1.0, 0)]
 
 
 def test_nothing_new_is_an_empty_frame() -> None:

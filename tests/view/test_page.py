@@ -131,6 +131,36 @@ def test_subtrees_are_closed_and_a_bar_chooses_its_task(look: Look, tmp_path: Pa
     expect(page.locator("#task h2")).to_have_text("move leg {6}")
 
 
+def test_the_chart_begins_with_the_first_message_and_has_modules_that_handled_nothing(
+    look: Look, tmp_path: Path
+) -> None:
+    story = Story().module("legs", "move").module("lamp", "shine").at(100.0)
+    page = look(story.acted(story.command("move", "user"), "legs", 10.0).write(tmp_path / "late"))
+    assert page.evaluate("tca.chart.layout.map((place) => place.row.label)") == ["legs", "lamp"]
+    start, end = page.evaluate("tca.chart.window")
+    assert 99 < start < 100
+    assert 110 < end < 111
+    page.locator("#tree").focus()
+    page.keyboard.press("f")
+    assert page.evaluate("tca.chart.window[0]") < 0
+    page.keyboard.press("f")
+    assert page.evaluate("tca.chart.window[0]") == start
+
+
+def test_names_are_seen_on_a_narrow_screen_and_nothing_lies_over_them(look: Look, tmp_path: Path) -> None:
+    page = look(walking().write(tmp_path / "walk"), "#task=4")
+    expect(page.locator(".row .kind")).to_have_text("SEQ, plan ahead")
+    for width in (1400, 800, 420):
+        page.set_viewport_size({"width": width, "height": 800})
+        cut = "(row) => { const name = row.querySelector('.name'); return name.scrollWidth > name.clientWidth; }"
+        assert not any(row.evaluate(cut) for row in page.locator(".row").all())
+        name, kind = (line(page, 3).locator(part).bounding_box() for part in (".name", ".kind"))
+        assert name
+        assert kind
+        assert name["x"] + name["width"] <= kind["x"]
+    assert page.locator("#slider").bounding_box()["width"] > 300  # type: ignore[index]
+
+
 def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"

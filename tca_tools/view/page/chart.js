@@ -5,6 +5,7 @@ import { colour, css, length, prepared, seconds, ticks } from "./format.js";
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
 const NARROW = 1.5; // pixels
+const ROOM = 0.01; // of the time that is seen, beside it
 
 export class Chart {
   constructor(store, { choose, setTime }) {
@@ -15,7 +16,7 @@ export class Chart {
     this.hint = document.getElementById("hint");
     this.time = 0;
     this.chosen = null;
-    this.from = null; // the window in time; null: all of the run
+    this.from = null; // the window in time; null: from the first message on, to the end
     this.to = null;
     this.scroll = 0;
     this.labels = 120;
@@ -27,16 +28,26 @@ export class Chart {
   show(time) {
     this.time = time;
     this.draw();
+    if (!this.hint.hidden) this.#showHint(this.pointer);
   }
 
+  // From the first message on; if that is what is seen, from the beginning of the run.
   showAll() {
-    this.from = this.to = null;
+    const isSeen = this.from === null && this.to === null;
+    this.from = isSeen ? this.#earliest : null;
+    this.to = null;
     this.draw();
   }
 
   get window() {
-    const { start, end } = this.store, room = Math.max((end - start) * 0.01, 1e-6);
-    return [this.from ?? start - room, this.to ?? end + room];
+    const { start, first, end } = this.store, from = Math.max(Math.min(first, end), start);
+    const room = Math.max((end - from) * ROOM, 1e-6);
+    return [this.from ?? Math.max(from - room, this.#earliest), this.to ?? end + room];
+  }
+
+  get #earliest() {
+    const { start, end } = this.store;
+    return start - Math.max((end - start) * ROOM, 1e-6);
   }
 
   #x(time) {
@@ -70,7 +81,7 @@ export class Chart {
 
   // Where each row stands.
   #lay() {
-    const busy = [...this.store.rows, this.store.suspended].filter((row) => row.handled.length || row.queued.length || row.held.length);
+    const busy = [...this.store.rows, this.store.suspended].filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
     const widths = busy.map((row) => this.context.measureText(row.label).width);
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
     let top = 0;
@@ -100,7 +111,7 @@ export class Chart {
       context.moveTo(x, AXIS - 4);
       context.lineTo(x, height);
       context.stroke();
-      if (x > this.labels) context.fillText(label, x, AXIS / 2);
+      if (x > this.labels) context.fillText(label, Math.min(x, width - context.measureText(label).width / 2 - 2), AXIS / 2);
     }
   }
 
@@ -286,11 +297,14 @@ export class Chart {
 
   #zoom(x, factor) {
     const [from, to] = this.window, centre = this.#timeAt(x);
-    const least = 1e-6, most = (this.store.end - this.store.start) * 1.1 + 1e-3;
+    const least = 1e-6, most = (this.store.end - this.#earliest) * 1.05 + 1e-3;
     const wide = Math.min(Math.max((to - from) * factor, least), most), share = (centre - from) / (to - from);
     this.from = centre - share * wide;
     this.to = this.from + wide;
-    if (wide >= most) this.from = this.to = null;
+    if (wide >= most) {
+      this.from = this.#earliest;
+      this.to = null;
+    }
   }
 
   #pan(event, held) {
@@ -298,20 +312,21 @@ export class Chart {
     if (Math.abs(dx) + Math.abs(dy) > 3) held.moved = true;
     if (!held.moved) return;
     const [from, to] = held.window, shift = dx / (this.width - this.labels) * (to - from);
-    if (this.from !== null) { this.from = from - shift; this.to = to - shift; }
+    if (from > this.#earliest || this.to !== null) { this.from = from - shift; this.to = to - shift; }
     this.scroll = held.scroll - dy;
     this.hint.hidden = true;
     this.draw();
   }
 
-  #showHint(event) {
-    const found = this.at(event.offsetX, event.offsetY);
+  #showHint({ offsetX, offsetY }) {
+    this.pointer = { offsetX, offsetY };
+    const found = this.at(offsetX, offsetY);
     this.hint.hidden = !found;
     if (!found) return;
     this.hint.textContent = describe(found, this.store);
-    const left = Math.min(event.offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
+    const left = Math.min(offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
     this.hint.style.left = `${Math.max(left, 0)}px`;
-    this.hint.style.top = `${Math.min(event.offsetY + 16, this.height - 26)}px`;
+    this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;
   }
 }
 
@@ -319,7 +334,8 @@ const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspe
 
 function describe({ span, wait, row }, store) {
   const one = wait ?? span, end = Math.min(one.end, store.end);
-  const what = span.message && span.kind !== "held" ? `${span.name} {${span.message}}` : span.name;
+  const holder = store.byId.get(span.message)?.name ?? "message";
+  const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
   const where = span.kind === "suspended" ? "" : ` ${row.label}`;
   const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}` : "";
   const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;

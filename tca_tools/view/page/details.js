@@ -1,6 +1,6 @@
 // All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
 
-import { element, length, seconds, soon } from "./format.js";
+import { age, element, length, seconds, soon } from "./format.js";
 
 export class Details {
   constructor(store, { choose, setTime, ask }) {
@@ -51,7 +51,7 @@ export class Details {
       const born = about.received > this.time;
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
-    for (const reason of about.reasons ?? []) yield element("p", { class: "lead", text: `waits ${reason}` });
+    for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, `waits ${reason}, for `, age(about.since));
     if (about.failure) yield element("p", { class: "lead bad", text: about.failure });
     if (about.killed) yield element("p", { class: "lead bad", text: `killed: ${about.killed}` });
   }
@@ -94,7 +94,8 @@ export class Details {
 }
 
 function times([start, end]) {
-  return element("span", { text: `${seconds(start)} – ${end === null ? "" : `${seconds(end)}  (${length(end - start)})`}` });
+  if (end === null) return element("span", {}, `${seconds(start)} –  (`, age(start), ")");
+  return element("span", { text: `${seconds(start)} – ${seconds(end)}  (${length(end - start)})` });
 }
 
 function pretty(text) {

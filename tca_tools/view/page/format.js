@@ -17,6 +17,27 @@ export function length(time) {
   return time < 600 ? `${time.toFixed(2)} s` : seconds(time);
 }
 
+// How long something has gone on at the moment that is shown: an element that `count` keeps up.
+let shown = 0;
+
+// As tca tree says it: "3.40 s", "12:05 min", "33:09:06 h".
+function lasting(time) {
+  if (time < 120) return length(Math.max(time, 0));
+  const [hours, minutes, rest] = [3600, 60, 1].map((one) => Math.floor(time / one)), two = (number) => String(number % 60).padStart(2, "0");
+  return minutes < 120 ? `${minutes}:${two(rest)} min` : `${hours}:${two(minutes)}:${two(rest)} h`;
+}
+
+export function age(since) {
+  const made = element("span", { class: "age", text: lasting(shown - since) });
+  made.dataset.since = since;
+  return made;
+}
+
+export function count(time) {
+  shown = time;
+  for (const made of document.querySelectorAll(".age")) made.textContent = lasting(time - made.dataset.since);
+}
+
 // Round times between start and end, about `most` of them, with labels.
 export function ticks(start, end, most) {
   const shortest = (end - start) / Math.max(most, 1);

@@ -2,16 +2,20 @@
 
 import { Chart } from "./chart.js";
 import { Details } from "./details.js";
-import { element } from "./format.js";
+import { count, element } from "./format.js";
 import { Messages } from "./messages.js";
 import { Search } from "./search.js";
 import { Slider } from "./slider.js";
 import { Store } from "./store.js";
 import { Tree } from "./tree.js";
 
+const BEAT = 250; // milliseconds between two pictures of time that goes on
+const SLOW = 4; // beats between two counts of how long waits have lasted
+
 const store = new Store();
 let cursor = Infinity; // Infinity: the end, wherever it is
 let drawing = false;
+let beats = 0; // of time that goes on
 let recalled = false; // whether the page is where its address wants it
 
 async function ask(what, parameters = {}) {
@@ -59,7 +63,9 @@ function draw() {
   requestAnimationFrame(() => {
     drawing = false;
     if (!store.head) return;
+    if (cursor === Infinity) store.goOn();
     const time = Math.min(cursor, store.end);
+    count(time);
     search.update(time);
     tree.show(time);
     chart.show(time);
@@ -69,6 +75,16 @@ function draw() {
     drawCounts(time);
     remember();
   });
+}
+
+// Between two messages nothing changes but the time: the chart grows, and waits last longer.
+function goOn() {
+  if (cursor !== Infinity || !store.isLive || !store.times.length || document.hidden) return;
+  store.goOn();
+  slider.show(store.end, true);
+  chart.show(store.end);
+  beats = (beats + 1) % SLOW;
+  if (!beats) count(store.end);
 }
 
 function drawCounts(time) {
@@ -151,6 +167,7 @@ async function follow() {
       }
       if (store.head.problem) await pause(5000);
     } catch (error) {
+      store.stand();
       showStatus(`The server does not answer (${error.message}); what was read before is shown. Start 'tca view' again.`);
       await pause(2000);
       if (error instanceof RangeError || error instanceof TypeError && !navigator.onLine) continue;
@@ -210,5 +227,7 @@ document.getElementById("divider").addEventListener("pointerdown", (down) => {
   down.target.addEventListener("pointerup", () => down.target.removeEventListener("pointermove", move), { once: true });
 });
 
+document.addEventListener("visibilitychange", draw);
+setInterval(goOn, BEAT);
 window.tca = { store, tree, chart, slider }; // for a look from the browser's console
 follow();

@@ -1,5 +1,7 @@
 // Finding tasks: by name, number, state, or the module that handled them. Several words must all fit.
 
+import { lastNotAfter } from "./store.js";
+
 export class Search {
   constructor(store, { tree, choose, changed }) {
     Object.assign(this, { store, tree, choose, changed });
@@ -21,7 +23,8 @@ export class Search {
     this.time = time;
     const words = this.input.value.toLowerCase().split(/\s+/).filter(Boolean);
     const sent = words.length ? this.store.sentBy(this.store.tasks, time) : 0;
-    const asked = `${words.join(" ")}@${time}#${this.store.version}`;
+    const moment = lastNotAfter(this.store.times, time); // what is found changes with messages, not with time
+    const asked = `${words.join(" ")}@${moment}#${this.store.version}`;
     if (asked === this.asked) return;
     this.asked = asked;
     this.found = this.store.tasks.slice(0, sent).filter((task) => words.every((word) => this.#fits(task, word)));

@@ -39,6 +39,7 @@ export class Slider {
   step(by) {
     this.stop();
     const { times } = this.store, place = lastNotAfter(times, this.time) + by;
+    if (place >= times.length) this.setTime(Infinity);
     if (place < 0 || place >= times.length) return;
     this.time = times[place]; // at once: the next key may come before the next picture
     this.setTime(this.time);
@@ -65,13 +66,13 @@ export class Slider {
 
   #play() {
     document.getElementById("play").textContent = "❚❚";
-    if (this.time >= this.store.end) this.time = this.store.start;
+    if (this.time >= this.store.last) this.time = this.store.start;
     this.playing = { last: performance.now(), frame: 0, time: this.time };
     const tick = (now) => {
       const speed = Number(document.getElementById("speed").value), { playing } = this;
       playing.time += (now - playing.last) / 1000 * speed;
       playing.last = now;
-      if (playing.time >= this.store.end) {
+      if (playing.time >= this.store.last) {
         this.stop();
         this.setTime(Infinity, { keepPlaying: true });
         return;
@@ -98,10 +99,11 @@ export class Slider {
     context.fillRect(EDGE, height - 8, wide, 4);
     context.fillStyle = css("--faint");
     context.globalAlpha = 0.5;
-    const bins = this.#bins(Math.floor(wide / 3)), most = Math.max(...bins, 1);
+    const { bins, until } = this.#bins(Math.floor(wide / 3)), most = Math.max(...bins, 1);
+    const wideOne = (x(until) - EDGE) / bins.length;
     bins.forEach((count, bin) => {
       const tall = count ? 1 + Math.sqrt(count / most) * (height - 12) : 0;
-      context.fillRect(EDGE + bin * 3, height - 8 - tall, 2.2, tall);
+      context.fillRect(EDGE + bin * wideOne, height - 8 - tall, wideOne * 0.75, tall);
     });
     context.globalAlpha = 1;
     context.fillStyle = css("--bad");
@@ -113,13 +115,14 @@ export class Slider {
     context.fill();
   }
 
-  // How many entries fall into each part of the run.
+  // How many entries fall into each part of the run; counted anew when there are more, or the run is a part longer.
   #bins(number) {
-    const { times, start, end } = this.store;
-    if (this.binned?.version === this.store.version && this.binned.bins.length === number) return this.binned.bins;
+    const { times, start, end, version } = this.store, { binned } = this;
+    const isLonger = binned && end - binned.until > (end - start) / number;
+    if (binned?.version === version && binned.bins.length === number && !isLonger) return binned;
     const bins = new Array(Math.max(number, 1)).fill(0), scale = bins.length / (end - start || 1);
     for (const time of times) bins[Math.min(Math.floor((time - start) * scale), bins.length - 1)]++;
-    this.binned = { version: this.store.version, bins };
-    return bins;
+    this.binned = { version, bins, until: end };
+    return this.binned;
   }
 }

@@ -53,16 +53,30 @@ export class Store {
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
     this.failures = []; // times at which tasks failed
     this.version = 0;
+    this.first = Infinity; // when the first message was sent or handled
+    this.end = 0; // of the run, as far as it has come
+    this.heard = 0; // when the newest answer came, by the browser's clock
   }
 
   get start() { return this.times.length ? this.times[0] : 0; }
-  get end() { return this.times.length ? this.times[this.times.length - 1] : 0; }
+  get last() { return this.times.length ? this.times[this.times.length - 1] : 0; }
+  get isLive() { return typeof this.head?.now === "number"; }
+
+  // Time goes on between two answers of the server, while the run does.
+  goOn() {
+    if (this.isLive) this.end = Math.max(this.last, this.head.now + (performance.now() - this.heard) / 1000);
+  }
+
+  // Nobody says any more that it goes on.
+  stand() { if (this.head) this.head.now = null; }
 
   // Ask the server for what is new; waits there while nothing is.
   async more() {
     const answer = await fetch(`api/frame?since=${encodeURIComponent(JSON.stringify(this.lengths))}`);
     if (!answer.ok) throw new Error(`the server says ${answer.status}`);
-    this.add(await answer.arrayBuffer());
+    const buffer = await answer.arrayBuffer();
+    this.heard = performance.now();
+    this.add(buffer);
   }
 
   add(buffer) {
@@ -78,6 +92,8 @@ export class Store {
     this.#addSpans(columns);
     this.lengths = head.lengths;
     this.version += 1;
+    this.end = this.last;
+    this.goOn();
   }
 
   #addTasks(columns) {
@@ -90,6 +106,7 @@ export class Store {
         depth: 0, modules: null, suspension: null,
       };
       task.depth = task.parent ? task.parent.depth + 1 : 0;
+      this.first = Math.min(this.first, task.time);
       this.byId.set(task.id, task);
       this.tasks.push(task);
       (task.parent ? task.parent.children : this.top).push(task);
@@ -134,6 +151,7 @@ export class Store {
         message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
         end: Infinity, outcome: "", waits: [],
       };
+      if (span.kind !== "connected") this.first = Math.min(this.first, span.start);
       this.spans.push(span);
       fresh.push(span);
     }

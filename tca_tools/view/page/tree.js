@@ -1,11 +1,10 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { element, length, seconds, soon } from "./format.js";
+import { age, element, seconds, soon } from "./format.js";
 import { Outline } from "./outline.js";
 
 const ROW = 24; // pixels, as in style.css
-const INDENT = 15;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const GOAL = 1, MONITOR = 2;
 const ROLE_MARKS = {
@@ -36,8 +35,10 @@ export class Tree {
   }
 
   show(time) {
-    if (time !== this.time || this.version !== this.store.version) this.notes.clear();
+    const moment = lastNotAfter(this.store.times, time); // what is known changes with messages, not with time
+    if (moment !== this.moment || this.version !== this.store.version) this.notes.clear();
     this.time = time;
+    this.moment = moment;
     this.version = this.store.version;
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
@@ -104,6 +105,7 @@ export class Tree {
     const first = Math.max(Math.floor(this.scroller.scrollTop / ROW) - 4, 0);
     const last = Math.min(first + Math.ceil(this.scroller.clientHeight / ROW) + 8, this.rows.length);
     const lines = [];
+    this.related = this.#related(this.rows.slice(first, last));
     for (let place = first; place < last; place++) lines.push(this.#line(this.rows[place], place));
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
     this.spacer.replaceChildren(...lines, this.arrows);
@@ -112,12 +114,11 @@ export class Tree {
   }
 
   #line(row, place) {
-    const indent = Math.min(row.depth, DEEPEST) * INDENT;
     const line = element("div", { class: "row" });
     line.dataset.place = place;
     line.style.top = `${place * ROW}px`;
     const task = element("span", { class: "task" });
-    task.style.paddingLeft = `${indent}px`;
+    task.style.paddingLeft = `calc(${Math.min(row.depth, DEEPEST)} * var(--indent))`;
     if (row.task) this.#fillTask(line, task, row);
     else this.#fillFolded(line, task, row);
     return line;
@@ -145,17 +146,14 @@ export class Tree {
     if (row.children && !row.open) cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     if (mark) cell.append(element("span", { class: "role", text: mark }));
+    if (this.related.has(task)) cell.append(element("span", { class: "kind", text: [...this.related.get(task)].join(", ") }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const note = this.notes.get(task.id) ?? "";
-    const why = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note ? `${note}, for ${this.#howLong(task)}` : name;
-    line.append(cell, element("span", { class: "when", text: when }), element("span", { class: "why", text: why, title: note }));
+    const [note, since] = this.notes.get(task.id) ?? ["", null], why = element("span", { class: "why", title: note });
+    if (since !== null) why.append(element("span", { class: "what", text: note }), ", for ", age(since));
+    else why.append(note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name);
+    line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
-  }
-
-  // Since when it has been in its state.
-  #howLong(task) {
-    return length(this.time - task.times[lastNotAfter(task.times, this.time)]);
   }
 
   async #fetchNotes() {
@@ -163,10 +161,10 @@ export class Tree {
     const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
     const ids = seen.filter((row) => row.task && !this.notes.has(row.task.id) && this.#hasNote(row.task)).map((row) => row.task.id);
     if (!ids.length) return;
-    const time = this.time, version = this.version;
-    const notes = await this.ask("notes", { ids: ids.join(","), at: time });
-    if (!notes || time !== this.time || version !== this.version) return;
-    for (const id of ids) this.notes.set(id, notes[id] ?? "");
+    const { moment, version } = this;
+    const notes = await this.ask("notes", { ids: ids.join(","), at: this.time });
+    if (!notes || moment !== this.moment || version !== this.version) return;
+    for (const id of ids) this.notes.set(id, notes[id] ?? ["", null]);
     this.#draw();
   }
 
@@ -177,19 +175,30 @@ export class Tree {
 
   // --- constraint arrows -------------------------------------------------------------------------------------------
 
+  // What comes before the chosen task or waits for it, with the kinds of constraints: they are named where these stand.
+  #related(rows) {
+    const { chosen } = this.outline, found = new Map();
+    const note = (task, hold) => hold.time <= this.time && found.set(task, (found.get(task) ?? new Set()).add(hold.kind));
+    for (const hold of chosen?.holds ?? []) note(hold.before, hold);
+    for (const { task } of chosen ? rows : []) {
+      for (const hold of task?.holds ?? []) if (hold.before === chosen) note(task, hold);
+    }
+    return found;
+  }
+
   #drawArrows(first, last) {
-    const places = new Map(), paths = [];
+    const places = new Map(), paths = [], cell = this.spacer.querySelector(".task");
     for (let place = first; place < last; place++) if (this.rows[place].task) places.set(this.rows[place].task, place);
-    const edge = this.spacer.clientWidth * 0.46;
+    const edge = cell ? cell.offsetLeft + cell.offsetWidth : 0, room = cell ? parseFloat(getComputedStyle(cell).paddingRight) : 0;
     for (const [task, place] of places) {
       const drawn = new Map();
       for (const hold of task.holds) {
         if (hold.time > this.time || !places.has(hold.before)) continue;
-        drawn.set(hold.before, [...(drawn.get(hold.before) ?? []), hold.kind]);
+        drawn.set(hold.before, (drawn.get(hold.before) ?? new Set()).add(hold.kind));
       }
       for (const [before, kinds] of drawn) {
-        const other = task === this.outline.chosen ? before : before === this.outline.chosen ? task : null;
-        paths.push(...arrow(edge, places.get(before), place, [...new Set(kinds)].join(", "), other && places.get(other)));
+        const isChosen = task === this.outline.chosen || before === this.outline.chosen;
+        paths.push(...arrow(edge, room, places.get(before), place, [...kinds].join(", "), isChosen));
       }
     }
     this.arrows.replaceChildren(...paths);
@@ -208,18 +217,14 @@ function svg(kind, attributes) {
   return made;
 }
 
-// From the row of what comes first to the row of what waits for it, as a bow at the right of the names; if one of both is
-// chosen, what it means stands at the other's row.
-function arrow(edge, from, to, kind, labelled) {
-  const chosen = labelled !== null;
-  const a = from * ROW + ROW / 2, b = to * ROW + ROW / 2, bow = Math.min(14 + Math.abs(to - from) * 4, 60);
-  const looks = chosen ? { class: "chosen" } : {};
+// From the row of what comes first to the row of what waits for it, as a bow in the room at the right of the names.
+function arrow(edge, room, from, to, kind, isChosen) {
+  const a = from * ROW + ROW / 2, b = to * ROW + ROW / 2;
+  const bow = Math.min(14 + Math.abs(to - from) * 4, room / 0.75); // a curve goes so far towards where it is drawn to
+  const looks = isChosen ? { class: "chosen" } : {};
   const path = svg("path", { d: `M ${edge} ${a} C ${edge - bow} ${a}, ${edge - bow} ${b}, ${edge} ${b}`, ...looks });
   const head = svg("path", { d: `M ${edge - 6} ${b - 4} L ${edge} ${b} L ${edge - 6} ${b + 4}`, ...looks });
   path.append(svg("title", {}));
   path.firstChild.textContent = kind;
-  if (!chosen) return [path, head];
-  const text = svg("text", { x: edge - 16, y: labelled * ROW + ROW / 2 + 3, "text-anchor": "end" });
-  text.textContent = kind;
-  return [path, head, text];
+  return [path, head];
 }

@@ -1,0 +1,131 @@
+"""Between two messages of a run that goes on, only the time does: seen in a real browser, beside a real central."""
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from integration.programs import Central, central
+from playwright.sync_api import Page, expect
+from view.conftest import SOON, Look
+
+from tca_module import Client, Goal, connect
+
+pytestmark = pytest.mark.slow
+
+WALK = Goal("walk", int)
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[Central]:
+    with central(tmp_path, "--quiet") as running:
+        yield running
+
+
+@pytest.fixture
+def user(daemon: Central) -> Iterator[Client]:
+    with connect("user", daemon.address) as client:
+        client.goal(WALK, 1)  # nobody handles it
+        yield client
+
+
+def seconds(page: Page, what: str) -> float:
+    return float(page.locator(what).first.inner_text().split()[0])
+
+
+def shown(page: Page) -> tuple[str, str, str]:
+    """What moves: the clock, how long the task has waited, the end of the chart."""
+    return (
+        page.locator("#clock").inner_text(),
+        page.locator(".row .age").inner_text(),
+        page.evaluate("tca.chart.window[1]"),
+    )
+
+
+def entries(page: Page) -> int:
+    return int(page.evaluate("tca.store.times.length"))
+
+
+def comes_true(page: Page, condition: str) -> None:
+    """The page's security policy lets nobody wait inside of it."""
+    end = time.monotonic() + SOON / 1000
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, condition
+        page.wait_for_timeout(20)
+
+
+def test_waits_and_the_chart_grow_without_any_news(look: Look, daemon: Central, user: Client) -> None:
+    page = look(daemon.journal)
+    expect(page.locator(".row .why")).to_contain_text("waits for a module that handles walk, for ")
+    page.locator(".row").click()
+    expect(page.locator("#task .lead .age")).to_have_count(1)
+    known, (clock, waited, end) = entries(page), shown(page)
+    inside = page.locator("#task .lead .age").inner_text()
+    expect(page.locator("#clock")).not_to_have_text(clock)
+    expect(page.locator(".row .age")).not_to_have_text(waited)
+    expect(page.locator("#task .lead .age")).not_to_have_text(inside)
+    assert page.evaluate("tca.chart.window[1]") > end
+    assert seconds(page, "#clock") > page.evaluate("tca.store.last")
+    assert entries(page) == known  # and yet nothing happened
+    user.goal(WALK, 2)
+    expect(page.locator(".row")).to_have_count(2)
+    assert page.evaluate("tca.store.times.at(-1)") > float(clock.split()[0])  # the page's clock is central's
+
+
+def test_who_looks_at_the_past_is_not_disturbed(look: Look, daemon: Central, user: Client) -> None:
+    page = look(daemon.journal)
+    expect(page.locator(".row .age")).to_have_count(1)
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#follow")).not_to_have_class("on")
+    expect(page.locator(".row .age")).to_have_count(0)
+    there = page.locator("#clock").inner_text()
+    known = entries(page)
+    user.goal(WALK, 2)
+    comes_true(page, f"tca.store.times.length > {known}")
+    comes_true(page, "tca.chart.time < tca.store.last")
+    assert page.locator("#clock").inner_text() == there
+    for _ in range(2):
+        page.keyboard.press("ArrowRight")
+    expect(page.locator(".row")).to_have_count(2)
+    page.keyboard.press("ArrowRight")  # beyond the last message
+    expect(page.locator("#follow")).to_have_class("on")
+    expect(page.locator("#clock")).not_to_have_text(there)
+
+
+@pytest.mark.parametrize(("how", "state"), [(signal.SIGTERM, "ended"), (signal.SIGKILL, "cut off")])
+def test_a_run_that_is_over_stands_still(look: Look, daemon: Central, user: Client, how: int, state: str) -> None:
+    page = look(daemon.journal)
+    expect(page.locator("#status")).to_have_text("live")
+    daemon.signal(signal.Signals(how))
+    expect(page.locator("#status")).to_have_text(state)
+    comes_true(page, "tca.chart.time === tca.store.last")
+    assert seconds(page, "#clock") == pytest.approx(page.evaluate("tca.store.last"), abs=0.001)
+    assert not page.evaluate("tca.store.isLive")
+
+
+def test_nothing_moves_in_a_tab_that_nobody_sees(look: Look, daemon: Central, user: Client) -> None:
+    page = look(daemon.journal, clock=True)  # whose time is the test's
+    page.clock.run_for(1000)
+    expect(page.locator(".row .age")).to_have_count(1)
+    page.evaluate("Object.defineProperty(document, 'hidden', { get: () => window.unseen, configurable: true })")
+    page.evaluate("window.unseen = true")
+    before = shown(page)
+    page.clock.run_for(4000)
+    assert shown(page) == before
+    page.evaluate("window.unseen = false; document.dispatchEvent(new Event('visibilitychange'))")
+    page.clock.run_for(1000)
+    after = shown(page)
+    assert all(new != old for new, old in zip(after, before, strict=True))
+
+
+def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Central, user: Client) -> None:
+    page = look(daemon.journal)
+    expect(page.locator("#status")).to_have_text("live")
+    page.route("**/api/frame*", lambda route: route.fulfill(json={}))  # no answer that makes sense
+    user.goal(WALK, 2)  # the answer that the page waits for is the last
+    expect(page.locator("#status")).to_have_text("away")
+    assert not page.evaluate("tca.store.isLive")
+    page.unroute("**/api/frame*")
+    expect(page.locator("#status")).to_have_text("live")
+    assert page.evaluate("tca.store.isLive")
