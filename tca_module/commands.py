@@ -37,9 +37,10 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 @_question("status")
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
-    overview = client.status("status")
+    overview, tree = client.status("status"), client.status("tree")
     waiting = [
-        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client), *_held_tasks(client)
+        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client),
+        *_suspended_tasks(tree), *_held_tasks(tree),
     ]  # fmt: skip
     shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
@@ -160,8 +161,16 @@ def _waiting_resources(client: Client) -> Iterator[list[str]]:
                     ]
 
 
-def _held_tasks(client: Client) -> Iterator[list[str]]:
-    for task in client.status("tree"):
+def _suspended_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    """The topmost suspended tasks: what is under them is, too."""
+    suspended = {task["task"] for task in tree if task["suspended"]}
+    for task in tree:
+        if task["task"] in suspended and task["parent"] not in suspended:
+            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': it is suspended"]
+
+
+def _held_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    for task in tree:
         for moment, count in task["held"].items():
             constraints = f"{count} constraint{'s' * (count != 1)}"
             yield [f"task {task['task']} '{task['message']}'", f"{constraints} on its {moment}"]

@@ -28,7 +28,7 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_module.commands import modules
+from tca_module.commands import modules, status
 from tca_module.message_commands import get_variable, query, send, set_variable
 from tca_module.task_commands import kill, raise_failure, resume, suspend, unlock
 
@@ -273,6 +273,16 @@ def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None
         (suspend, "suspended"), (suspend, "suspended already"), (resume, "resumed"), (resume, "not suspended")
     ):  # fmt: skip
         assert tca(command, "walk") == (0, f"task {walk.id} 'walk': {state}\n", "")
+
+
+def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> None:
+    walk = user.goal(WALK, 1)
+    walk.wait_for(walk.handling.end, SOON)
+    walk.suspend()
+    told = {"what": f"task {walk.id} 'walk'", "for": f"'tca resume {walk.id}': it is suspended"}
+    assert [one for one in json.loads(tca(status, "--json")[1])["waiting"] if "suspended" in one["for"]] == [told]
+    walk.resume()
+    assert "suspended" not in tca(status)[1]
 
 
 def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:

@@ -161,7 +161,7 @@ def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not
         goal = user.goal(REST)
         assert started.wait(SOON)
         user.tasks(STOP)[0].kill("it alone")
-        with pytest.raises(TaskFailed, match="handler error: .*TaskKilled: task 4 'stop' was killed: it alone"):
+        with pytest.raises(TaskFailed, match=r"handler error: .*TaskKilled: task 4 'stop' was killed: it alone"):
             goal.result(SOON)
     assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
     assert caplog.text.count("handler test_a_handler_that_ends") == 1
