@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.arguments import check_flags, name_of
+from tca_module.arguments import check_flags, is_whole, name_of
 from tca_module.errors import NIL, MisuseError, TaskKilled
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
@@ -86,7 +86,7 @@ class Handler:
         return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
 
     def _checked_pending(self, pending: int | None) -> int:
-        if pending is not None and (not isinstance(pending, int) or not 1 <= pending <= _MOST_PENDING):
+        if pending is not None and not (is_whole(pending) and 1 <= pending <= _MOST_PENDING):
             allowed = f"1 to {_MOST_PENDING} may wait, or None"
             msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
             raise MisuseError(msg)

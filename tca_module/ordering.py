@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from tca_module.arguments import is_whole
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
 from tca_wire.points import THIS, TaskId
@@ -102,7 +103,7 @@ class Ordering:
     @contextmanager
     def sequence(self, ahead: int | None = None) -> Iterator[None]:
         """A block of children, each after the one before."""
-        if ahead is not None and (not isinstance(ahead, int) or ahead < 0):
+        if ahead is not None and (not is_whole(ahead) or ahead < 0):
             msg = f"plan_ahead={ahead!r} is no number of siblings: 0, 1, 2, ... or None (no bound) are"
             raise MisuseError(msg)
         with self._inside(_Sequence(self._blocks[-1], ahead)):

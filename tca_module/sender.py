@@ -7,14 +7,15 @@ from typing import Any, TypedDict, Unpack, overload
 from tca_module.arguments import (
     blocks,
     check_class,
-    check_count,
     check_executable,
     check_flags,
     check_function,
     check_known,
+    check_lasting,
     check_priority,
     check_seconds,
     check_timeout,
+    checked_maximum,
     checked_pairs,
     listed,
     name_of,
@@ -63,10 +64,10 @@ class TaskOptions(TypedDict, total=False):
     """Others; ``this`` stands for the new task."""
     on_failure: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]
     """Exception handlers of the new task, each newer than the one before it; None is any failure."""
-    deadline: float
-    """Seconds within which it must be achieved, or the failure "timeout" is raised on it."""
+    deadline: float | None
+    """Seconds, above 0, within which it must be achieved, or the failure "timeout" is raised on it; None: no bound."""
     delay: float
-    """Seconds, from now, within which it is not started."""
+    """Seconds, from now, within which it is not started; 0: at once."""
     keep: bool
     """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
 
@@ -120,7 +121,7 @@ class Sender(Control):
             constraints.append(not_before(THIS, delay))
         header = Send(
             0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
-            attachments=[attachment(*pair, 0) for pair in pairs], deadline=options.get("deadline", 0),
+            attachments=[attachment(*pair) for pair in pairs], deadline=options.get("deadline") or 0,
             if_handled=handled, keep=options.get("keep", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
@@ -223,17 +224,27 @@ class Sender(Control):
         return connection, connection.request(header, body, wants_answer=True)
 
     def multi_query(
-        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int = 0, timeout: float | None = QUERY_TIMEOUT
+        self,
+        message: MultiQuery[D, R],
+        data: D = NOTHING,
+        *,
+        maximum: int | None = None,
+        timeout: float | None = QUERY_TIMEOUT,
     ) -> list[R]:
         """Ask every module that handles the message; the replies in the order they came.
 
-        Ends with *maximum* replies (0: all), when nobody is left who could reply, or after *timeout* seconds with what
-        has come until then. Handlers that fail are left out.
+        Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
+        what has come until then. Handlers that fail are left out.
         """
         return list(self.multi_query_send(message, data, maximum=maximum, timeout=timeout))
 
     def multi_query_send(
-        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int = 0, timeout: float | None = QUERY_TIMEOUT
+        self,
+        message: MultiQuery[D, R],
+        data: D = NOTHING,
+        *,
+        maximum: int | None = None,
+        timeout: float | None = QUERY_TIMEOUT,
     ) -> PendingReplies[R]:
         """Ask every module that handles the message; iterate over what this returns to get the replies as they come.
 
@@ -241,8 +252,8 @@ class Sender(Control):
         """
         check_class(message, MultiQuery)
         check_timeout(timeout)
-        check_count(name_of(message), maximum=maximum)
-        connection, request = self._question(message, data, blocking=True, maximum=maximum)
+        wanted = checked_maximum(name_of(message), maximum)
+        connection, request = self._question(message, data, blocking=True, maximum=wanted)
         return PendingReplies(connection, request, message, timeout)
 
     # --- statements ------------------------------------------------------------------------------------------------
@@ -337,7 +348,9 @@ def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
     check_priority(message, options.get("priority", 0))
     given: dict[str, Any] = {**options}
     check_flags(what, **{name: given[name] for name in _FLAGS if name in given})
-    check_seconds(what, **{name: given[name] for name in ("deadline", "delay") if name in given})
+    check_seconds(what, delay=options.get("delay", 0))
+    if options.get("deadline") is not None:
+        check_lasting(what, deadline=options["deadline"])
 
 
 _FLAGS = ("sequential", "sequential_planning", "plan_first", "delay_planning", "keep")

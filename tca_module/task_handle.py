@@ -8,12 +8,13 @@ import msgspec
 from tca_module.arguments import (
     blocks,
     check_class,
-    check_count,
     check_handles,
+    check_lasting,
     check_point,
     check_raised,
     check_scope,
     check_seconds,
+    checked_maximum,
     name_of,
 )
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
@@ -69,11 +70,11 @@ class Attached:
         self._connection.call(Remove(0, self.id), f"removing {self.id}")
 
 
-def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int) -> Attachment:
+def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int | None = None) -> Attachment:
     """That *handler* takes care of *failure* (None: of any). Raises MisuseError if it can't."""
     check_handles(failure, handler)
-    check_count(name_of(handler), maximum=maximum)
-    return Attachment(failure.name if failure is not None else "", handler.name, maximum)
+    most = checked_maximum(name_of(handler), maximum)
+    return Attachment(failure.name if failure is not None else "", handler.name, most)
 
 
 class TaskHandle(Intervals):
@@ -157,18 +158,22 @@ class TaskHandle(Intervals):
         self._call(Send(0, message.name, self.id, self._origin, when_killed=True), f"on termination of {self}", body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> None:
-        """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now."""
+        """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now,
+        which are more than 0: for "at once" there are ``fail`` and ``kill``.
+        """
         what = f"a deadline of {self}"
-        check_seconds(what, seconds=seconds)
+        check_lasting(what, seconds=seconds)
         if point is not None:
             check_point(point)
         self._call(Deadline(0, point or self.achieving.end, seconds), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
-    def on_failure(self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int = 0) -> Attached:
+    def on_failure(
+        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
+    ) -> Attached:
         """Let *handler* take care of *failure* (None: of any) where it is raised on the task or below, *maximum* times
-        at most (0: any number).
+        at most (None: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
         gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ.

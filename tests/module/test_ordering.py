@@ -158,7 +158,7 @@ def test_what_central_forgot_orders_nothing(plan: Plan) -> None:
     assert ROOT == 0
 
 
-@pytest.mark.parametrize("number", [-1, 1.5, "two"])
+@pytest.mark.parametrize("number", [-1, 1.5, "two", True])
 def test_plan_ahead_is_a_number_of_siblings(plan: Plan, number: int) -> None:
     with pytest.raises(MisuseError, match="is no number of siblings"), plan.ordering.sequence(number):
         pass
