@@ -81,7 +81,8 @@ class Control(Knowledge):
         from the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
         message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
         or none if it is declared without. Raises MisuseError if their types differ; where *failure* is None that shows
-        only when it is called.
+        only when it is called. The same *failure* and *handler*, attached to the same place once more by this module,
+        take the place of the first, as the newest; to remove the first then does nothing.
         """
         if isinstance(of, TaskHandle):
             return of.on_failure(failure, handler, maximum=maximum)
@@ -107,7 +108,9 @@ class Control(Knowledge):
         *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
         something is done to a task ends by itself, when that is over. A
         listener that nobody handles at that moment is passed over, and holds nothing. What several modules tap alike is
-        fired once, until each of them has removed it.
+        fired once, until each of them has removed it. What one module taps alike twice (the same condition and
+        *listener*) is one wiretap, and ``remove()`` of either ends both; with other *options* the newer one takes the
+        place of the older.
         """
         parts: list[Message[Any, Any]] = []
         watch = None

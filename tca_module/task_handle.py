@@ -176,7 +176,8 @@ class TaskHandle(Intervals):
         at most (None: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ.
+        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ. The same
+        *failure* and *handler*, attached once more by this module, take the place of the first.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
