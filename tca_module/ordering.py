@@ -65,8 +65,8 @@ class _Parallel(_Block):
 class Ordering:
     """The order among the children that one sender makes."""
 
-    def __init__(self, *, under_root: bool) -> None:
-        self._under_root = under_root  # there, central's "last sibling" may be another thread's
+    def __init__(self, *, is_shared: bool) -> None:
+        self._is_shared = is_shared  # others send there, too: central's "last sibling" may be theirs
         self.forget()
 
     def forget(self) -> None:
@@ -92,7 +92,7 @@ class Ordering:
         """Whether the flag says it all: it is shorter, and central need not look for circles."""
         if len(self._blocks) == 1:
             return block.after in ([], [self._newest])
-        return not self._under_root and block.after == [self._newest]
+        return not self._is_shared and block.after == [self._newest]
 
     def add(self, child: TaskId, *, sequential: bool) -> None:
         """A child was made."""

@@ -129,7 +129,7 @@ class TaskHandle(Intervals):
 
     def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
-        self._check_epoch()
+        self.check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
@@ -262,7 +262,7 @@ class TaskHandle(Intervals):
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
-        self._check_epoch()
+        self.check_epoch()
         name = message.name if isinstance(message, Message) else message or ""
         header = Inspect(0, self.id, relation, name)
         request = self._connection.request(header, wants_answer=True)
@@ -276,10 +276,11 @@ class TaskHandle(Intervals):
             yield info, TaskHandle(self._connection, info.message, info.id, self._origin)
 
     def _call(self, header: Any, what: str, body: bytes = b"") -> int:
-        self._check_epoch()
+        self.check_epoch()
         return self._connection.call(header, what, body)
 
-    def _check_epoch(self) -> None:
+    def check_epoch(self) -> None:
+        """Raise CentralLost if central was restarted and has forgotten the task."""
         if self._epoch != self._connection.session.epoch:
             msg = f"central was restarted and has forgotten {self}: send it again"
             raise CentralLost(msg)
