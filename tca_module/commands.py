@@ -1,4 +1,6 @@
-"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages`` and ``variables``."""
+"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages``, ``variables`` and
+``attached``.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -105,6 +107,42 @@ def variables(client: Client) -> tuple[Any, str]:
     ]
     text = "\n".join(_table(["variable", "value", "set by", "watched by"], rows))
     return known, text if rows else "no variables have been declared"
+
+
+@_question("attached")
+def attached(client: Client) -> tuple[Any, str]:
+    """List the exception handlers and wiretaps in force: where they are, and which modules put them there."""
+    known = client.status("attached")
+    handlers = [
+        [
+            one["failure"] or "any failure", _attached_to(one), one["handler"], str(one["maximum"] or ""),
+            _names(one["modules"]), _names(one["handled_by"]) or "nobody",
+        ]
+        for one in known["exception_handlers"]
+    ]  # fmt: skip
+    taps = [
+        [
+            one["condition"], _attached_to(one), one["listener"], _names(one["modules"]),
+            "central" if one["is_monitor"] else _names(one["handled_by"]) or "nobody",
+        ]
+        for one in known["wiretaps"]
+    ]  # fmt: skip
+    tables = [
+        _table(["failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
+        _table(["wiretap", "of", "listener", "tapped by", "handled by"], taps),
+    ]
+    texts = ["\n".join(table) for table in tables if len(table) > 1]
+    return known, "\n\n".join(texts) or "no exception handlers and no wiretaps"
+
+
+def _attached_to(one: dict[str, Any]) -> str:
+    if one["task"]:
+        return f"task {one['task']} '{one['message']}'"
+    return f"'{one['message']}'" if one["message"] else "the root"
+
+
+def _names(modules: Sequence[str]) -> str:
+    return ", ".join(modules)
 
 
 def _plain(body: bytes) -> Any:
