@@ -221,7 +221,7 @@ class Agenda:
         if not task.killed and not task.requested and self._may_start(task) and self._may_pass(task, self._first(task)):
             task.requested = True
             self.startable.append(task)
-        if task.watchers and task.had_others and task.returned and len(task.children or ()) == task.watchers:
+        if task.watches_alone:
             self.alone.append(task)
 
     @staticmethod

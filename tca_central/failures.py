@@ -227,7 +227,8 @@ def _unhandled(central: State, task: Task, failure: Failure) -> None:
     central.facts.append(facts.Unhandled(TaskId(task.id)))
     top = task.top_level()
     if top is not task and (top.failure is None or top.is_dealt_with):
-        top.failure, top.is_dealt_with = (failure.name, f"in {task}: {failure.text}", failure.body), False
+        text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
+        top.failure, top.is_dealt_with = (failure.name, text, failure.body), False
     why = f"failure '{failure.name}' of {task} was not handled"
     exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
     kill(central, top, why)

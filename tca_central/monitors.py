@@ -142,7 +142,8 @@ def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tup
     task = watch.task
     is_point = task.message.message_class is MessageClass.POINT_MONITOR
     if answer.outcome is not Outcome.DONE:
-        failure = Failure(answer.failure, f"its condition: {answer.text}", body, kinds)
+        text = f"its condition: {answer.text}" if answer.text else "its condition failed"
+        failure = Failure(answer.failure, text, body, kinds)
         if is_point:
             stop(central, watch, "its condition failed")
             fail_task(central, task, failure)

@@ -31,7 +31,7 @@ from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import WatchOptions
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 
 MOST_CONSTRAINTS = 1000
@@ -146,10 +146,7 @@ def _route_task(
     task = Task(TaskId(central.new_id()), message, body, connection)
     task.priority, task.since = header.priority, central.clock.now
     if message.message_class.is_monitor:
-        options = header.watch or WatchOptions()
-        check_options(central, message, options)
-        become_monitor(central, task, options)
-        task.is_watcher = not (ends_by_itself(message, options) or options.for_ever)
+        _make_monitor(central, task, parent, header)
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
@@ -162,6 +159,28 @@ def _route_task(
         set_deadline(central, task, END_ACHIEVING, header.deadline)
     if header.number:
         central.send(connection, header.number, Accepted(header.number, task.id))
+
+
+def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send) -> None:
+    """A new task is a monitor."""
+    options = header.watch or WatchOptions()
+    check_options(central, task.message, options)
+    _check_end(task.message, parent, options)
+    become_monitor(central, task, options)
+    task.is_watcher = not (ends_by_itself(task.message, options) or options.for_ever)
+    is_own = parent.is_running and parent.given_as == header.origin
+    task.more.is_guest = task.is_watcher and not is_own
+
+
+def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:
+    """Raises RequestError if a monitor is to watch until the end of what does not end before the monitor has."""
+    until = options.until
+    if until is None or until.moment is not Moment.END_ACHIEVING:
+        return
+    above = next((one for one in parent.lineage() if one.id == until.task), None)
+    if above is not None:
+        text = f"{message.message_class} '{message.name}' under {above} can't watch until that ends, which waits for it"
+        raise RequestError(Refusal.CYCLE, f"{text}: without an end of its own it ends with what it watches over")
 
 
 def _route_exception(

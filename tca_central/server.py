@@ -322,10 +322,16 @@ def _log_what_people_should_know(entry: facts.Entry) -> None:
             log.log(level, words(fact))
 
 
+def _last_line(text: str) -> str:
+    """Of a traceback it says what happened."""
+    last = text.strip().rpartition("\n")[2]
+    return f": {last}" if last else ""
+
+
 _TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
     facts.Failed: (
         logging.WARNING,
-        lambda fact: f"failure '{fact.failure}' of message {fact.id}: {fact.text.strip().rpartition(chr(10))[2]}",
+        lambda fact: f"failure '{fact.failure}' of message {fact.id}{_last_line(fact.text)}",
     ),
     facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
     facts.Ignored: (logging.WARNING, lambda fact: f"nothing done for module '{fact.sender}': {fact.text}"),

@@ -6,7 +6,7 @@ from typing import Any
 
 from tca_central.holds import held_counts
 from tca_central.load import load
-from tca_central.registry import Handler, ModuleResource
+from tca_central.registry import Handler, MessageType, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Kept, Task
 from tca_wire.points import ALL_MOMENTS, Moment, describe_moments
@@ -28,6 +28,8 @@ def overview(central: State) -> dict[str, Any]:
         "variables": len(central.variables.values),
         "tasks": len(central.tree.tasks),
         "kept tasks": len(central.kept),
+        "exception handlers": len(central.attached),
+        "wiretaps": len(central.taps),
         "being handled": len(central.dispatcher.attended),
         "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
         "newest id": central.tree.newest,
@@ -199,6 +201,44 @@ def variables(central: State) -> list[dict[str, Any]]:
     return found
 
 
+def attached(central: State) -> dict[str, list[dict[str, Any]]]:
+    """The exception handlers and wiretaps in force, oldest first, at most SHOWN_TASKS of each. A *task* of 0 without a
+    *message* is the root; a *failure* of "" is any.
+    """
+    handlers = [
+        {
+            "id": one.id,
+            "failure": one.failure,
+            "handler": one.handler.name,
+            **_place(one.place),
+            "maximum": one.maximum,
+            "modules": [one.by],
+            "handled_by": [handler.module.name for handler in one.handler.handlers],
+        }
+        for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
+    ]
+    wiretaps = [
+        {
+            "id": tap.id,
+            "condition": str(tap.condition),
+            "listener": tap.listener.name,
+            **_place(tap.place),
+            "modules": list(tap.holders),
+            "handled_by": [handler.module.name for handler in tap.listener.handlers],
+            "is_monitor": tap.listener.message_class.is_monitor,
+        }
+        for tap in itertools.islice(central.taps.values(), SHOWN_TASKS)
+    ]
+    return {"exception_handlers": handlers, "wiretaps": wiretaps}
+
+
+def _place(place: Task | MessageType) -> dict[str, Any]:
+    """Where something is attached: at a task (with its message; the root has none), or at a message."""
+    if isinstance(place, MessageType):
+        return {"task": 0, "message": place.name}
+    return {"task": int(place.id), "message": place.message.name if place.id else ""}
+
+
 TOPICS = {
     "status": overview,
     "modules": modules,
@@ -206,5 +246,6 @@ TOPICS = {
     "tree": tree,
     "variables": variables,
     "load": load,
+    "attached": attached,
 }
 """One row per topic that can be asked for."""

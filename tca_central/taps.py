@@ -127,6 +127,8 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         raise RequestError(Refusal.UNKNOWN, f"listener '{header.listener}' is not declared")
     tapped = place.message if isinstance(place, Task) else place
     _check(header.condition, tapped, listener)
+    if isinstance(place, Task):
+        _check_in_time(header.condition, place)
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
     tap = _add(central, header, listener, tapped, place)
@@ -152,6 +154,15 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
     if difference:
         text = f"listener '{listener.name}' gets the data of '{tapped.name}' and wants others: {difference}"
         raise RequestError(Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)")
+
+
+def _check_in_time(condition: Condition, task: Task) -> None:
+    """Raises RequestError if what a task is to be tapped for is past. Its handling may come again, with a retry."""
+    rule = RULES[condition]
+    moments = (rule.before | rule.at) & ALL_MOMENTS & ~START_HANDLING
+    is_killed = condition is Condition.WHEN_KILLED and bool(task.killed)
+    if condition is Condition.WHEN_SENT or is_killed or task.reached & moments:
+        raise RequestError(Refusal.TOO_LATE, f"{task} can't be tapped '{condition}' any more: that is past")
 
 
 def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, listener: MessageType) -> None:

@@ -17,8 +17,9 @@ _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIE
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = ("attached", "attempts", "fired", "invocations", "is_tapped", "is_void", "keepers", "kept", "listeners",
-                 "parting", "pending", "recovering", "taps", "void_followers", "watch")  # fmt: skip
+    __slots__ = ("attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped", "is_void",
+                 "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps", "void_followers",
+                 "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[Attached] = []  #: its exception handlers, newest last
@@ -34,6 +35,8 @@ class Rare:
         self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
         self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
+        self.is_guest = False  #: of a watcher: not its parent's handler put it there, and it watches over the parent
+        self.guests = 0  #: number of such children
         self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -86,6 +89,15 @@ class Task(Delivery):
         if self.rare is None:
             self.rare = Rare()
         return self.rare
+
+    @property
+    def watches_alone(self) -> bool:
+        """Whether nothing is left under it but watchers, and it is not there for their sake: it has had other children,
+        or others put them there.
+        """
+        if not self.watchers or not self.returned or len(self.children or ()) != self.watchers:
+            return False
+        return self.had_others or (self.rare is not None and self.rare.guests == self.watchers)
 
     @property
     def is_running(self) -> bool:
@@ -170,6 +182,8 @@ class TaskTree:
         parent.children[task.id] = task
         self.tasks[task.id] = task
         parent.watchers += task.is_watcher
+        if task.rare is not None and task.rare.is_guest:
+            parent.more.guests += 1
         if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), {})[task.id] = task
 
@@ -194,6 +208,8 @@ class TaskTree:
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             parent.watchers -= task.is_watcher
+            if task.rare is not None and task.rare.is_guest:
+                parent.more.guests -= 1
             if parent.last_child is task:
                 # After a killed last child flags refer to the sibling before it, not to nothing.
                 before = (child for child in reversed(parent.children.values()) if not is_aside(child))

@@ -14,6 +14,7 @@ from tca_explorer.marks import Id, Number
 from tca_explorer.naming import renamed, renamed_rows, without_ids
 from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
+from tca_module.errors import NIL
 from tca_wire import headers
 from tca_wire.controls import Monitor
 from tca_wire.facts import Fact
@@ -160,7 +161,9 @@ class Exchange:
 
     def _fail(self, line: Line, actor: Actor, step: Fail) -> None:
         line.stack.pop()
-        if actor.delivery:
+        if actor.delivery and actor.is_told and step.was_killed:
+            self.receive(line.name, headers.Reply(actor.delivery), NIL)
+        elif actor.delivery:
             header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
             self.receive(line.name, header, step.body)
         elif not line.run.is_joined:

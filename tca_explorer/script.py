@@ -151,7 +151,8 @@ class Program:
             return Fail("", reissue=True)
         except _OF_THE_WORLD as error:
             header, body = failed(HERE, error)
-            return Fail(header.failure, str(error), body, tuple(header.kinds))
+            was_killed = isinstance(error, TaskKilled)
+            return Fail(header.failure, str(error), body, tuple(header.kinds), was_killed=was_killed)
         except Refused as error:
             if error.refusal not in _BY_CHANCE:
                 raise

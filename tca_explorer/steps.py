@@ -83,6 +83,8 @@ class Fail(_Step, frozen=True):
     body: bytes = b""
     kinds: tuple[str, ...] = ()
     reissue: bool = False
+    was_killed: bool = False
+    """With TaskKilled: if its own task was killed, too, that is no failure."""
 
 
 class Hang(_Step, frozen=True):

@@ -24,9 +24,10 @@ from tca_module.errors import (
 )
 from tca_module.later import Later
 from tca_module.module import Module
+from tca_module.options import TaskOptions
 from tca_module.presence import HandlerInfo, ModuleInfo, ResourceInfo
 from tca_module.replies import Notification, PendingReplies, PendingReply
-from tca_module.sender import Sender, TaskOptions
+from tca_module.sender import Sender
 from tca_module.task import Task
 from tca_module.task_handle import Attached, TaskHandle, TaskInfo
 from tca_module.task_ref import TaskRef

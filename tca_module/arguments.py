@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from tca_module.errors import MisuseError
 from tca_module.signatures import arguments_taken, is_async
@@ -122,6 +122,15 @@ def check_raised(failure: Any) -> None:
 # --- options ---------------------------------------------------------------------------------------------------------
 
 
+def is_whole(value: Any) -> TypeGuard[int]:
+    """Whether it is a whole number; True and False are none."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def check_known(what: str, options: Mapping[str, object], known: Collection[str]) -> None:
     """Raise MisuseError for an option that there is not."""
     if unknown := sorted(options.keys() - set(known)):
@@ -140,18 +149,36 @@ def check_flags(what: str, **flags: Any) -> None:
 def check_seconds(what: str, **times: Any) -> None:
     """Raise MisuseError for what is no number of seconds."""
     for name, seconds in times.items():
-        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0:
+        if not _is_number(seconds) or not seconds >= 0:
             msg = f"{what}: {name}={seconds!r:.40} is no time: give seconds, 0 or more"
             raise MisuseError(msg)
 
 
-def check_count(what: str, least: int = 0, **counts: Any) -> None:
+def check_lasting(what: str, **times: Any) -> None:
+    """Raise MisuseError for what is no number of seconds that last: a deadline of 0 s could only be missed."""
+    check_seconds(what, **times)
+    for name, seconds in times.items():
+        if not seconds:
+            msg = f"{what}: {name}={seconds!r:.40} is over at once: give seconds, more than 0"
+            raise MisuseError(msg)
+
+
+def check_count(what: str, **counts: Any) -> None:
     """Raise MisuseError for what can't be counted up to."""
     for name, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, int) or not least <= count < 2**63:
-            allowed = f"{least}, {least + 1}, ..." if least else "1, 2, ... or 0 for any number of times"
-            msg = f"{what}: {name}={count!r:.40} can't be: give {allowed}"
+        if not is_whole(count) or not 1 <= count < 2**63:
+            msg = f"{what}: {name}={count!r:.40} can't be: give 1, 2, ..."
             raise MisuseError(msg)
+
+
+def checked_maximum(what: str, maximum: Any) -> int:
+    """A maximum as central is told of it: None is 0. Raises MisuseError for what is neither None nor a count."""
+    if maximum is None:
+        return 0
+    if not is_whole(maximum) or not 1 <= maximum < 2**63:
+        msg = f"{what}: maximum={maximum!r:.40} can't be: give 1, 2, ... or None for any number"
+        raise MisuseError(msg)
+    return maximum
 
 
 def check_point(point: Any) -> None:
@@ -176,13 +203,12 @@ def check_monitor_options(monitor: Monitor[Any], options: Mapping[str, Any]) -> 
             if name in options:
                 msg = f"{what} can't have {name}=: only polling monitors test again and again"
                 raise MisuseError(msg)
-    elif "period" not in options:
+    elif options.get("period") is None:
         msg = f"{what} needs period=: the seconds from one test of its condition to the next"
         raise MisuseError(msg)
-    given = {name: options[name] for name in ("period", "duration") if name in options}
-    check_seconds(what, **given)
-    check_count(what, maximum=options.get("maximum", 0))
-    check_count(what, 1, fire_every=options.get("fire_every", 1))
+    check_lasting(what, **{name: options[name] for name in ("period", "duration") if options.get(name) is not None})
+    checked_maximum(what, options.get("maximum"))
+    check_count(what, fire_every=options.get("fire_every", 1))
     check_flags(what, **{name: options[name] for name in ("initial_wait", "for_ever", "sequential") if name in options})
     if options.get("until") is not None:
         check_point(options["until"])
@@ -205,7 +231,7 @@ def check_function(what: str, function: Any, wanted: str) -> None:
 
 def check_priority(message: Message[Any, Any], priority: Any) -> None:
     """Raise MisuseError for a priority that can't be."""
-    if not isinstance(priority, int) or abs(priority) > HIGHEST_PRIORITY:
+    if not is_whole(priority) or abs(priority) > HIGHEST_PRIORITY:
         msg = f"{name_of(message)} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
         raise MisuseError(msg)
 
@@ -220,7 +246,7 @@ def listed(constraints: Any) -> Sequence[Constraint]:
 
 def check_timeout(timeout: Any) -> None:
     """Raise MisuseError for what is neither seconds nor None."""
-    if timeout is not None and not (isinstance(timeout, int | float) and timeout >= 0):
+    if timeout is not None and not (_is_number(timeout) and timeout >= 0):
         msg = f"timeout={timeout!r:.40} is no time to wait: give seconds, 0 or more, or None to wait for ever"
         raise MisuseError(msg)
 

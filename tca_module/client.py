@@ -20,7 +20,7 @@ from tca_wire.declarations import Message
 from tca_wire.endpoint import default_endpoint
 from tca_wire.headers import PROTOCOL_VERSION, Ask, Hello
 
-Topic = Literal["status", "modules", "messages", "tree", "variables", "load"]
+Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 
 class CentralNearby(Protocol):
@@ -106,8 +106,8 @@ class Client(Sender):
         return self._connection().address
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
-        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables" or
-        "load" (how busy everything is, and who waits longest).
+        """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables",
+        "load" (how busy everything is, and who waits longest) or "attached" (exception handlers and wiretaps).
 
         Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
         """

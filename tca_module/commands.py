@@ -1,4 +1,6 @@
-"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages`` and ``variables``."""
+"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages``, ``variables`` and
+``attached``.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -37,9 +39,10 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 @_question("status")
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
-    overview = client.status("status")
+    overview, tree = client.status("status"), client.status("tree")
     waiting = [
-        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client), *_held_tasks(client)
+        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client),
+        *_suspended_tasks(tree), *_held_tasks(tree),
     ]  # fmt: skip
     shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
@@ -106,6 +109,42 @@ def variables(client: Client) -> tuple[Any, str]:
     return known, text if rows else "no variables have been declared"
 
 
+@_question("attached")
+def attached(client: Client) -> tuple[Any, str]:
+    """List the exception handlers and wiretaps in force: where they are, and which modules put them there."""
+    known = client.status("attached")
+    handlers = [
+        [
+            one["failure"] or "any failure", _attached_to(one), one["handler"], str(one["maximum"] or ""),
+            _names(one["modules"]), _names(one["handled_by"]) or "nobody",
+        ]
+        for one in known["exception_handlers"]
+    ]  # fmt: skip
+    taps = [
+        [
+            one["condition"], _attached_to(one), one["listener"], _names(one["modules"]),
+            "central" if one["is_monitor"] else _names(one["handled_by"]) or "nobody",
+        ]
+        for one in known["wiretaps"]
+    ]  # fmt: skip
+    tables = [
+        _table(["failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
+        _table(["wiretap", "of", "listener", "tapped by", "handled by"], taps),
+    ]
+    texts = ["\n".join(table) for table in tables if len(table) > 1]
+    return known, "\n\n".join(texts) or "no exception handlers and no wiretaps"
+
+
+def _attached_to(one: dict[str, Any]) -> str:
+    if one["task"]:
+        return f"task {one['task']} '{one['message']}'"
+    return f"'{one['message']}'" if one["message"] else "the root"
+
+
+def _names(modules: Sequence[str]) -> str:
+    return ", ".join(modules)
+
+
 def _plain(body: bytes) -> Any:
     """A value as JSON can show it; None where there is none to show."""
     try:
@@ -160,8 +199,16 @@ def _waiting_resources(client: Client) -> Iterator[list[str]]:
                     ]
 
 
-def _held_tasks(client: Client) -> Iterator[list[str]]:
-    for task in client.status("tree"):
+def _suspended_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    """The topmost suspended tasks: what is under them is, too."""
+    suspended = {task["task"] for task in tree if task["suspended"]}
+    for task in tree:
+        if task["task"] in suspended and task["parent"] not in suspended:
+            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': it is suspended"]
+
+
+def _held_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    for task in tree:
         for moment, count in task["held"].items():
             constraints = f"{count} constraint{'s' * (count != 1)}"
             yield [f"task {task['task']} '{task['message']}'", f"{constraints} on its {moment}"]

@@ -25,19 +25,19 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds."""
+    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds, above 0; None is as if not given."""
 
     period: float
     """Of a polling monitor: from one test of its condition to the next."""
-    maximum: int
+    maximum: int | None
     """It ends after so many actions."""
     fire_every: int
     """Only every so many times that the condition holds, or it is fired, an action is sent."""
     initial_wait: bool
     """A polling monitor tests first after one period, not at once."""
-    duration: float
+    duration: float | None
     """It ends after so many seconds."""
-    until: Point
+    until: Point | None
     """It ends when this point is reached."""
     for_ever: bool
     """It does not end with what it watches over: the other tasks under its parent."""
@@ -72,16 +72,17 @@ class Control(Knowledge):
         handler: ExceptionHandler[Any],
         *,
         of: Message[Any, Any] | TaskHandle | None = None,
-        maximum: int = 0,
+        maximum: int | None = None,
     ) -> Attached:
         """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
         it, or (of=None) of all tasks.
 
-        It is called at most *maximum* times (0: any number) for each task that it is attached to. The search goes from
-        the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
+        It is called at most *maximum* times (None: any number) for each task that it is attached to. The search goes
+        from the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
         message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
         or none if it is declared without. Raises MisuseError if their types differ; where *failure* is None that shows
-        only when it is called.
+        only when it is called. The same *failure* and *handler*, attached to the same place once more by this module,
+        take the place of the first, as the newest; to remove the first then does nothing.
         """
         if isinstance(of, TaskHandle):
             return of.on_failure(failure, handler, maximum=maximum)
@@ -107,7 +108,9 @@ class Control(Knowledge):
         *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
         something is done to a task ends by itself, when that is over. A
         listener that nobody handles at that moment is passed over, and holds nothing. What several modules tap alike is
-        fired once, until each of them has removed it.
+        fired once, until each of them has removed it. What one module taps alike twice (the same condition and
+        *listener*) is one wiretap, and ``remove()`` of either ends both; with other *options* the newer one takes the
+        place of the older.
         """
         parts: list[Message[Any, Any]] = []
         watch = None
@@ -156,7 +159,7 @@ class Control(Knowledge):
 
 def _watch_options(options: Watched | MonitorOptions) -> WatchOptions:
     return WatchOptions(
-        options.get("period", 0), options.get("maximum", 0), options.get("fire_every", 1),
-        options.get("initial_wait", False), options.get("duration", 0), options.get("until"),
+        options.get("period", 0), options.get("maximum") or 0, options.get("fire_every", 1),
+        options.get("initial_wait", False), options.get("duration") or 0, options.get("until"),
         options.get("for_ever", False),
     )  # fmt: skip

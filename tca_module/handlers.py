@@ -5,8 +5,8 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.arguments import check_flags, name_of
-from tca_module.errors import NIL, MisuseError
+from tca_module.arguments import check_flags, is_whole, name_of
+from tca_module.errors import NIL, MisuseError, TaskKilled
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
@@ -86,7 +86,7 @@ class Handler:
         return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
 
     def _checked_pending(self, pending: int | None) -> int:
-        if pending is not None and (not isinstance(pending, int) or not 1 <= pending <= _MOST_PENDING):
+        if pending is not None and not (is_whole(pending) and 1 <= pending <= _MOST_PENDING):
             allowed = f"1 to {_MOST_PENDING} may wait, or None"
             msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
             raise MisuseError(msg)
@@ -131,12 +131,8 @@ class Handler:
         """Call the coroutine function; otherwise like ``handle``."""
         try:
             return self._answer(task, await self.function(*self._given(task, body)))
-        except (Exception, SystemExit) as error:  # noqa: BLE001
+        except (Exception, SystemExit, asyncio.CancelledError) as error:  # noqa: BLE001
             return self._failed(task, error)
-        except asyncio.CancelledError as error:
-            # It ended because its task was killed, as was wanted: that is no failure.
-            answer = self._failed(task, error)
-            return (Reply(task.delivery), NIL) if task.cancelled else answer
 
     def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
         try:
@@ -159,4 +155,6 @@ class Handler:
     def _failed(self, task: Task, error: BaseException) -> Answer:
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
+        if isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled:
+            return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
         return failed(task.delivery, error)

@@ -80,7 +80,7 @@ def query(
             raise click.UsageError(f"{name_of(message)} is no query: {how}")
         if maximum is not None and isinstance(message, Query):
             raise click.UsageError(f"{name_of(message)} has one reply: leave --maximum out")
-        _ask(client, message, data, timeout, maximum or 0, in_json=in_json)
+        _ask(client, message, data, timeout, maximum, in_json=in_json)
 
 
 @click.command("get")
@@ -227,7 +227,7 @@ def _print_end(ref: TaskRef[Any], *, in_json: bool) -> None:
 
 
 def _ask(
-    client: Client, message: Any, data: tuple[str, ...], timeout: float | None, maximum: int, *, in_json: bool
+    client: Client, message: Any, data: tuple[str, ...], timeout: float | None, maximum: int | None, *, in_json: bool
 ) -> None:
     value = _read(message, data)
     message.encode_data(value)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
+from tca_module.arguments import is_whole
 from tca_module.callbacks import Callback, Callbacks, HasFileno
 from tca_module.client import CentralAddress, checked_module_name, hello, new_incarnation, open_connection
 from tca_module.connection import PATIENCE, Connection
@@ -328,7 +329,7 @@ def _checked_messages(module: str, messages: Iterable[Any]) -> list[Message[Any,
 
 
 def _checked_capacity(resource: str, capacity: int) -> int:
-    if not isinstance(capacity, int) or not 1 <= capacity <= 64:
+    if not is_whole(capacity) or not 1 <= capacity <= 64:
         msg = f"resource '{resource}' can't have capacity {capacity!r}: 1 to 64 messages at a time"
         raise MisuseError(msg)
     return capacity

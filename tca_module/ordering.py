@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from tca_module.arguments import is_whole
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
 from tca_wire.points import THIS, TaskId
@@ -64,8 +65,8 @@ class _Parallel(_Block):
 class Ordering:
     """The order among the children that one sender makes."""
 
-    def __init__(self, *, under_root: bool) -> None:
-        self._under_root = under_root  # there, central's "last sibling" may be another thread's
+    def __init__(self, *, is_shared: bool) -> None:
+        self._is_shared = is_shared  # others send there, too: central's "last sibling" may be theirs
         self.forget()
 
     def forget(self) -> None:
@@ -91,7 +92,7 @@ class Ordering:
         """Whether the flag says it all: it is shorter, and central need not look for circles."""
         if len(self._blocks) == 1:
             return block.after in ([], [self._newest])
-        return not self._under_root and block.after == [self._newest]
+        return not self._is_shared and block.after == [self._newest]
 
     def add(self, child: TaskId, *, sequential: bool) -> None:
         """A child was made."""
@@ -102,7 +103,7 @@ class Ordering:
     @contextmanager
     def sequence(self, ahead: int | None = None) -> Iterator[None]:
         """A block of children, each after the one before."""
-        if ahead is not None and (not isinstance(ahead, int) or ahead < 0):
+        if ahead is not None and (not is_whole(ahead) or ahead < 0):
             msg = f"plan_ahead={ahead!r} is no number of siblings: 0, 1, 2, ... or None (no bound) are"
             raise MisuseError(msg)
         with self._inside(_Sequence(self._blocks[-1], ahead)):

@@ -1,39 +1,36 @@
 """What can be sent, the same calls for a handler's Task, a Module and a Client: one place where messages leave."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, Unpack, overload
 
 from tca_module.arguments import (
     blocks,
     check_class,
-    check_count,
     check_executable,
-    check_flags,
     check_function,
-    check_known,
     check_priority,
-    check_seconds,
     check_timeout,
+    checked_maximum,
     checked_pairs,
     listed,
     name_of,
 )
 from tca_module.connection import Connection
 from tca_module.control import Control
+from tca_module.errors import MisuseError
+from tca_module.options import TaskOptions, check_options, flags_of
 from tca_module.ordering import Ordering
 from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
 from tca_module.session import Request
-from tca_module.task_handle import attachment
+from tca_module.task_handle import TaskHandle, attachment
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint, Flags, not_before
-from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import (
     NOTHING,
     Broadcast,
     Command,
     D,
-    Failure,
     Goal,
     Inform,
     Message,
@@ -46,38 +43,13 @@ from tca_wire.points import ROOT, THIS, TaskId
 from tca_wire.vocabulary import MessageClass
 
 
-class TaskOptions(TypedDict, total=False):
-    """How a new task relates to its siblings."""
-
-    sequential: bool
-    """It is achieved after the sibling before it (SEQ_ACH); True unless said otherwise."""
-    sequential_planning: bool
-    """It is planned after the sibling before it has been planned (SEQ_PLANNING)."""
-    plan_first: bool
-    """All of it is planned before any of it is done (PLAN_FIRST)."""
-    delay_planning: bool
-    """It is planned only when it may be achieved (DELAY_PLANNING)."""
-    priority: int
-    """Higher goes first where several wait for one resource."""
-    constraints: Sequence[Constraint]
-    """Others; ``this`` stands for the new task."""
-    on_failure: Sequence[tuple[Failure[Any] | None, ExceptionHandler[Any]]]
-    """Exception handlers of the new task, each newer than the one before it; None is any failure."""
-    deadline: float
-    """Seconds within which it must be achieved, or the failure "timeout" is raised on it."""
-    delay: float
-    """Seconds, from now, within which it is not started."""
-    keep: bool
-    """Its data, outcome and place can be asked for after its end, as after ``keep()`` of its handle."""
-
-
 class Sender(Control):
     """Something that sends messages."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
         self._parent = parent
         self._origin = origin
-        self._ordering = Ordering(under_root=parent == ROOT)
+        self._ordering = Ordering(is_shared=parent == ROOT)
         self._epoch = ""
 
     # --- tasks -----------------------------------------------------------------------------------------------------
@@ -106,7 +78,7 @@ class Sender(Control):
 
     def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> TaskRef[R] | None:
         """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
-        _check_options(message, options)
+        check_options(message, options)
         body = message.encode_data(data)
         pairs = checked_pairs(options.get("on_failure", ()))
         connection = self._declare(message, *(handler for _, handler in pairs))
@@ -114,13 +86,13 @@ class Sender(Control):
         sequential = options.get("sequential", True)
         is_goal = message.message_class is MessageClass.GOAL
         flags, constraints = self._ordering.place(is_goal=is_goal, sequential=sequential)
-        flags |= _flags(options)
+        flags |= flags_of(options)
         constraints += listed(options.get("constraints", ()))
         if delay := options.get("delay"):
             constraints.append(not_before(THIS, delay))
         header = Send(
             0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
-            attachments=[attachment(*pair, 0) for pair in pairs], deadline=options.get("deadline", 0),
+            attachments=[attachment(*pair) for pair in pairs], deadline=options.get("deadline") or 0,
             if_handled=handled, keep=options.get("keep", False),
         )  # fmt: skip
         task_id = TaskId(connection.call(header, name_of(message), body))
@@ -128,6 +100,24 @@ class Sender(Control):
             return None
         self._ordering.add(task_id, sequential=sequential)
         return TaskRef(connection, message, task_id, self._origin)
+
+    def under(self, task: TaskHandle) -> "Sender":
+        """Something to send with under *task*, which others may handle: monitors, goals and commands.
+
+        ::
+
+            walking = user.tasks(WALK)[0]
+            user.under(walking).monitor(CUP_GONE, cup, period=0.1)
+
+        A monitor without an end of its own ends with that task. A goal or command stands in the sequence of its
+        children, after the last that was sent; with ``sequential=False`` it waits for none, and the next one then waits
+        for it alone, as in TCA. A kill of the task kills them, too. Raises MisuseError for what is no task; to send
+        raises Refused ("too late") when the task has ended.
+        """
+        if not isinstance(task, TaskHandle):
+            msg = f"under() takes a task that was sent or found, and {task!r:.60} is none: tasks(WALK)[0] is one"
+            raise MisuseError(msg)
+        return _Under(self, self._origin, task)
 
     def _forget_if_central_did(self, epoch: str) -> None:
         if self._epoch and self._epoch != epoch:
@@ -223,17 +213,27 @@ class Sender(Control):
         return connection, connection.request(header, body, wants_answer=True)
 
     def multi_query(
-        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int = 0, timeout: float | None = QUERY_TIMEOUT
+        self,
+        message: MultiQuery[D, R],
+        data: D = NOTHING,
+        *,
+        maximum: int | None = None,
+        timeout: float | None = QUERY_TIMEOUT,
     ) -> list[R]:
         """Ask every module that handles the message; the replies in the order they came.
 
-        Ends with *maximum* replies (0: all), when nobody is left who could reply, or after *timeout* seconds with what
-        has come until then. Handlers that fail are left out.
+        Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
+        what has come until then. Handlers that fail are left out.
         """
         return list(self.multi_query_send(message, data, maximum=maximum, timeout=timeout))
 
     def multi_query_send(
-        self, message: MultiQuery[D, R], data: D = NOTHING, *, maximum: int = 0, timeout: float | None = QUERY_TIMEOUT
+        self,
+        message: MultiQuery[D, R],
+        data: D = NOTHING,
+        *,
+        maximum: int | None = None,
+        timeout: float | None = QUERY_TIMEOUT,
     ) -> PendingReplies[R]:
         """Ask every module that handles the message; iterate over what this returns to get the replies as they come.
 
@@ -241,8 +241,8 @@ class Sender(Control):
         """
         check_class(message, MultiQuery)
         check_timeout(timeout)
-        check_count(name_of(message), maximum=maximum)
-        connection, request = self._question(message, data, blocking=True, maximum=maximum)
+        wanted = checked_maximum(name_of(message), maximum)
+        connection, request = self._question(message, data, blocking=True, maximum=wanted)
         return PendingReplies(connection, request, message, timeout)
 
     # --- statements ------------------------------------------------------------------------------------------------
@@ -331,24 +331,15 @@ class Sender(Control):
         return PendingReply(connection, request, message).receive()
 
 
-def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
-    what = name_of(message)
-    check_known(what, options, TaskOptions.__annotations__)
-    check_priority(message, options.get("priority", 0))
-    given: dict[str, Any] = {**options}
-    check_flags(what, **{name: given[name] for name in _FLAGS if name in given})
-    check_seconds(what, **{name: given[name] for name in ("deadline", "delay") if name in given})
+class _Under(Sender):
+    """What is sent under a task that others may handle."""
 
+    def __init__(self, sender: Sender, origin: int, task: TaskHandle) -> None:
+        super().__init__(task.id, origin)
+        self._ordering = Ordering(is_shared=True)
+        self._sender = sender
+        self._task_above = task
 
-_FLAGS = ("sequential", "sequential_planning", "plan_first", "delay_planning", "keep")
-
-
-def _flags(options: TaskOptions) -> Flags:
-    flags = Flags.NONE
-    if options.get("sequential_planning"):
-        flags |= Flags.SEQ_PLANNING
-    if options.get("plan_first"):
-        flags |= Flags.PLAN_FIRST
-    if options.get("delay_planning"):
-        flags |= Flags.DELAY_PLANNING
-    return flags
+    def _connection(self) -> Connection:
+        self._task_above.check_epoch()
+        return self._sender._connection()  # noqa: SLF001

@@ -8,12 +8,13 @@ import msgspec
 from tca_module.arguments import (
     blocks,
     check_class,
-    check_count,
     check_handles,
+    check_lasting,
     check_point,
     check_raised,
     check_scope,
     check_seconds,
+    checked_maximum,
     name_of,
 )
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
@@ -69,11 +70,11 @@ class Attached:
         self._connection.call(Remove(0, self.id), f"removing {self.id}")
 
 
-def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int) -> Attachment:
+def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int | None = None) -> Attachment:
     """That *handler* takes care of *failure* (None: of any). Raises MisuseError if it can't."""
     check_handles(failure, handler)
-    check_count(name_of(handler), maximum=maximum)
-    return Attachment(failure.name if failure is not None else "", handler.name, maximum)
+    most = checked_maximum(name_of(handler), maximum)
+    return Attachment(failure.name if failure is not None else "", handler.name, most)
 
 
 class TaskHandle(Intervals):
@@ -128,7 +129,7 @@ class TaskHandle(Intervals):
 
     def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
-        self._check_epoch()
+        self.check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
@@ -158,21 +159,26 @@ class TaskHandle(Intervals):
         self._call(Send(0, message.name, self.id, self._origin, when_killed=True), f"on termination of {self}", body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> None:
-        """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now."""
+        """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now,
+        which are more than 0: for "at once" there are ``fail`` and ``kill``.
+        """
         what = f"a deadline of {self}"
-        check_seconds(what, seconds=seconds)
+        check_lasting(what, seconds=seconds)
         if point is not None:
             check_point(point)
         self._call(Deadline(0, point or self.achieving.end, seconds), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
-    def on_failure(self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int = 0) -> Attached:
+    def on_failure(
+        self, failure: Failure[Any] | None, handler: ExceptionHandler[Any], *, maximum: int | None = None
+    ) -> Attached:
         """Let *handler* take care of *failure* (None: of any) where it is raised on the task or below, *maximum* times
-        at most (0: any number).
+        at most (None: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ.
+        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ. The same
+        *failure* and *handler*, attached once more by this module, take the place of the first.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
@@ -257,7 +263,7 @@ class TaskHandle(Intervals):
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
-        self._check_epoch()
+        self.check_epoch()
         name = message.name if isinstance(message, Message) else message or ""
         header = Inspect(0, self.id, relation, name)
         request = self._connection.request(header, wants_answer=True)
@@ -271,10 +277,11 @@ class TaskHandle(Intervals):
             yield info, TaskHandle(self._connection, info.message, info.id, self._origin)
 
     def _call(self, header: Any, what: str, body: bytes = b"") -> int:
-        self._check_epoch()
+        self.check_epoch()
         return self._connection.call(header, what, body)
 
-    def _check_epoch(self) -> None:
+    def check_epoch(self) -> None:
+        """Raise CentralLost if central was restarted and has forgotten the task."""
         if self._epoch != self._connection.session.epoch:
             msg = f"central was restarted and has forgotten {self}: send it again"
             raise CentralLost(msg)

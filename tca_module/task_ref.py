@@ -11,6 +11,8 @@ from tca_wire.headers import Answer
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 
+_DEALT_WITH = "an exception handler dealt with it, so there is no result"
+
 
 class TaskRef(TaskHandle, Generic[R]):
     """A task that was sent. ``ref.achieving.end`` and the like are its points, for constraints.
@@ -42,7 +44,8 @@ class TaskRef(TaskHandle, Generic[R]):
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
         if answer.failure and not body and self._message.reply.kind is not type(None):
-            text = f"{answer.text} (an exception handler dealt with it, so there is no result)"
+            first, newline, rest = answer.text.partition("\n")
+            text = (f"{first} ({_DEALT_WITH})" if first else _DEALT_WITH) + newline + rest
             raise TaskFailed(repr(self), answer.failure, text, b"")
         try:
             return self._message.decode_reply(body or NIL)

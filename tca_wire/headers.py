@@ -144,7 +144,7 @@ class Ask(_Header, frozen=True, tag=11):
     """What central knows of a topic; answered with a MessagePack map as body."""
 
     number: int
-    topic: Literal["status", "modules", "messages", "tree", "variables", "load"]
+    topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 
 class Bye(_Header, frozen=True, tag=12):

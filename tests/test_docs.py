@@ -30,6 +30,7 @@ QUOTES = {
     "@planner.handles(DIG)": "12_kill_and_leave_safe",
     "user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)": "09_monitors_and_taps",
     "task.monitor(CUP_GONE": "10_cups",
+    "monitor = watcher.under": "36_watch_a_running_task",
     "walking.suspend()": "13_suspend_and_resume",
     "planner.on_failure(COLLISION, RAISE_LEG": "11_retry_ladder",
     "task.command(STOW, thing, keep=True)": "18_what_was_done_already",

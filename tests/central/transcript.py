@@ -92,10 +92,9 @@ class Transcript:
             keywords["flags"] = Flags(sum(Flags[flag] for flag in found["flags"].split("|")))
         if " here" in options:
             keywords |= {"origin": self.player.delivered(name)[-1], "blocking": True}
-        if " if handled" in options:
-            keywords["if_handled"] = True
-        if " kept" in options:
-            keywords["keep"] = True
+        if " from outside" in options:
+            keywords["origin"] = 0
+        keywords |= {"if_handled": " if handled" in options, "keep": " kept" in options}
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)

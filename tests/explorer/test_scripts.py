@@ -40,6 +40,15 @@ def one(handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).w
     return scenario
 
 
+def test_a_script_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed() -> None:
+    scenario = one(lambda task: task.command(STEP).result(), never(failed(WALK)))
+    scenario.may_kill(WALK)
+    result = explore(scenario)
+    assert result.ok, report(result)
+    scenario.may_kill(STEP)
+    assert not explore(scenario).ok
+
+
 def test_a_script_can_do_what_a_module_can() -> None:
     seen = set()
 

@@ -10,6 +10,7 @@ from explorer.recoveries import (
     CHECK,
     GAUGE,
     HIGHER,
+    IS_LOW,
     RECHARGE,
     ladder,
     late,
@@ -262,3 +263,24 @@ def test_what_is_killed_leaves_things_safe() -> None:
     good(parting(), before(achieved(REST), walk_is_over), before(killed(WALK), sent(REST)), never_stuck())
     found(parting(), never(killed(WALK)))
     found(parting(), never(achieved(WALK)))
+
+
+def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
+    scenario = Scenario("watched from outside")
+    legs, user, watcher = scenario.module("legs"), scenario.module("user"), scenario.module("watcher")
+    legs.handles(STEP)(lambda _: None)
+    scenario.module("body").handles(IS_LOW)(lambda _: False)
+    user.does(lambda me: me.command(STEP).wait())
+    too_late = []
+
+    @watcher.does
+    def watch(me: Script) -> None:
+        for step in me.tasks(STEP):
+            try:
+                me.under(step).monitor(GAUGE, period=1.0)
+            except Refused as refused:
+                too_late.append(refused.text)
+
+    good(scenario, eventually(achieved(STEP)), never_stuck())
+    assert "nothing can be added under it" in too_late[0]
+    found(scenario, never(achieved(GAUGE)))

@@ -1,6 +1,7 @@
 """The command line's hand on a running central: tasks, messages and variables, as people and scripts use it."""
 
 import json
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from tca_module import (
     Broadcast,
     Client,
     Command,
+    Condition,
     ExceptionHandler,
     Failure,
     Goal,
@@ -28,7 +30,7 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_module.commands import modules
+from tca_module.commands import attached, modules, status
 from tca_module.message_commands import get_variable, query, send, set_variable
 from tca_module.task_commands import kill, raise_failure, resume, suspend, unlock
 
@@ -273,6 +275,47 @@ def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None
         (suspend, "suspended"), (suspend, "suspended already"), (resume, "resumed"), (resume, "not suspended")
     ):  # fmt: skip
         assert tca(command, "walk") == (0, f"task {walk.id} 'walk': {state}\n", "")
+
+
+def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> None:
+    walk = user.goal(WALK, 1)
+    walk.wait_for(walk.handling.end, SOON)
+    walk.suspend()
+    told = {"what": f"task {walk.id} 'walk'", "for": f"'tca resume {walk.id}': it is suspended"}
+    assert [one for one in json.loads(tca(status, "--json")[1])["waiting"] if "suspended" in one["for"]] == [told]
+    walk.resume()
+    assert "suspended" not in tca(status)[1]
+
+
+def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Client) -> None:
+    assert tca(attached) == (0, "no exception handlers and no wiretaps\n", "")
+    walk = user.goal(WALK, 1)
+    fell = user.on_failure(FELL, FIX, of=WALK, maximum=2)
+    user.on_failure(None, FIX)
+    walk.on_failure(FELL, FIX)
+    with connect("other script") as other:
+        other.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
+        user.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
+        user.tap(Condition.WHILE_HANDLING, walk, LOOK, period=1.0)
+        code, text, _ = tca(attached)
+        told = json.loads(tca(attached, "--json")[1])
+    fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
+    assert (code, fields[1:4]) == (0, [
+        ["fell", "'walk'", "fix", "2", "user", "nobody"],
+        ["any failure", "the root", "fix", "user", "nobody"],
+        ["fell", f"task {walk.id} 'walk'", "fix", "user", "nobody"],
+    ])  # fmt: skip
+    assert fields[6:] == [
+        ["before handling", "'move'", "later", "other script, user", "nobody"],
+        ["while handling", f"task {walk.id} 'walk'", "look", "user", "central"],
+    ]
+    first = {"id": fell.id, "failure": "fell", "handler": "fix", "task": 0, "message": "walk", "maximum": 2}
+    assert told["exception_handlers"][0] == {**first, "modules": ["user"], "handled_by": []}
+    assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
+    fell.remove()
+    left = user.status("attached")
+    assert len(left["exception_handlers"]) == 2
+    assert left["wiretaps"][0]["modules"] == ["other script", "user"]  # also when one of them is gone
 
 
 def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:

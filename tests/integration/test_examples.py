@@ -38,6 +38,7 @@ PRINTED = {
     "21_start_up_order": "asked too early: None\n",
     "34_locks": "scan\nscanned\nmove 1\n",
     "35_deadlock": "eyes: module 'map' in 'where' {1} waits for the reply to 'look' {2};\n",
+    "36_watch_a_running_task": "walking\nthe battery is low\nstopped\nthe walk was killed, and its monitor killed\n",
     "30_async_handlers": "heights: [0.0, 0.5, 1.0] ",
     "31_reply_later": "moved to 0.5\nmotor stalled 2.0\n",
     "32_timer_and_device": "battery at 100\nbattery at 90\nbattery at 80\ntime to go home\n",

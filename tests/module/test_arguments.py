@@ -60,6 +60,11 @@ def refused(call: Call, user: Client, words: str, wrong: Any = "soon") -> None:
         (lambda _, task, __: task.on_termination(ANY), "takes messages of class Goal or Command, and None is none"),
         (lambda _, task, x: task.retry(WALK, x), "can't be retried with data of 'walk'"),
         (lambda user, _, x: user.command(REST, deadline=x), "command 'rest': deadline='soon' is no time"),
+        (lambda user, _, __: user.command(REST, deadline=0), "command 'rest': deadline=0 is over at once: give seconds"),
+        (lambda user, _, __: user.command(REST, deadline=-1), "command 'rest': deadline=-1 is no time"),
+        (lambda _, task, __: task.deadline(0.0), "a deadline of task 1 'rest': seconds=0.0 is over at once"),
+        (lambda user, _, __: user.command(REST, priority=True), "command 'rest' can't have priority True"),
+        (lambda user, _, __: user.query(WHERE, timeout=True), "timeout=True is no time to wait"),
         (lambda user, _, __: user.command(REST, delay=float("nan")), "command 'rest': delay=nan is no time"),
         (lambda user, _, __: user.command(REST, delay=-1), "command 'rest': delay=-1 is no time"),
         (lambda user, _, x: user.command(REST, constraints=x), "constraints='soon' is no list of constraints"),
@@ -83,6 +88,17 @@ def test_what_is_yes_or_no_is_true_or_false(user: Client, option: str, value: ob
         user.goal(WALK, 1.0, **{option: value})  # type: ignore[arg-type]
 
 
+def test_none_says_that_there_is_no_bound(user: Client, legs: Module) -> None:
+    legs.handles(REST)(lambda _: None)
+    legs.handles(IS_FREE)(lambda _: True)
+    with legs.running():
+        user.on_failure(SLIPPED, SHRUG, maximum=None)
+        watch = user.monitor(LOOK_AGAIN, period=0.01, maximum=None, duration=None, until=None, for_ever=True)
+        assert user.command(REST, deadline=None, delay=0).wait(SOON) is Outcome.DONE
+        assert watch.info() is not None
+        watch.end()
+
+
 def test_so_is_whether_a_message_comes_directly(legs: Module) -> None:
     with pytest.raises(MisuseError, match="inform 'say': direct='yes' is neither True nor False"):
         legs.handles(SAY, direct="yes")(lambda _, __: None)  # type: ignore[call-overload]
@@ -93,8 +109,12 @@ def test_so_is_whether_a_message_comes_directly(legs: Module) -> None:
     [
         (LOOK_AGAIN, {}, "polling monitor 'look again' needs period="),
         (LOOK_AGAIN, {"period": "x"}, "polling monitor 'look again': period='x' is no time"),
+        (LOOK_AGAIN, {"period": None}, "polling monitor 'look again' needs period="),
+        (LOOK_AGAIN, {"period": 0}, "period=0 is over at once: give seconds, more than 0"),
         (LOOK_AGAIN, {"period": 1, "duration": -1}, "duration=-1 is no time"),
-        (LOOK_AGAIN, {"period": 1, "maximum": -1}, "maximum=-1 can't be: give 1, 2, ... or 0 for any number of times"),
+        (LOOK_AGAIN, {"period": 1, "duration": 0}, "duration=0 is over at once"),
+        (LOOK_AGAIN, {"period": 1, "maximum": 0}, "maximum=0 can't be: give 1, 2, ... or None for any number$"),
+        (LOOK_AGAIN, {"period": 1, "maximum": -1}, "maximum=-1 can't be: give 1, 2, ... or None for any number$"),
         (LOOK_AGAIN, {"period": 1, "fire_every": 0}, "fire_every=0 can't be: give 1, 2, ...$"),
         (LOOK_AGAIN, {"period": 1, "initial_wait": "x"}, "initial_wait='x' is neither True nor False"),
         (LOOK_AGAIN, {"period": 1, "for_ever": 2}, "for_ever=2 is neither"),
@@ -123,6 +143,7 @@ def test_options_of_monitors(user: Client, monitor: Any, options: Any, words: st
         (lambda user, _, __: user.on_failure(SLIPPED, SHRUG, of=SAY), "of=Inform.* never fails"),
         (lambda user, _, __: user.on_failure(SLIPPED, SHRUG, maximum=-1), "exception handler 'shrug': maximum=-1 can't"),
         (lambda _, task, __: task.on_failure(SLIPPED, SHRUG, maximum=0.5), "maximum=0.5 can't be"),
+        (lambda _, task, __: task.on_failure(SLIPPED, SHRUG, maximum=0), "maximum=0 can't be"),
         (lambda user, _, __: user.command(REST, on_failure=(SLIPPED, SHRUG)), "is no list of pairs: write on_failure="),
         (lambda user, _, __: user.command(REST, on_failure=[("slipped", SHRUG)]), "'slipped' is no failure"),
         (lambda _, task, __: task.fail(FELL), r"fail\(\) takes a failure with its data, .* call it, 'fell' is only"),

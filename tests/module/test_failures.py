@@ -20,7 +20,7 @@ from tca_module import (
     TaskFailed,
     TaskKilled,
 )
-from tca_wire.facts import Delivered
+from tca_wire.facts import Delivered, Failed
 
 SOON = 5.0
 HEIGHT = Query("height", int, reply=float)
@@ -53,11 +53,17 @@ def test_a_failure_without_data(robot: Robot, user: Client) -> None:
     def stop(task: Task) -> None:
         raise EXHAUSTED()  # noqa: RSE102
 
+    @robot.legs.handles(WALK)
+    def walk(task: Task, _: Arc) -> None:
+        task.command(STOP)
+
     with robot.running():
         with pytest.raises(TaskFailed, match="handler error: TypeError"):
             user.goal(REST).result(SOON)
         with pytest.raises(TaskFailed, match=r"failed: exhausted$") as failed:
             user.command(STOP).result(SOON)
+        with pytest.raises(TaskFailed, match=r"failed: exhausted: in task 4 'stop'$"):
+            user.goal(WALK, Arc(1.0, 1)).result(SOON)
     assert failed.value.data_as(EXHAUSTED) is None
     assert failed.value.data is None
 
@@ -133,6 +139,32 @@ def test_a_killed_task_is_told_and_its_end_reported(robot: Robot, user: Client) 
         assert (killed.value.why, goal.wait()) == ("enough", Outcome.KILLED)
         goal.kill()
     assert [seen.get(timeout=SOON) for _ in range(2)] == [False, True]
+
+
+def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed(
+    robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    started = threading.Event()
+
+    @robot.planner.handles(REST)
+    def rest(task: Task) -> None:
+        stop = task.command(STOP)
+        started.set()
+        stop.result(SOON)
+
+    with robot.running():
+        goal = user.goal(REST)
+        assert started.wait(SOON)
+        goal.kill("enough")
+        assert goal.wait(SOON) is Outcome.KILLED
+        started.clear()
+        goal = user.goal(REST)
+        assert started.wait(SOON)
+        user.tasks(STOP)[0].kill("it alone")
+        with pytest.raises(TaskFailed, match=r"handler error: .*TaskKilled: task 4 'stop' was killed: it alone"):
+            goal.result(SOON)
+    assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
+    assert caplog.text.count("handler test_a_handler_that_ends") == 1
 
 
 def test_a_task_that_was_killed_is_not_handled(robot: Robot, user: Client) -> None:

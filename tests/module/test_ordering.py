@@ -11,8 +11,8 @@ from tca_wire.points import ROOT, THIS, TaskId
 class Plan:
     """Sends numbered children and writes down what each was sent with."""
 
-    def __init__(self, *, under_root: bool = False) -> None:
-        self.ordering = Ordering(under_root=under_root)
+    def __init__(self, *, is_shared: bool = False) -> None:
+        self.ordering = Ordering(is_shared=is_shared)
         self.newest = 0
 
     def child(self, *, is_goal: bool = True, sequential: bool = True) -> str:
@@ -131,7 +131,7 @@ def test_a_block_is_one_sibling_of_those_planned_ahead(plan: Plan) -> None:
 
 
 def test_under_the_root_blocks_do_not_rely_on_the_last_sibling() -> None:
-    plan = Plan(under_root=True)  # it may be another thread's
+    plan = Plan(is_shared=True)  # it may be another thread's
     assert [plan.child(), plan.child()] == ["seq ach", "seq ach"]
     with plan.ordering.sequence():
         assert [plan.child(), plan.child()] == [after(2), after(3)]
@@ -158,7 +158,7 @@ def test_what_central_forgot_orders_nothing(plan: Plan) -> None:
     assert ROOT == 0
 
 
-@pytest.mark.parametrize("number", [-1, 1.5, "two"])
+@pytest.mark.parametrize("number", [-1, 1.5, "two", True])
 def test_plan_ahead_is_a_number_of_siblings(plan: Plan, number: int) -> None:
     with pytest.raises(MisuseError, match="is no number of siblings"), plan.ordering.sequence(number):
         pass

@@ -209,7 +209,9 @@ class Life:
     def monitor_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = [0, *self.central.tree.tasks]
         options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
-        self.player.send("user", name, under=tasks[c % len(tasks)], flags=Flags(d % 2), watch=options)
+        parent = tasks[c % len(tasks)]
+        origin = self.central.tree.tasks[TaskId(parent)].given_as if parent and d % 3 else 0
+        self.player.send("user", name, under=parent, flags=Flags(d % 2), watch=options, origin=origin)
 
     def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:
         tasks = list(self.central.tree.tasks)

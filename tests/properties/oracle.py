@@ -216,6 +216,7 @@ class Oracle:
         node = Node(task, header.message, kind, connection, priority=header.priority, module=world.modules[connection])
         if kind.is_monitor:
             oracle_monitors.born(node, header.watch)
+            node.is_guest = not (parent.slot and parent.given_as == header.origin)
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
         for one, other in oracle_rules.from_flags(header.flags, node, last):

@@ -184,7 +184,8 @@ def end_what_is_to_end(world: World) -> bool:
     to_end = [node for node in world.nodes.values() if node.watch and node.watch.is_on and _is_at_its_end(world, node)]
     for parent in world.nodes.values():
         children = world.children(parent)
-        if parent.returned and parent.had_others and children and all(child.watches_over for child in children):
+        is_theirs = not (parent.had_others or all(child.is_guest for child in children))
+        if parent.returned and not is_theirs and children and all(child.watches_over for child in children):
             to_end += [child for child in children if not child.watch.is_over]
     for node in to_end:
         end(world, node)

@@ -64,6 +64,7 @@ class Node(Job):
     tap: "Tap | None" = None  # for which it was sent
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent
+    is_guest: bool = False  # such a one, that another than its parent's handler put there
     had_others: bool = False  # has had children that could be watched over
 
     @property

@@ -1,0 +1,160 @@
+"""Monitors, goals and commands that are put under a task which others handle."""
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tca_module import (
+    CentralLost,
+    Client,
+    Command,
+    Condition,
+    DemonMonitor,
+    Goal,
+    Inform,
+    MisuseError,
+    Module,
+    Outcome,
+    PollingMonitor,
+    Query,
+    Refused,
+    Task,
+    TaskRef,
+    connect,
+)
+from tca_module.testing import LocalCentral
+from tca_wire.vocabulary import Refusal
+
+SOON = 5.0
+WALK, STEP, GUARD = Goal("walk"), Command("step", int), Command("guard")
+IS_LOW, STOP = Query("is the battery low", reply=bool), Command("stop")
+BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
+CUPS = DemonMonitor("cups")
+
+
+class Robot:
+    """A planner whose walk waits to be told to go on; steps; and a watcher that knows of both."""
+
+    def __init__(self, central: LocalCentral) -> None:
+        self.central = central
+        self.steps: list[int] = []
+        self.asked, self.is_low, self.begun, self.go_on = (threading.Event() for _ in range(4))
+        self.planner, self.legs, self.watcher = (Module(name, central) for name in ("planner", "legs", "watcher"))
+        self.planner.handles(WALK)(self.walk)
+        self.planner.handles(GUARD)(self.guard)
+        self.legs.handles(STEP)(lambda _, number: self.steps.append(number))
+        self.watcher.handles(IS_LOW)(self.answer)
+        self.watcher.handles(STOP)(self.stop)
+
+    def walk(self, task: Task) -> None:
+        task.command(STEP, 1)
+        self.guard(task)
+        task.command(STEP, 3)
+
+    def guard(self, _: Task) -> None:
+        self.begun.set()
+        assert self.go_on.wait(SOON)
+
+    def answer(self, _: Task) -> bool:
+        self.asked.set()
+        return self.is_low.is_set()
+
+    def stop(self, task: Task) -> None:
+        task.monitor_handle.ancestors(WALK)[0].kill("the battery is low")
+        self.go_on.set()
+
+    def begin(self, message: Goal[None] | Command[None, None], user: Client) -> TaskRef[None]:
+        sent: TaskRef[None] = user.execute(message)
+        assert self.begun.wait(SOON)
+        return sent
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    with LocalCentral() as central:
+        robot = Robot(central)
+        with robot.planner.running(), robot.legs.running(), robot.watcher.running():
+            yield robot
+            robot.go_on.set()
+
+
+@pytest.fixture
+def user(robot: Robot) -> Iterator[Client]:
+    with connect("user", robot.central) as client:
+        yield client
+
+
+def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(robot: Robot, user: Client) -> None:
+    walking = robot.begin(WALK, user)
+    monitor = robot.watcher.under(robot.watcher.tasks(WALK)[0]).monitor(BATTERY, period=0.01)
+    assert monitor.parent() is not None
+    robot.is_low.set()
+    assert walking.wait(SOON) is Outcome.KILLED
+    assert monitor.wait(SOON) is Outcome.KILLED
+
+
+@pytest.mark.parametrize("message", [WALK, GUARD])
+def test_it_ends_with_the_task_and_does_not_keep_it(robot: Robot, user: Client, message: Any) -> None:
+    sent = robot.begin(message, user)
+    monitors = [user.under(sent).monitor(BATTERY, period=0.01), user.under(sent).monitor(CUPS)]
+    assert robot.asked.wait(SOON)
+    robot.go_on.set()
+    assert sent.wait(SOON) is Outcome.DONE
+    assert [monitor.wait(SOON) for monitor in monitors] == [Outcome.DONE, Outcome.DONE]
+
+
+def test_a_command_stands_in_the_sequence_that_others_send(robot: Robot, user: Client) -> None:
+    walking = robot.begin(WALK, user)
+    user.under(walking).command(STEP, 2)
+    robot.go_on.set()
+    assert walking.wait(SOON) is Outcome.DONE
+    assert robot.steps == [1, 2, 3]
+
+
+def test_blocks_under_a_task_of_others(robot: Robot, user: Client) -> None:
+    sent = robot.begin(GUARD, user)
+    under = user.under(sent)
+    with under.sequence():
+        first = under.command(STEP, 1)
+        user.under(sent).command(STEP, 7, sequential=False)
+        second = under.command(STEP, 2)
+    robot.go_on.set()
+    assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
+    assert sorted(robot.steps) == [1, 2, 7]
+    assert robot.steps.index(1) < robot.steps.index(2)
+
+
+def test_what_has_ended_is_not_watched(robot: Robot, user: Client) -> None:
+    sent = robot.begin(GUARD, user)
+    with pytest.raises(Refused, match="can't watch until that ends, which waits for it: without an end of its own it"):
+        user.under(sent).monitor(BATTERY, period=1, until=sent.achieving.end)
+    robot.go_on.set()
+    sent.wait(SOON)
+    for send in (lambda: user.under(sent).monitor(BATTERY, period=1), lambda: user.under(sent).command(STEP, 1)):
+        with pytest.raises(Refused, match="task 1 has ended: nothing can be added under it") as refused:
+            send()
+        assert refused.value.refusal is Refusal.TOO_LATE
+
+
+def test_a_task_is_not_tapped_for_what_is_past(robot: Robot, user: Client) -> None:
+    sent = robot.begin(GUARD, user)
+    note = Inform("note")
+    with pytest.raises(Refused, match="task 1 'guard' can't be tapped 'while achieving' any more: that is past"):
+        user.tap(Condition.WHILE_ACHIEVING, sent, note)
+    user.tap(Condition.AFTER_ACHIEVED, sent, note)
+
+
+def test_only_tasks_have_something_under_them(robot: Robot, user: Client) -> None:
+    wrong: Any = WALK
+    with pytest.raises(MisuseError, match=r"under\(\) takes a task that was sent or found, and .*Goal.* is none"):
+        user.under(wrong)
+
+
+def test_a_restarted_central_has_forgotten_the_task(robot: Robot, user: Client) -> None:
+    under = user.under(robot.begin(GUARD, user))
+    robot.central.restart("afresh")
+    user.modules()
+    with pytest.raises(CentralLost, match="has forgotten task 1 'guard'"):
+        under.command(STEP, 1)
