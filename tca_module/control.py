@@ -110,7 +110,8 @@ class Control(Knowledge):
         listener that nobody handles at that moment is passed over, and holds nothing. What several modules tap alike is
         fired once, until each of them has removed it. What one module taps alike twice (the same condition and
         *listener*) is one wiretap, and ``remove()`` of either ends both; with other *options* the newer one takes the
-        place of the older.
+        place of the older. Raises Refused ("too late") where that is past of a task: what is done already is watched
+        with ``under(task).monitor()``.
         """
         parts: list[Message[Any, Any]] = []
         watch = None
