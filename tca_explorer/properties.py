@@ -9,11 +9,11 @@ from typing import Any
 
 from msgspec import UNSET
 
-from tca_central.clock import LONGEST
 from tca_explorer.checks import checked_number
 from tca_explorer.errors import ScenarioError
 from tca_explorer.world import Seen, World, shown
 from tca_wire.declarations import Message
+from tca_wire.vocabulary import LONGEST_TIME
 
 Predicate = Callable[[World], object]
 
@@ -208,8 +208,8 @@ def within(seconds: float, first: Predicate, second: Predicate) -> Property:
     until something is due. *first* should be true for a moment, such as ``sent``, or end.
     """
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
-    if not (is_number and 0 <= seconds <= LONGEST):
-        raise ScenarioError(f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST:g}")
+    if not (is_number and 0 <= seconds <= LONGEST_TIME):
+        raise ScenarioError(f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST_TIME:g}")
     return _Within(f"{_name(second)} within {seconds:g} s of {_name(first)}", first, second, seconds)
 
 

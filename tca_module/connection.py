@@ -266,6 +266,7 @@ is alive: it is overloaded; whether it took the request is not known"
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait, and call what is to be called meanwhile; whether *is_over*. Raises CentralLost."""
         self._check_thread()
+        check_timeout(timeout)
         with self._lock:
             if self._is_calling_back:
                 msg = "a callback waits for another one: they are called one after the other"

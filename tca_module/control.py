@@ -5,8 +5,11 @@ from typing import Any, TypedDict, Unpack
 from tca_module.arguments import (
     check_attachable,
     check_class,
+    check_condition,
     check_known,
+    check_message,
     check_monitor_options,
+    check_number,
     listed,
     name_of,
 )
@@ -59,6 +62,7 @@ class Control(Knowledge):
 
     def task(self, task_id: int) -> TaskHandle | None:
         """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
+        check_number("task()", task_id)
         info = TaskHandle(self._connection(), "", TaskId(task_id)).info()
         return TaskHandle(self._connection(), info.message, info.id, self._origin) if info is not None else None
 
@@ -109,6 +113,8 @@ class Control(Knowledge):
         listener that nobody handles at that moment is passed over, and holds nothing. What several modules tap alike is
         fired once, until each of them has removed it.
         """
+        check_condition(condition)
+        check_message(listener)
         parts: list[Message[Any, Any]] = []
         watch = None
         if isinstance(listener, Monitor):

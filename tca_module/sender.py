@@ -7,6 +7,7 @@ from typing import Any, TypedDict, Unpack, overload
 from tca_module.arguments import (
     blocks,
     check_class,
+    check_constraints,
     check_count,
     check_executable,
     check_flags,
@@ -154,6 +155,7 @@ class Sender(Control):
 
         Raises Refused if one comes too late or would close a circle.
         """
+        check_constraints(constraints)
         if constraints:
             self._connection().call(Constrain(0, list(constraints)), f"constraint {', '.join(map(str, constraints))}")
 
@@ -207,7 +209,7 @@ class Sender(Control):
         maximum: int = 0,
         if_handled: bool = False,
     ) -> tuple[Connection, Request]:
-        check_priority(message, priority)
+        check_priority(name_of(message), priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -334,7 +336,7 @@ class Sender(Control):
 def _check_options(message: Message[Any, Any], options: TaskOptions) -> None:
     what = name_of(message)
     check_known(what, options, TaskOptions.__annotations__)
-    check_priority(message, options.get("priority", 0))
+    check_priority(what, options.get("priority", 0))
     given: dict[str, Any] = {**options}
     check_flags(what, **{name: given[name] for name in _FLAGS if name in given})
     check_seconds(what, **{name: given[name] for name in ("deadline", "delay") if name in given})

@@ -384,5 +384,5 @@ def _check_fields(header: ToCentral) -> None:
         msg = f"{error.object!r:.60} is no text that can be sent"
         raise MisuseError(msg) from None
     if wrong:
-        msg = f"{type(header).__name__} can't be sent: {wrong}"
+        msg = f"what was given can't be sent: {wrong}"
         raise MisuseError(msg)

@@ -10,11 +10,15 @@ from tca_module.arguments import (
     check_class,
     check_count,
     check_handles,
+    check_message,
     check_point,
     check_raised,
     check_scope,
     check_seconds,
+    check_text,
+    check_timeout,
     name_of,
+    name_wanted,
 )
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
@@ -57,6 +61,9 @@ _ROW = (
 )  # fmt: skip
 
 
+_RELATIONS = {"self": "state", "kept": "kept tasks"}
+
+
 class Attached:
     """An exception handler or wiretap that was attached; ``remove()`` takes it away."""
 
@@ -88,7 +95,7 @@ class TaskHandle(Intervals):
         self._end: tuple[Answer, bytes] | None = None  # how it ended, once that has been waited for
 
     def __repr__(self) -> str:
-        return f"task {self.id} '{self.message}'"
+        return f"task {self.id} '{self.message}'" if self.message else f"task {self.id}"
 
     @property
     def id(self) -> TaskId:
@@ -114,6 +121,7 @@ class TaskHandle(Intervals):
         return self._reached(point, timeout)[0].outcome
 
     def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
+        check_timeout(timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
         return self._end
@@ -138,6 +146,7 @@ class TaskHandle(Intervals):
         and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
         """
         what = f"killing {self}"
+        check_text(what, why=why)
         check_seconds(what, delay=delay)
         check_scope(scope)
         if after is not None:
@@ -189,6 +198,11 @@ class TaskHandle(Intervals):
         """Kill what is under the task, and let it be handled again when that, and the exception handler that asks for
         it, has ended. With *message*, which it is, it gets new *data*.
         """
+        if message is not None:
+            check_message(message)
+        elif data is not NOTHING:
+            msg = f"a retry of {self} with new data needs the message, too: retry(MESSAGE, data)"
+            raise MisuseError(msg)
         if message is not None and message.name != self.message:
             msg = f"{self} can't be retried with data of '{message.name}'"
             raise MisuseError(msg)
@@ -231,6 +245,7 @@ class TaskHandle(Intervals):
 
     def data(self, message: Message[D, Any]) -> D:
         """The data with which the task is being done. Raises MisuseError if it has ended or is another message."""
+        check_message(message)
         info = self.info()
         if info is None or info.message != message.name:
             msg = f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
@@ -257,10 +272,9 @@ class TaskHandle(Intervals):
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
         self._check_epoch()
-        name = message.name if isinstance(message, Message) else message or ""
-        header = Inspect(0, self.id, relation, name)
+        header = Inspect(0, self.id, relation, name_wanted(message))
         request = self._connection.request(header, wants_answer=True)
-        what = f"the {relation} of {self}"
+        what = f"the question for the {_RELATIONS.get(relation, relation)} of {self}"
         if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
             self._connection.abandon(request)
             msg = f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s"

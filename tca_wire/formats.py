@@ -86,7 +86,7 @@ class Format(Generic[T]):
         self._encoder = msgspec.msgpack.Encoder(enc_hook=_encode_custom)
 
     def __str__(self) -> str:
-        return getattr(self.kind, "__name__", None) or str(self.kind)
+        return "None" if self.kind is type(None) else getattr(self.kind, "__name__", None) or str(self.kind)
 
     def encode(self, value: T) -> bytes:
         """*value* as bytes. Raises BadData, naming the field, if the receiver could not read it."""
