@@ -21,6 +21,7 @@ from tca_wire.declarations import (
     Query,
     Variable,
 )
+from tca_wire.formats import NO_DATA, first_misfit
 from tca_wire.points import Point
 from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope
 
@@ -89,13 +90,19 @@ def name_wanted(message: Any) -> str:
 def check_handles(failure: Any, handler: Any) -> None:
     """Raise MisuseError for what can't take care of a failure: it would be found out when the failure is there.
 
-    An exception handler gets the failure's data, or none. What it makes of those of any failure (None) is its own
-    affair.
+    An exception handler gets the failure's data, or none. One for any failure (None) must take None: what central
+    raises, such as "timeout", has no data. What it makes of other data than it wants is its own affair.
     """
     if not isinstance(handler, ExceptionHandler):
         msg = f"{handler!r:.60} is no ExceptionHandler: declare the message as one"
         raise MisuseError(msg)
     if failure is None:
+        if first_misfit(NO_DATA, handler.data.schema):
+            msg = (
+                f"{name_of(handler)} wants data of type {handler.data}, and is for any failure, also for those without \
+data, as all of central's: declare it without data, or with {handler.data} | None"
+            )
+            raise MisuseError(msg)
         return
     if not isinstance(failure, Failure):
         msg = f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision', Contact), or None"

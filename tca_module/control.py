@@ -84,8 +84,9 @@ class Control(Knowledge):
         It is called at most *maximum* times (0: any number) for each task that it is attached to. The search goes from
         the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
         message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
-        or none if it is declared without. Raises MisuseError if their types differ; where *failure* is None that shows
-        only when it is called.
+        or none if it is declared without. Raises MisuseError if their types differ. For any failure (None) it must be
+        declared without data, or take None, too: what central raises ("timeout", "module lost", ...) has no data.
+        Where a failure has others than it wants, it fails with "bad data" when it is called.
         """
         if isinstance(of, TaskHandle):
             return of.on_failure(failure, handler, maximum=maximum)

@@ -180,7 +180,8 @@ class TaskHandle(Intervals):
         at most (0: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ.
+        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ, or if it
+        is for any failure and can't do without data.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
