@@ -78,7 +78,17 @@ class _Conditional(Monitor[D]):
     none. Raises BadFormat for one that can't take what it would get.
     """
 
-    def __init__(self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None) -> None:
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
         super().__init__(name, data, [condition, action])
         self._check("condition", condition, (Query,))
         self._check("action", action, _OPTIONAL)
