@@ -7,7 +7,7 @@ from explorer.scenarios import NOTE, STEP, WALK
 
 from tca_explorer import Property, Result, Scenario, Script, Task, achieved, eventually, explore, never_stuck, report
 from tca_explorer.fingerprint import Detail, fingerprint
-from tca_explorer.play import Action, Play
+from tca_explorer.play import Action, Kind, Play
 from tca_module import PollingMonitor, Query
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
@@ -90,6 +90,14 @@ def test_two_who_play_ball_beside_two_who_do() -> None:
     scenario.module("planner").handles(WALK)(hangs)
     scenario.module("walker").does(lambda me: [me.goal(WALK)])
     assert {action.name for action in goes_round(explore(scenario))} == {"here/1", "there/1"}
+
+
+def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
+    """That a module can be lost all the time does not mean that it is."""
+    scenario = looked_at(eventually(lambda world: "battery" not in world.modules))
+    scenario.modules["battery"].may_be_lost = 1
+    circle = goes_round(explore(scenario))
+    assert {action.kind for action in circle} == {Kind.TIME, Kind.STEP}
 
 
 def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
