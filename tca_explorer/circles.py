@@ -156,6 +156,6 @@ def _path(inside: Graph, start: _Node, is_there: Callable[[_Step], bool]) -> lis
                     node, before = came[node]
                     path.append(before)
                 return path[::-1]
-            if step.to != start and step.to not in came:
+            if step.to not in came:
                 came[step.to] = node, step
                 nodes.append(step.to)

@@ -80,7 +80,9 @@ def name_wanted(message: Any) -> str:
     if message is not None and not isinstance(message, str):
         msg = f"{message!r:.60} is no message: give the declaration, its name, or None for all"
         raise MisuseError(msg)
-    check_text("the message asked for", name=message or "")
+    if not _can_be_sent(message or ""):
+        msg = f"{message!r:.60} is no text that can be sent"
+        raise MisuseError(msg)
     return message or ""
 
 
@@ -162,9 +164,13 @@ def check_text(what: str, **texts: Any) -> None:
         if not isinstance(text, str):
             msg = f"{what}: {name}={text!r:.40} is no text"
             raise MisuseError(msg)
-        if not text.isascii() and any("\ud800" <= character <= "\udfff" for character in text):
+        if not _can_be_sent(text):
             msg = f"{what}: {name}={text!r:.40} is no text that can be sent"
             raise MisuseError(msg)
+
+
+def _can_be_sent(text: str) -> bool:
+    return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def checked_name(what: str, name: Any) -> str:

@@ -3,12 +3,24 @@
 from typing import Any
 
 import pytest
-from explorer.scenarios import NOTE, STEP, WALK
+from explorer.scenarios import LIFT, NOTE, STEP, WALK
 
-from tca_explorer import Property, Result, Scenario, Script, Task, achieved, eventually, explore, never_stuck, report
+from tca_explorer import (
+    Property,
+    Result,
+    Scenario,
+    Script,
+    Task,
+    achieved,
+    begun,
+    eventually,
+    explore,
+    never_stuck,
+    report,
+)
 from tca_explorer.fingerprint import Detail, fingerprint
 from tca_explorer.play import Action, Kind, Play
-from tca_module import PollingMonitor, Query
+from tca_module import Outcome, PollingMonitor, Query
 
 IS_LOW: Query[None, bool] = Query("is low", reply=bool)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
@@ -98,6 +110,24 @@ def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
     scenario.modules["battery"].may_be_lost = 1
     circle = goes_round(explore(scenario))
     assert {action.kind for action in circle} == {Kind.TIME, Kind.STEP}
+
+
+def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
+    """A step that is done each time before its deadline: time need not pass, for in between nothing is due."""
+    scenario = Scenario("in time", eventually(begun(LIFT)))
+
+    @scenario.module("ear").handles(NOTE)
+    def on_note(task: Task) -> None:
+        in_time = task.command(STEP, deadline=1.0).wait() is Outcome.DONE
+        if in_time:
+            task.inform(NOTE)
+        else:
+            task.command(LIFT)
+
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    scenario.module("arm").handles(LIFT)(lambda _: None)
+    scenario.module("pinger").does(lambda me: me.inform(NOTE))
+    assert {action.name for action in goes_round(explore(scenario))} == {"ear/1", "legs/1"}
 
 
 def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
