@@ -319,7 +319,7 @@ def test_tasks_that_are_none(task: str, code: int, error: str) -> None:
 
 def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
-    assert tca(kill, "walk", "--in", "1e300")[0] == 1
+    assert tca(kill, "walk", "--in", "1e300")[0] == 2
     assert tca(kill, "walk", "--in", "-1")[0] == 2
     assert "is no number of seconds" in tca(kill, "walk", "--in", "nan")[2]
     assert "one after the other" in tca(kill, "walk", "--siblings", "--descendants")[2]
