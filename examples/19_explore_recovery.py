@@ -6,7 +6,8 @@
 from tca_explorer import Scenario, Script, at_most_in_all, explore, failed, never, never_stuck, report, retried
 from tca_module import Command, ExceptionHandler, Failure, Module, Task
 
-LIFT, COLLISION, HIGHER = Command("lift leg", int), Failure("collision", int), ExceptionHandler("lift it higher", int)
+LIFT, COLLISION = Command("lift leg", int), Failure("collision", int)
+HIGHER: ExceptionHandler[int | None] = ExceptionHandler("lift it higher", int | None)
 
 legs, expert = Module("legs"), Module("expert")
 
@@ -18,9 +19,9 @@ def lift(_: Task, height: int) -> None:
 
 
 @expert.handles(HIGHER)
-def higher(task: Task, height: int) -> None:
+def higher(task: Task, height: int | None) -> None:
     trouble = task.trouble
-    if trouble.failure != COLLISION.name or trouble.attempts > 2:
+    if height is None or trouble.attempts > 2:  # a timeout has no data
         raise trouble.reissue()
     trouble.failing.retry(LIFT, height + 20)
 

@@ -5,10 +5,7 @@ import math
 from enum import StrEnum
 
 from tca_central.errors import RequestError
-from tca_wire.vocabulary import Refusal
-
-LONGEST = 3.2e8
-"""Seconds, ten years: nothing can be asked for later than this."""
+from tca_wire.vocabulary import LONGEST_TIME, Refusal
 
 VOID_TIMERS = 64
 """Cancelled timers that may be kept beyond as many as there are others."""
@@ -86,6 +83,6 @@ class Clock:
 
 def checked_seconds(seconds: float, what: str) -> float:
     """*seconds* as they are. Raises RequestError if they are none that can be waited."""
-    if not (math.isfinite(seconds) and 0 <= seconds <= LONGEST):
-        raise RequestError(Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST:g} s are possible")
+    if not (math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME):
+        raise RequestError(Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST_TIME:g} s are possible")
     return seconds

@@ -1,5 +1,7 @@
 """The hand on the running tree: kills now or later, suspension, deadlines, and what is to be done on termination."""
 
+import msgspec
+
 from tca_central.clock import Due, checked_seconds
 from tca_central.errors import RequestError
 from tca_central.failures import kill, raise_failure
@@ -10,7 +12,7 @@ from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.headers import Accepted
-from tca_wire.points import ROOT, Point, describe_moments
+from tca_wire.points import ROOT, Point, TaskId, describe_moments
 from tca_wire.vocabulary import MessageClass, Refusal, Role, Scope
 
 MOST_PARTING = 100
@@ -63,6 +65,11 @@ def _kill_scope(central: State, task: Task, scope: Scope, why: str) -> None:
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
     """A module ends a task, its descendants or its siblings; now, some time from now, or after a point."""
+    if header.request:
+        header = msgspec.structs.replace(header, task=_sent_with(connection, header.request))
+        if not header.task:  # it has not come, and never will: it would have come before this
+            central.send(connection, header.number, Accepted(header.number))
+            return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
     is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
     task = central.tree.root if is_all else central.tree.task(header.task)
@@ -81,6 +88,12 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
             _check_pending(task)
         ending.met(central, task)
     central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def _sent_with(connection: Connection, request: int) -> TaskId:
+    """The task that came with a request of a connection; 0: none did."""
+    answer, _ = connection.answers.get(request, (None, b""))
+    return TaskId(answer.id if isinstance(answer, Accepted) else 0)
 
 
 def _check_pending(task: Task) -> None:

@@ -16,13 +16,10 @@ from tca_central.state import State
 from tca_wire import facts
 from tca_wire.parts import HandlerFormat
 from tca_wire.routes import MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
-from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
+from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Refusal
 
 DIRECT = frozenset({MessageClass.INFORM, MessageClass.QUERY})
 """Classes of messages that may go directly: tasks belong into the tree, and the others go to many."""
-
-LONGEST_TIME = 3.2e8
-"""Seconds."""
 
 
 def check_entrance(entrance: Entrance) -> None:

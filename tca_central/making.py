@@ -9,6 +9,7 @@ from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts
 from tca_wire.constraints import Flags
+from tca_wire.formats import NIL, NO_DATA
 from tca_wire.headers import Suspended
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Role
@@ -70,6 +71,11 @@ def make(
     if message.message_class.is_task:
         return make_task(central, message, body, parent, role, context=context)
     return make_statement(central, message, body, role, about=parent, context=context)
+
+
+def data_for(message: MessageType, body: bytes) -> bytes:
+    """What a message gets of data that it may not want: none if it is declared without."""
+    return NIL if message.format.data == NO_DATA else body
 
 
 def at_birth(task: Task) -> list[facts.Fact]:

@@ -2,26 +2,28 @@
 
 A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every period. A *demon
 monitor* has something set up, and is fired by a module. A condition that holds, or a fire, sends the action under the
-monitor: with the condition's reply as its data, or the monitor's own where the reply is only true. A polling or demon
-monitor ends after so many actions, so many seconds, at a point, or when all else under its parent has ended.
+monitor: with the condition's reply as its data, or the monitor's own where the reply is only true. What is declared
+without data gets none. A polling or demon monitor ends after so many actions, so many seconds, at a point, or when all
+else under its parent has ended.
 """
 
 from tca_central.clock import Due
 from tca_central.errors import RequestError
 from tca_central.failures import fail_task, raise_failure
 from tca_central.intervals import DELIVERED
-from tca_central.making import make, make_delivery
+from tca_central.making import data_for, make, make_delivery
 from tca_central.registry import Connection
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_central.watching import Watch, end_watch, stop
 from tca_wire import facts, headers
+from tca_wire.formats import NIL
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import MessageFormat
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
 
-NIL, FALSE, TRUE = b"\xc0", b"\xc2", b"\xc3"  # None, False and True as MessagePack
+FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
 
 _FIRST, _ACTION = 0, 1  # which part of a monitor
 
@@ -72,7 +74,7 @@ def start(central: State, task: Task) -> None:
         return
     if message_class is MessageClass.DEMON_MONITOR:
         if (set_up := watch.parts[_FIRST]) is not None:
-            make(central, set_up, task.body, task, Role.SET_UP, context=watch)
+            make(central, set_up, data_for(set_up, task.body), task, Role.SET_UP, context=watch)
     elif message_class is MessageClass.POLLING_MONITOR and options.initial_wait:
         _test_later(central, watch)
     else:
@@ -128,7 +130,7 @@ def _test(central: State, watch: Watch) -> None:
             stop(central, watch, "its condition could not be asked")
             fail_task(central, task, Failure("overload", f"too many messages wait for the handler of '{query.name}'"))
         return
-    asked = make_delivery(central, query, task.body, Role.CONDITION, about=task, context=watch)
+    asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
     watch.condition = asked
     central.asked[asked.id] = watch
     central.dispatcher.route(asked)
@@ -166,7 +168,7 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
     watch.fires += 1
     action = watch.parts[_ACTION]
     if action is not None:
-        make(central, action, body, watch.task, Role.ACTION, context=watch)
+        make(central, action, data_for(action, body), watch.task, Role.ACTION, context=watch)
     if watch.fires == options.maximum:
         end_watch(central, watch, f"it has sent {watch.fires} actions")
 

@@ -28,13 +28,13 @@ from tca_central.intervals import (
     SUCCESS,
     delivered_at,
 )
-from tca_central.making import make_statement, make_task
+from tca_central.making import data_for, make_statement, make_task
 from tca_central.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.state import State, involved
 from tca_central.task_tree import Task, taps_of
 from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself
 from tca_wire import facts, headers
-from tca_wire.formats import first_difference
+from tca_wire.formats import NO_DATA, first_difference
 from tca_wire.headers import Accepted
 from tca_wire.parts import Tapped, WatchOptions
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
@@ -42,9 +42,6 @@ from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
 MOST_TAPS = 1000
 """Wiretaps of one message or task."""
-
-NO_DATA = '{"type":"null"}'
-NIL = b"\xc0"  # None as MessagePack
 
 
 class _Rule(NamedTuple):
@@ -254,8 +251,7 @@ def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery |
     if not message.handlers and not message.message_class.is_monitor:
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
-    if message.format.data == NO_DATA:
-        body = NIL
+    body = data_for(message, body)
     made: Delivery
     if message.message_class.is_task:
         made = _make_task(central, tap, tapped, body)

@@ -3,7 +3,7 @@
 from tca_central.clock import Timer, checked_seconds
 from tca_central.errors import RequestError
 from tca_central.intervals import RETURNED
-from tca_central.making import make
+from tca_central.making import data_for, make
 from tca_central.registry import Delivery, MessageType
 from tca_central.state import State, involved
 from tca_central.task_tree import Task
@@ -105,7 +105,7 @@ def stop(central: State, watch: Watch, why: str) -> None:
     central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
     central.agenda.happened.append((watch.task, RETURNED))
     if watch.task.message.message_class is MessageClass.DEMON_MONITOR and (cancel := watch.parts[_CANCEL]) is not None:
-        make(central, cancel, watch.task.body, watch.task, Role.CANCEL, context=watch)
+        make(central, cancel, data_for(cancel, watch.task.body), watch.task, Role.CANCEL, context=watch)
 
 
 def end_watch(central: State, watch: Watch, why: str) -> None:

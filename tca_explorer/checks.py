@@ -1,5 +1,7 @@
 """What users give to a scenario, checked where they write it: each ScenarioError says what, which and what fits."""
 
+from collections.abc import Collection
+from difflib import get_close_matches
 from typing import Any
 
 from tca_explorer.errors import ScenarioError
@@ -22,6 +24,12 @@ def checked_name(name: Any, what: str) -> str:
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
         raise ScenarioError(f"{name!r:.60} is no name of {what}: give printable characters")
     return name
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """The names that somebody may have meant, for the end of a message."""
+    near = ", ".join(f"'{one}'" for one in get_close_matches(name, sorted(known)))
+    return f"did you mean {near}?" if near else f"there are {', '.join(map(repr, sorted(known))) or 'none'}"
 
 
 def checked_flag(flag: Any, what: str) -> bool:

@@ -138,7 +138,7 @@ def _round(inside: Graph, start: _Node, states: list[State]) -> list[Way]:
             ways.append(step.way)
             here = step.to
             left_out = (left_out & _possible(states[here.state])) - {_fair(step.way.action)}
-    if here != start or not ways:
+    if here != start:
         ways += [step.way for step in _path(inside, here, lambda step: step.to == start)]
     return ways
 
@@ -156,6 +156,6 @@ def _path(inside: Graph, start: _Node, is_there: Callable[[_Step], bool]) -> lis
                     node, before = came[node]
                     path.append(before)
                 return path[::-1]
-            if step.to != start and step.to not in came:
+            if step.to not in came:
                 came[step.to] = node, step
                 nodes.append(step.to)

@@ -9,6 +9,7 @@ from tca_central.invariants import check_invariants
 from tca_explorer import circles
 from tca_explorer.checks import checked_number
 from tca_explorer.errors import CentralFault, ScenarioError
+from tca_explorer.existing import check_messages, check_modules, missing_in
 from tca_explorer.fingerprint import Detail, recognised
 from tca_explorer.play import Action, Play
 from tca_explorer.properties import NeverStuck, Property, checked_properties
@@ -42,6 +43,7 @@ def explore(
         raise ScenarioError(f"explore() takes a Scenario, and {scenario!r:.60} is none")
     checked_number(limit, "explore(limit=...)", least=1)
     judged = (*scenario.properties, *checked_properties(properties))
+    check_modules(scenario, judged)
     detail = Detail()
     while True:
         exploration = _Exploration(scenario, judged, limit, detail, watch)
@@ -73,6 +75,7 @@ class _Exploration:
         self.ends = 0
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
+        self.used = set(scenario.messages())  #: the messages that are handled, or were used so far
         self.without_case = set(range(len(properties)))  #: the properties for which there was nothing to judge so far
 
     def run(self) -> Result:
@@ -88,6 +91,8 @@ class _Exploration:
         longest = _longest_way(states) if is_complete else None
         if is_complete and longest is None:
             violation = self._go_round(states)
+        if is_complete:
+            check_messages(self.scenario, self.properties, self.used)
         vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
         return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
                       tuple(f"'{one}': there never is '{one.case}'" for one in vacuous))  # fmt: skip
@@ -150,6 +155,7 @@ class _Exploration:
             check_invariants(play.central)
         except AssertionError as error:
             return Violation("central's own invariants", str(error), state.actions())
+        self.used.update(play.central.registry.messages)
         self.known[key] = state
         self.frontier.append(state)
         if self.saved < KEPT_BYTES:
@@ -186,6 +192,7 @@ class _Exploration:
             if isinstance(one, NeverStuck) and left:
                 return Violation(str(one), f"nothing further need happen, and this is left:{left}", state.actions())
             if one.is_owed(memory):
+                left += "".join(f"\n{words}" for words in missing_in(one, self.used))
                 return Violation(str(one), f"nothing further need happen, and it never did{left}", state.actions())
         return None
 

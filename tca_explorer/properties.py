@@ -9,11 +9,11 @@ from typing import Any
 
 from msgspec import UNSET
 
-from tca_central.clock import LONGEST
-from tca_explorer.checks import checked_number
+from tca_explorer.checks import checked_name, checked_number
 from tca_explorer.errors import ScenarioError
 from tca_explorer.world import Seen, World, shown
 from tca_wire.declarations import Message
+from tca_wire.vocabulary import LONGEST_TIME
 
 Predicate = Callable[[World], object]
 
@@ -33,6 +33,11 @@ class Property:
 
     def __repr__(self) -> str:
         return self.words
+
+    @property
+    def named(self) -> list["Those"]:
+        """The ready-made predicates that it is made of: they name messages and modules."""
+        return [one for one in self.predicates if isinstance(one, Those)]
 
     def seen(self, world: World, memory: int) -> tuple[int, str]:
         """After an action: what to remember, and what is wrong ("": nothing)."""
@@ -208,8 +213,8 @@ def within(seconds: float, first: Predicate, second: Predicate) -> Property:
     until something is due. *first* should be true for a moment, such as ``sent``, or end.
     """
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
-    if not (is_number and 0 <= seconds <= LONGEST):
-        raise ScenarioError(f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST:g}")
+    if not (is_number and 0 <= seconds <= LONGEST_TIME):
+        raise ScenarioError(f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST_TIME:g}")
     return _Within(f"{_name(second)} within {seconds:g} s of {_name(first)}", first, second, seconds)
 
 
@@ -224,10 +229,12 @@ def never_stuck() -> Property:
 
 
 class Those:
-    """The predicate that finds the messages under way for which a test holds."""
+    """The predicate that finds the messages under way for which a test holds: those of a *message*, or a *module*."""
 
-    def __init__(self, words: str, test: Callable[[Seen], bool]) -> None:
+    def __init__(self, words: str, test: Callable[[Seen], bool], *, message: str = "", module: str = "") -> None:
         self.words = words
+        self.message = message  #: which it names, if it does
+        self.module = module
         self._test = test
 
     def __call__(self, world: World) -> list[Seen]:
@@ -236,10 +243,14 @@ class Those:
 
 
 def _those(state: str, message: Message[Any, Any], data: Any, test: Callable[[Seen], bool]) -> Those:
+    if not isinstance(message, Message):
+        raise ScenarioError(f"{state.replace(' ', '_')}() takes a message (Goal, Command, ...), and {message!r:.60} is "
+                            "none: give its declaration")  # fmt: skip
     name = message.name
     if data is UNSET:
-        return Those(f"{name} {state}", lambda seen: seen.message == name and test(seen))
-    return Those(f"{name} {data!r} {state}", lambda seen: seen.message == name and test(seen) and seen.data == data)
+        return Those(f"{name} {state}", lambda seen: seen.message == name and test(seen), message=name)
+    return Those(f"{name} {data!r} {state}",
+                 lambda seen: seen.message == name and test(seen) and seen.data == data, message=name)  # fmt: skip
 
 
 def begun(message: Message[Any, Any], data: Any = UNSET) -> Those:
@@ -315,8 +326,11 @@ def retried(message: Message[Any, Any], data: Any = UNSET) -> Those:
 
 
 def handled_by(module: str) -> Those:
-    """Messages of any name that handlers of *module* have now."""
-    return Those(f"handled by {module}", lambda seen: seen.module == module)
+    """Messages of any name that handlers of *module* have now. A run of it that joins before the connections of the
+    one before have all ended is called "base#2", as in central, and is another module.
+    """
+    checked_name(module, "a module")
+    return Those(f"handled by {module}", lambda seen: seen.module == module, module=module)
 
 
 def _number(found: object) -> int:

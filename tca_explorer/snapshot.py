@@ -57,8 +57,8 @@ class _Pickler(pickle.Pickler):
             return kind, (int(thing),)
         if kind is MethodType:
             return _method, (thing.__func__, thing.__self__)
-        if kind is FunctionType and _has_state(thing):
-            cells = tuple(cell.cell_contents for cell in thing.__closure__ or ())
+        if kind is FunctionType and thing.__closure__ is not None:  # it knows something of its central
+            cells = tuple(cell.cell_contents for cell in thing.__closure__)
             return _function, (thing.__code__, thing.__module__, cells, thing.__defaults__)
         if isinstance(thing, _SHARED) and thing not in _OURS:
             self._shared[id(thing)] = thing
@@ -76,11 +76,6 @@ def _known(number: int) -> Any:
 
 def _method(function: FunctionType, thing: Any) -> MethodType:
     return MethodType(function, thing)
-
-
-def _has_state(function: FunctionType) -> bool:
-    """Whether a function knows something of its central."""
-    return function.__closure__ is not None and function.__module__.startswith("tca_central.")
 
 
 def _function(code: CodeType, module: str, contents: tuple[Any, ...], defaults: Any) -> FunctionType:

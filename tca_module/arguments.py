@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Collection, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any, TypeGuard
 
 from tca_module.errors import MisuseError
@@ -20,8 +21,9 @@ from tca_wire.declarations import (
     Query,
     Variable,
 )
+from tca_wire.formats import NO_DATA, first_misfit
 from tca_wire.points import Point
-from tca_wire.vocabulary import Scope
+from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope
 
 BRIEF = 1.0
 """Seconds: a wait that is to be shorter ends soon by itself, and is no deadlock."""
@@ -71,19 +73,38 @@ def check_executable(message: Any) -> None:
         raise MisuseError(msg)
 
 
+def name_wanted(message: Any) -> str:
+    """The name of the messages that are asked for: of a message, a name, or None, which is all of them ("")."""
+    if isinstance(message, Message):
+        return message.name
+    if message is not None and not isinstance(message, str):
+        msg = f"{message!r:.60} is no message: give the declaration, its name, or None for all"
+        raise MisuseError(msg)
+    if not _can_be_sent(message or ""):
+        msg = f"{message!r:.60} is no text that can be sent"
+        raise MisuseError(msg)
+    return message or ""
+
+
 # --- failures --------------------------------------------------------------------------------------------------------
 
 
 def check_handles(failure: Any, handler: Any) -> None:
     """Raise MisuseError for what can't take care of a failure: it would be found out when the failure is there.
 
-    An exception handler gets the failure's data, or none. What it makes of those of any failure (None) is its own
-    affair.
+    An exception handler gets the failure's data, or none. One for any failure (None) must take None: what central
+    raises, such as "timeout", has no data. What it makes of other data than it wants is its own affair.
     """
     if not isinstance(handler, ExceptionHandler):
         msg = f"{handler!r:.60} is no ExceptionHandler: declare the message as one"
         raise MisuseError(msg)
     if failure is None:
+        if first_misfit(NO_DATA, handler.data.schema):
+            msg = (
+                f"{name_of(handler)} wants data of type {handler.data}, and is for any failure, also for those without \
+data, as all of central's: declare it without data, or with {handler.data} | None"
+            )
+            raise MisuseError(msg)
         return
     if not isinstance(failure, Failure):
         msg = f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision', Contact), or None"
@@ -127,10 +148,6 @@ def is_whole(value: Any) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def check_known(what: str, options: Mapping[str, object], known: Collection[str]) -> None:
     """Raise MisuseError for an option that there is not."""
     if unknown := sorted(options.keys() - set(known)):
@@ -146,11 +163,38 @@ def check_flags(what: str, **flags: Any) -> None:
             raise MisuseError(msg)
 
 
+def check_text(what: str, **texts: Any) -> None:
+    """Raise MisuseError for what is no text, or holds half a character, as Python makes them of names of files."""
+    for name, text in texts.items():
+        if not isinstance(text, str):
+            msg = f"{what}: {name}={text!r:.40} is no text"
+            raise MisuseError(msg)
+        if not _can_be_sent(text):
+            msg = f"{what}: {name}={text!r:.40} is no text that can be sent"
+            raise MisuseError(msg)
+
+
+def _can_be_sent(text: str) -> bool:
+    return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
+
+
+def checked_name(what: str, name: Any) -> str:
+    """*name*, if modules and resources may be called so. Raises MisuseError."""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > Limit.NAME:
+        msg = f"{name!r:.60} is no {what} name: 1 to {Limit.NAME:d} printable characters are"
+        raise MisuseError(msg)
+    return name
+
+
+def _is_seconds(seconds: Any) -> bool:
+    return isinstance(seconds, int | float) and not isinstance(seconds, bool) and seconds >= 0
+
+
 def check_seconds(what: str, **times: Any) -> None:
-    """Raise MisuseError for what is no number of seconds."""
+    """Raise MisuseError for what is no number of seconds, or more than ten years."""
     for name, seconds in times.items():
-        if not _is_number(seconds) or not seconds >= 0:
-            msg = f"{what}: {name}={seconds!r:.40} is no time: give seconds, 0 or more"
+        if not _is_seconds(seconds) or seconds > LONGEST_TIME:
+            msg = f"{what}: {name}={seconds!r:.40} is no time: give seconds, 0 or more, at most {LONGEST_TIME:g}"
             raise MisuseError(msg)
 
 
@@ -185,6 +229,37 @@ def check_point(point: Any) -> None:
     """Raise MisuseError for what is no point of a task."""
     if not isinstance(point, Point):
         msg = f"{point!r:.60} is no point of a task: task.achieving.end is one"
+        raise MisuseError(msg)
+
+
+def check_constraints(constraints: Any) -> None:
+    """Raise MisuseError for what is no constraint."""
+    for constraint in constraints:
+        if not isinstance(constraint, Constraint):
+            msg = f"{constraint!r:.60} is no constraint: write first.achieving.end <= second.achieving.start"
+            raise MisuseError(msg)
+
+
+def check_number(what: str, number: Any) -> None:
+    """Raise MisuseError for what is no number of a task."""
+    if not is_whole(number) or not 0 <= number < 2**63:
+        msg = f"{what} takes the number of a task, as in the journal, and {number!r:.40} is none"
+        raise MisuseError(msg)
+
+
+def check_condition(condition: Any) -> None:
+    """Raise MisuseError for what says not when a wiretap sends its listener."""
+    if condition not in tuple(Condition):
+        near = get_close_matches(str(condition), tuple(Condition), 1, 0) if isinstance(condition, str) else []
+        known = Condition(near[0]) if near else Condition.BEFORE_HANDLING
+        msg = f"condition={condition!r:.40} is none: Condition.{known.name} is one"
+        raise MisuseError(msg)
+
+
+def check_topic(topic: Any, known: Collection[str]) -> None:
+    """Raise MisuseError for what central has nothing to say of."""
+    if topic not in tuple(known):
+        msg = f"status() of topic={topic!r:.40} can't be asked: {', '.join(known)} can"
         raise MisuseError(msg)
 
 
@@ -229,10 +304,10 @@ def check_function(what: str, function: Any, wanted: str) -> None:
         raise MisuseError(msg)
 
 
-def check_priority(message: Message[Any, Any], priority: Any) -> None:
+def check_priority(what: str, priority: Any) -> None:
     """Raise MisuseError for a priority that can't be."""
     if not is_whole(priority) or abs(priority) > HIGHEST_PRIORITY:
-        msg = f"{name_of(message)} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
+        msg = f"{what} can't have priority {priority!r}: whole numbers up to {HIGHEST_PRIORITY} can be"
         raise MisuseError(msg)
 
 
@@ -246,9 +321,26 @@ def listed(constraints: Any) -> Sequence[Constraint]:
 
 def check_timeout(timeout: Any) -> None:
     """Raise MisuseError for what is neither seconds nor None."""
-    if timeout is not None and not (_is_number(timeout) and timeout >= 0):
+    if timeout is not None and not _is_seconds(timeout):
         msg = f"timeout={timeout!r:.40} is no time to wait: give seconds, 0 or more, or None to wait for ever"
         raise MisuseError(msg)
+
+
+def check_patience(patience: Any) -> None:
+    """Raise MisuseError for what is no time to wait for central."""
+    if not _is_seconds(patience):
+        msg = f"patience={patience!r:.40} is no time to wait for central: give seconds, 0 or more"
+        raise MisuseError(msg)
+
+
+def check_central(central: Any) -> None:
+    """Raise MisuseError for what is no place where central could be."""
+    if central is None or hasattr(central, "transport"):
+        return
+    if not isinstance(central, str):
+        msg = f"central={central!r:.60} is no address: give one such as 'tcp://rover:7400', a LocalCentral, or None"
+        raise MisuseError(msg)
+    check_text("where central is", central=central)
 
 
 def blocks(timeout: float | None) -> bool:

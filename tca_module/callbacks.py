@@ -195,7 +195,7 @@ def _checked_file(source: Any) -> int:
     except (AttributeError, OSError, ValueError) as error:
         msg = f"{source!r:.60} is no open file to wait for ({error}): a socket, a pipe, or the number of a file is"
         raise MisuseError(msg) from None
-    if not isinstance(file, int) or file < 0:
+    if isinstance(file, bool) or not isinstance(file, int) or not 0 <= file < 2**31:
         msg = f"{source!r:.60} is no open file to wait for: its number is {file!r:.20}"
         raise MisuseError(msg)
     return file

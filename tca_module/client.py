@@ -6,10 +6,11 @@ import socket
 from collections.abc import Callable, Iterable
 from secrets import token_hex
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self, get_args
 
 import msgspec
 
+from tca_module.arguments import check_central, check_patience, check_topic, checked_name
 from tca_module.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
 from tca_module.direct import Direct, Door
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
@@ -42,6 +43,7 @@ def open_connection(
 
     It takes the messages *direct* from their senders, too, without central.
     """
+    check_central(central)
     if central is None or isinstance(central, str):
         connection = _connection_by_socket(central or default_endpoint(), hello, patience, list(direct))
     else:
@@ -79,14 +81,6 @@ def new_incarnation() -> str:
     return token_hex(8)
 
 
-def checked_module_name(name: str) -> str:
-    """*name*, if modules may be called so. Raises MisuseError."""
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 128:
-        msg = f"{name!r:.60} is no module name: 1 to 128 printable characters are"
-        raise MisuseError(msg)
-    return name
-
-
 class Client(Sender):
     """A connection of a program that handles nothing; what it sends hangs under the root. For one thread."""
 
@@ -111,6 +105,7 @@ class Client(Sender):
 
         Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
         """
+        check_topic(topic, get_args(Topic))
         connection = self._connection()
         request = connection.request(Ask(0, topic), wants_answer=True)
         if not connection.wait(request, timeout, f"the question for {topic}"):
@@ -147,7 +142,8 @@ def connect(name: str = "script", central: CentralAddress = None, patience: floa
     Raises CentralLost if none answers in *patience* seconds: in a script that nobody catches it ends the program with
     one line and exit code 1.
     """
-    greeting = hello(checked_module_name(name), new_incarnation())
+    check_patience(patience)
+    greeting = hello(checked_name("module", name), new_incarnation())
     try:
         return Client(open_connection(central, greeting, patience))
     except CentralLost as error:

@@ -128,7 +128,7 @@ class Connection:
             if not self.wait(request, within, what):
                 self.abandon(request)
                 msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
-is alive: it is overloaded; whether it took the request is not known"
+is alive: it is overloaded; {what} {self._fate(request)}"
                 raise Timeout(msg)
             return request.accepted or 0
 
@@ -162,10 +162,10 @@ is alive: it is overloaded; whether it took the request is not known"
                 check_timeout(timeout)
                 came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
             except CentralLost as error:
-                session.abandon(request)
-                raise CentralLost(f"{error}; {what} may yet be done, if central had heard of it") from None
+                self.abandon(request)
+                raise CentralLost(f"{error}; {what} {self._fate(request)}") from None
             except BaseException:
-                session.abandon(request)
+                self.abandon(request)
                 raise
             if came and not is_done():
                 session.tell(getattr(request.header, "origin", 0))
@@ -173,6 +173,12 @@ is alive: it is overloaded; whether it took the request is not known"
                 raise Stopped(f"module '{session.module}' ends: {what} is not waited for any more")
             _check(request, what)
             return came
+
+    def _fate(self, request: Request) -> str:
+        """What becomes of a request that was given up."""
+        if self.session.is_recalled(request.header):
+            return "is killed as soon as central answers, if it had heard of it"
+        return "may yet be done, if central had heard of it"
 
     def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
         """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
@@ -266,6 +272,7 @@ is alive: it is overloaded; whether it took the request is not known"
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait, and call what is to be called meanwhile; whether *is_over*. Raises CentralLost."""
         self._check_thread()
+        check_timeout(timeout)
         with self._lock:
             if self._is_calling_back:
                 msg = "a callback waits for another one: they are called one after the other"

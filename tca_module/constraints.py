@@ -5,6 +5,7 @@
     task.goal(REST, constraints=[leg.handling.end <= this.planning.start])
 """
 
+from tca_module.arguments import check_point, check_seconds
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
 from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
@@ -25,21 +26,33 @@ class LaterPoint:
     def __init__(self, point: Point, seconds: float) -> None:
         self.point, self.seconds = point, seconds
 
+    def __repr__(self) -> str:
+        return f"{self.point} + {self.seconds:g} s"
+
     def __le__(self, other: Point) -> Order:
-        return Order(self.point, other, self.seconds)
+        return Order(self.point, _checked(other), self.seconds)
 
 
 class TaskPoint(Point, frozen=True):
     """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is 2.5 s later."""
 
     def __add__(self, seconds: float) -> LaterPoint:
+        check_seconds(f"{self} + seconds", seconds=seconds)
         return LaterPoint(self, seconds)
 
     def __le__(self, other: Point) -> Order:
-        return Order(self, other)
+        return Order(self, _checked(other))
 
-    def __ge__(self, other: Point) -> Order:
-        return Order(other, self)
+    def __ge__(self, other: Point | LaterPoint) -> Order:
+        return other <= self if isinstance(other, LaterPoint) else Order(_checked(other), self)
+
+
+def _checked(point: Point) -> Point:
+    if isinstance(point, LaterPoint):
+        msg = f"nothing can be before {point}: write a + seconds <= b, the seconds with the point that comes first"
+        raise MisuseError(msg)
+    check_point(point)
+    return point
 
 
 class Span:

@@ -5,8 +5,11 @@ from typing import Any, TypedDict, Unpack
 from tca_module.arguments import (
     check_attachable,
     check_class,
+    check_condition,
     check_known,
+    check_message,
     check_monitor_options,
+    check_number,
     listed,
     name_of,
 )
@@ -59,6 +62,7 @@ class Control(Knowledge):
 
     def task(self, task_id: int) -> TaskHandle | None:
         """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
+        check_number("task()", task_id)
         info = TaskHandle(self._connection(), "", TaskId(task_id)).info()
         return TaskHandle(self._connection(), info.message, info.id, self._origin) if info is not None else None
 
@@ -80,9 +84,11 @@ class Control(Knowledge):
         It is called at most *maximum* times (None: any number) for each task that it is attached to. The search goes
         from the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
         message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
-        or none if it is declared without. Raises MisuseError if their types differ; where *failure* is None that shows
-        only when it is called. The same *failure* and *handler*, attached to the same place once more by this module,
-        take the place of the first, as the newest; to remove the first then does nothing.
+        or none if it is declared without. Raises MisuseError if their types differ. For any failure (None) it must be
+        declared without data, or take None, too: what central raises ("timeout", "module lost", ...) has no data.
+        Where a failure has others than it wants, it fails with "bad data" when it is called. The same *failure* and
+        *handler*, attached to the same place once more by this module, take the place of the first, as the newest; to
+        remove the first then does nothing.
         """
         if isinstance(of, TaskHandle):
             return of.on_failure(failure, handler, maximum=maximum)
@@ -113,6 +119,8 @@ class Control(Knowledge):
         place of the older. Raises Refused ("too late") where that is past of a task: what is done already is watched
         with ``under(task).monitor()``.
         """
+        check_condition(condition)
+        check_message(listener)
         parts: list[Message[Any, Any]] = []
         watch = None
         if isinstance(listener, Monitor):

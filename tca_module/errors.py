@@ -52,8 +52,8 @@ class Deadlock(Refused):
 
 
 class CentralLost(TcaError):
-    """Central does not answer, or was restarted. What was asked of it may yet be done: it may have heard of it, and do
-    it when it goes on. Look for the task (``tasks()``) before you ask again.
+    """Central does not answer, or was restarted. It may have heard what was asked of it, and goes on with that when it
+    goes on itself: a goal, command or monitor is killed then, as soon as this program is heard again; all else is done.
     """
 
 

@@ -5,12 +5,13 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.arguments import check_flags, is_whole, name_of
+from tca_module.arguments import check_flags, check_text, checked_name, is_whole, name_of
 from tca_module.errors import NIL, MisuseError, TaskKilled
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
 from tca_module.task import Task
+from tca_wire.controls import Monitor
 from tca_wire.declarations import D, Inform, Message, Query, R, Variable
 from tca_wire.errors import BadData
 from tca_wire.headers import Fail, Reply
@@ -70,9 +71,13 @@ class Handler:
         if not isinstance(message, Message):
             msg = f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none"
             raise MisuseError(msg)
+        if isinstance(message, Monitor):
+            msg = f"{name_of(message)} can't be handled: central carries it out; handle the messages that it sends"
+            raise MisuseError(msg)
+        check_text(name_of(message), pool=pool)
         self.message = message
         self.function = function
-        self.resource = resource
+        self.resource = checked_name("resource", resource)
         self.pool = pool
         self.pending = self._checked_pending(pending)
         self.direct = self._checked_direct(direct=direct)
@@ -111,6 +116,9 @@ class Handler:
         """How many arguments the function takes: task and data, or the task alone where there is no data."""
         what = f"handler {self.name} of {self.message.message_class} '{self.message.name}'"
         has_data = self.message.data.kind is not type(None)
+        if not callable(self.function):
+            msg = f"{self.function!r:.60} is no handler of {name_of(self.message)}: decorate a function"
+            raise MisuseError(msg)
         # Without data one argument comes first: a second one with a default is the author's own.
         arguments = arguments_taken(self.function, (2,) if has_data else (1, 2))
         if arguments is not None:

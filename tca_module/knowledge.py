@@ -6,7 +6,7 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
-from tca_module.arguments import blocks
+from tca_module.arguments import blocks, check_flags, check_priority, check_seconds, check_text
 from tca_module.claim import Claim
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
@@ -45,6 +45,7 @@ class Knowledge:
         Raises BadData if *value* does not fit, Refused if the values of all variables would be too large.
         """
         _check_variable("set_variable", variable)
+        check_flags("set_variable()", wait=wait)
         body = variable.encode_data(value)
         connection = self._declare(variable)
         header = SetVariable(0, variable.name, self._origin)
@@ -115,10 +116,15 @@ class Knowledge:
 
         For operators: a handler releases what it has itself. Who had it is not told (TCA 8.5: ``unlock``).
         """
+        check_text("unlock()", resource=resource, module=module)
         return bool(self._connection().call(Unlock(0, resource, module), f"unlocking resource '{resource}'"))
 
     def _claim(self, resource: str, module: str, timeout: float | None, priority: int, *, reserve: bool) -> Claim:
+        call = "reserve()" if reserve else "lock()"
+        check_text(call, resource=resource, module=module)
+        check_priority(call, priority)
         blocking = blocks(timeout)
+        check_seconds(call, timeout=timeout or 0)
         seconds = -1 if timeout is None else timeout
         header = Lock(0, resource, module, reserve, self._origin, seconds, priority, blocking)
         claim = Claim(self._connection(), header)
@@ -142,6 +148,7 @@ class Knowledge:
 
         Raises NotDeclared if there is none, MisuseError for a monitor, which has more to it than its name.
         """
+        check_text("declared()", name=name)
         known = msgspec.msgpack.decode(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
         found = next((message for message in known if message["message"] == name), None)
         if found is None:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
-from tca_module.arguments import is_whole
+from tca_module.arguments import check_central, check_flags, check_function, check_patience, checked_name, is_whole
 from tca_module.callbacks import Callback, Callbacks, HasFileno
-from tca_module.client import CentralAddress, checked_module_name, hello, new_incarnation, open_connection
+from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.connection import PATIENCE, Connection
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped, TcaError
 from tca_module.handlers import Declare, DeclareWithoutData, Handler
@@ -53,7 +53,8 @@ class Module(Sender):
     ) -> None:  # fmt: skip
         super().__init__()
         self._required = _checked_messages(name, requires)
-        self.name = checked_module_name(name)
+        self.name = checked_name("module", name)
+        check_central(central)
         self.central = central
         self._resources = {name: _checked_capacity(name, capacity)}
         self._handlers: dict[str, Handler] = {}
@@ -76,6 +77,7 @@ class Module(Sender):
         A handler names it with ``resource=``; the others belong to the module's own resource, with its capacity.
         """
         self._check_not_running("resource()")
+        checked_name("resource", name)
         self._resources[name] = _checked_capacity(name, capacity)
         return name
 
@@ -122,6 +124,7 @@ class Module(Sender):
         An error in it ends the module. It is not called again when central was restarted.
         """
         self._check_not_running("at_start()")
+        check_function("at_start()", function, "(module)")
         self._first.append(function)
         return function
 
@@ -165,6 +168,7 @@ class Module(Sender):
         return self._called_by(resource).on_readable(source, function)
 
     def _called_by(self, resource: str) -> Callbacks:
+        checked_name("resource", resource or CALLBACKS)
         if self._link is None:
             self._resources.setdefault(resource or CALLBACKS, 1)
         return self._slots.callbacks(resource or CALLBACKS)
@@ -232,6 +236,8 @@ class Module(Sender):
         self._stop.clear()
 
     def _begin(self, patience: float, *, reconnect: bool) -> None:
+        check_patience(patience)
+        check_flags(f"module '{self.name}'", reconnect=reconnect)
         incarnation = new_incarnation()
         greeting = hello(self.name, incarnation)
         self._link = link = open_connection(self.central, greeting, patience, self._stop.is_set)

@@ -38,7 +38,7 @@ def check_options(message: Message[Any, Any], options: TaskOptions) -> None:
     """Raise MisuseError for options that the message can't have."""
     what = name_of(message)
     check_known(what, options, TaskOptions.__annotations__)
-    check_priority(message, options.get("priority", 0))
+    check_priority(what, options.get("priority", 0))
     given: dict[str, Any] = {**options}
     check_flags(what, **{name: given[name] for name in _FLAGS if name in given})
     check_seconds(what, delay=options.get("delay", 0))

@@ -4,6 +4,7 @@ A block (``sequence``, ``parallel``) is one element of the block around it. Each
 it begins, and *last* tasks, whose ends are its end. Knows task ids only; nothing of messages or connections.
 """
 
+import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -103,7 +104,7 @@ class Ordering:
     @contextmanager
     def sequence(self, ahead: int | None = None) -> Iterator[None]:
         """A block of children, each after the one before."""
-        if ahead is not None and (not is_whole(ahead) or ahead < 0):
+        if ahead is not None and not (is_whole(ahead) and 0 <= ahead <= sys.maxsize):
             msg = f"plan_ahead={ahead!r} is no number of siblings: 0, 1, 2, ... or None (no bound) are"
             raise MisuseError(msg)
         with self._inside(_Sequence(self._blocks[-1], ahead)):

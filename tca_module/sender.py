@@ -7,6 +7,7 @@ from typing import Any, Unpack, overload
 from tca_module.arguments import (
     blocks,
     check_class,
+    check_constraints,
     check_executable,
     check_function,
     check_priority,
@@ -144,6 +145,7 @@ class Sender(Control):
 
         Raises Refused if one comes too late or would close a circle.
         """
+        check_constraints(constraints)
         if constraints:
             self._connection().call(Constrain(0, list(constraints)), f"constraint {', '.join(map(str, constraints))}")
 
@@ -197,7 +199,7 @@ class Sender(Control):
         maximum: int = 0,
         if_handled: bool = False,
     ) -> tuple[Connection, Request]:
-        check_priority(message, priority)
+        check_priority(name_of(message), priority)
         body = message.encode_data(data)
         connection = self._declare(message)
         header = Send(
@@ -341,5 +343,5 @@ class _Under(Sender):
         self._task_above = task
 
     def _connection(self) -> Connection:
-        self._task_above.check_epoch()
+        self._task_above._check_epoch()  # noqa: SLF001
         return self._sender._connection()  # noqa: SLF001

@@ -20,6 +20,7 @@ from tca_wire import headers
 from tca_wire.codec import misfit
 from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
 from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.points import ROOT
 from tca_wire.routes import EntranceGone, Route
 from tca_wire.vocabulary import Refusal
 
@@ -170,10 +171,20 @@ class Session:
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
+        number = request.header.number
         if request.path is not None:
             request.path.abandon(request)
-        elif self._requests.pop(request.header.number, None) is not None and request.wants_answer:
-            self.post(headers.GiveUp(request.header.number))
+        elif self._requests.pop(number, None) is not None and request.wants_answer:
+            self.post(headers.GiveUp(number))
+        elif self.is_recalled(request.header):
+            self.request(headers.Kill(0, ROOT, "its sender has given it up, and does not know it", request=number))
+
+    def is_recalled(self, header: Any) -> bool:
+        """Whether what is given up before central has said that it was taken is killed: a task, which nobody else could
+        find.
+        """
+        declared = self._messages.get(header.message) if isinstance(header, Send) and not header.when_killed else None
+        return declared is not None and declared.message_class.is_task
 
     @property
     def is_attending(self) -> bool:
@@ -384,5 +395,5 @@ def _check_fields(header: ToCentral) -> None:
         msg = f"{error.object!r:.60} is no text that can be sent"
         raise MisuseError(msg) from None
     if wrong:
-        msg = f"{type(header).__name__} can't be sent: {wrong}"
+        msg = f"what was given can't be sent: {wrong}"
         raise MisuseError(msg)

@@ -10,12 +10,16 @@ from tca_module.arguments import (
     check_class,
     check_handles,
     check_lasting,
+    check_message,
     check_point,
     check_raised,
     check_scope,
     check_seconds,
+    check_text,
+    check_timeout,
     checked_maximum,
     name_of,
+    name_wanted,
 )
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
@@ -58,6 +62,9 @@ _ROW = (
 )  # fmt: skip
 
 
+_RELATIONS = {"self": "state", "kept": "kept tasks"}
+
+
 class Attached:
     """An exception handler or wiretap that was attached; ``remove()`` takes it away."""
 
@@ -89,7 +96,7 @@ class TaskHandle(Intervals):
         self._end: tuple[Answer, bytes] | None = None  # how it ended, once that has been waited for
 
     def __repr__(self) -> str:
-        return f"task {self.id} '{self.message}'"
+        return f"task {self.id} '{self.message}'" if self.message else f"task {self.id}"
 
     @property
     def id(self) -> TaskId:
@@ -115,6 +122,7 @@ class TaskHandle(Intervals):
         return self._reached(point, timeout)[0].outcome
 
     def _ended(self, timeout: float | None) -> tuple[Answer, bytes]:
+        check_timeout(timeout)
         if self._end is None:
             self._end = self._reached(self.achieving.end, timeout)
         return self._end
@@ -129,7 +137,7 @@ class TaskHandle(Intervals):
 
     def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
-        self.check_epoch()
+        self._check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
@@ -139,6 +147,7 @@ class TaskHandle(Intervals):
         and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
         """
         what = f"killing {self}"
+        check_text(what, why=why)
         check_seconds(what, delay=delay)
         check_scope(scope)
         if after is not None:
@@ -177,8 +186,9 @@ class TaskHandle(Intervals):
         at most (None: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ. The same
-        *failure* and *handler*, attached once more by this module, take the place of the first.
+        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ, or if it
+        is for any failure and can't do without data. The same *failure* and *handler*, attached once more by this
+        module, take the place of the first.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
@@ -196,6 +206,11 @@ class TaskHandle(Intervals):
         """Kill what is under the task, and let it be handled again when that, and the exception handler that asks for
         it, has ended. With *message*, which it is, it gets new *data*.
         """
+        if message is not None:
+            check_message(message)
+        elif data is not NOTHING:
+            msg = f"a retry of {self} with new data needs the message, too: retry(MESSAGE, data)"
+            raise MisuseError(msg)
         if message is not None and message.name != self.message:
             msg = f"{self} can't be retried with data of '{message.name}'"
             raise MisuseError(msg)
@@ -238,6 +253,7 @@ class TaskHandle(Intervals):
 
     def data(self, message: Message[D, Any]) -> D:
         """The data with which the task is being done. Raises MisuseError if it has ended or is another message."""
+        check_message(message)
         info = self.info()
         if info is None or info.message != message.name:
             msg = f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
@@ -263,11 +279,10 @@ class TaskHandle(Intervals):
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
-        self.check_epoch()
-        name = message.name if isinstance(message, Message) else message or ""
-        header = Inspect(0, self.id, relation, name)
+        self._check_epoch()
+        header = Inspect(0, self.id, relation, name_wanted(message))
         request = self._connection.request(header, wants_answer=True)
-        what = f"the {relation} of {self}"
+        what = f"the question for the {_RELATIONS.get(relation, relation)} of {self}"
         if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
             self._connection.abandon(request)
             msg = f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s"
@@ -277,10 +292,10 @@ class TaskHandle(Intervals):
             yield info, TaskHandle(self._connection, info.message, info.id, self._origin)
 
     def _call(self, header: Any, what: str, body: bytes = b"") -> int:
-        self.check_epoch()
+        self._check_epoch()
         return self._connection.call(header, what, body)
 
-    def check_epoch(self) -> None:
+    def _check_epoch(self) -> None:
         """Raise CentralLost if central was restarted and has forgotten the task."""
         if self._epoch != self._connection.session.epoch:
             msg = f"central was restarted and has forgotten {self}: send it again"

@@ -13,6 +13,7 @@ import msgspec
 
 from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, Query
 from tca_wire.errors import BadFormat
+from tca_wire.formats import NIL, NO_DATA, alternatives, first_misfit, schema_text
 from tca_wire.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass
 
@@ -35,9 +36,9 @@ class ExceptionHandler(Message[D, None]):
         super().__init__(name, data)
 
     def decode_data(self, data: bytes) -> D:
-        """The failure's data; one that is declared without any leaves them aside."""
+        """The failure's data; one that is declared without any leaves them aside. None of a failure without any."""
         nothing: Any = None
-        return nothing if self.data.kind is type(None) else super().decode_data(data)
+        return nothing if self.data.kind is type(None) else super().decode_data(data or NIL)
 
 
 class Monitor(Message[D, None]):
@@ -53,28 +54,50 @@ class Monitor(Message[D, None]):
         names = [part.name if part is not None else "" for part in self.parts]
         return msgspec.structs.replace(super().format, parts=names)
 
-    def _check(self, what: str, message: "Message[Any, Any] | None", kinds: tuple[type, ...]) -> None:
-        if message is not None and not isinstance(message, kinds):
+    def _check(self, what: str, message: Any, kinds: tuple[type, ...]) -> None:
+        if not isinstance(message, kinds):
             wanted = ", ".join(kind.__name__ for kind in kinds)
             text = f"the {what} of {self.message_class} '{self.name}' can be of class {wanted}, and {message!r} is not"
             raise BadFormat(text)
 
+    def _check_data(self, what: str, message: "Message[Any, Any] | None", data: str, whose: str) -> None:
+        """Raise BadFormat for a part that can't take the data that it will get."""
+        if message is None or message.data.schema == NO_DATA or not (misfit := first_misfit(data, message.data.schema)):
+            return
+        text = f"the {what} '{message.name}' of {self.message_class} '{self.name}' wants data of type {message.data}"
+        raise BadFormat(f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})")
 
-_ACTIONS = (Goal, Command, Inform, Broadcast)
+
+_OPTIONAL = (Goal, Command, Inform, Broadcast, type(None))
+_NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_text(kind)))
 
 
 class _Conditional(Monitor[D]):
     """A monitor that asks a query: None and False say that the condition does not hold; any other reply is the data of
-    the action, except True, for which the action gets the monitor's own data.
+    the action, except True, for which the action gets the monitor's own data. A part that is declared without data gets
+    none. Raises BadFormat for one that can't take what it would get.
     """
 
-    def __init__(self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None) -> None:
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
         super().__init__(name, data, [condition, action])
         self._check("condition", condition, (Query,))
-        self._check("action", action, _ACTIONS)
-        if condition.data.schema != self.data.schema:
-            text = f"{self.message_class} '{name}' has data {self.data}, and its condition '{condition.name}' wants"
-            raise BadFormat(f"{text} {condition.data}: they must be the same")
+        self._check("action", action, _OPTIONAL)
+        self._check_data("condition", condition, self.data.schema, f"the monitor's own, {self.data}")
+        replies = [one for one in alternatives(condition.reply.schema) if one not in (_NULL, _BOOLEAN)]
+        for reply in replies:
+            self._check_data("action", action, reply, f"what '{condition.name}' replies, {condition.reply}")
+        if not replies:
+            self._check_data("action", action, self.data.schema, f"the monitor's own, {self.data}")
 
 
 class PointMonitor(_Conditional[D]):
@@ -91,7 +114,8 @@ class PollingMonitor(_Conditional[D]):
 
 class DemonMonitor(Monitor[D]):
     """Has something set up, is fired by a module, and has it cancelled (TCA 8.5: RegisterDemonMonitor). Set-up and
-    cancel message get the monitor's data, the action what it is fired with.
+    cancel message get the monitor's data, or none if they are declared without, the action what it is fired with.
+    Raises BadFormat if they want others.
     """
 
     message_class = MessageClass.DEMON_MONITOR
@@ -118,4 +142,6 @@ class DemonMonitor(Monitor[D]):
         super().__init__(name, data, [set_up, action, cancel])
         self.action = action
         for what, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
-            self._check(what, part, _ACTIONS)
+            self._check(what, part, _OPTIONAL)
+        for what, part in (("set-up", set_up), ("cancel message", cancel)):
+            self._check_data(what, part, self.data.schema, f"the monitor's own, {self.data}")

@@ -54,6 +54,9 @@ class Message(Generic[D, R]):
 
     def encode_data(self, data: D) -> bytes:
         """*data* as bytes. Raises BadData, naming message and field."""
+        if data is not None and self.data.kind is type(None):
+            msg = f"{self.message_class} '{self.name}' is declared without data, and was given {data!r:.60}"
+            raise BadData(msg)
         try:
             return self.data.encode(data)
         except BadData as error:

@@ -14,6 +14,12 @@ from tca_wire.vocabulary import Limit
 
 T = TypeVar("T")
 
+NIL = b"\xc0"
+"""None as MessagePack."""
+
+NO_DATA = '{"type":"null"}'
+"""The schema of messages without data."""
+
 _NDARRAY = 1  # MessagePack extension type: [dtype, shape, bytes in C order]
 _UNFIT = (msgspec.MsgspecError, UnicodeDecodeError, UnicodeEncodeError, RecursionError, TypeError, OverflowError)
 
@@ -86,7 +92,7 @@ class Format(Generic[T]):
         self._encoder = msgspec.msgpack.Encoder(enc_hook=_encode_custom)
 
     def __str__(self) -> str:
-        return getattr(self.kind, "__name__", None) or str(self.kind)
+        return "None" if self.kind is type(None) else getattr(self.kind, "__name__", None) or str(self.kind)
 
     def encode(self, value: T) -> bytes:
         """*value* as bytes. Raises BadData, naming the field, if the receiver could not read it."""
@@ -138,6 +144,25 @@ def first_difference(one: str, other: str) -> str | None:
         return _Comparison(left, right).difference(left, right, "$")
     except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
         return "$: one of the two is no JSON Schema"
+
+
+def first_misfit(sent: str, wanted: str) -> str | None:
+    """Which values of the format *sent* are none of the format *wanted*, as ``first_difference`` says it ("here" is
+    what is wanted); None if all are, as far as formats tell: of anything it may be.
+    """
+    for one in alternatives(sent):
+        found = [first_difference(other, one) if "{}" not in (one, other) else None for other in alternatives(wanted)]
+        if None not in found:
+            return found[0]
+    return None
+
+
+def alternatives(schema: str) -> list[str]:
+    """The schemas of which a value must fit one: several where a type is a union."""
+    whole = json.loads(schema)
+    shared = {name: whole[name] for name in ("$defs",) if name in whole}
+    texts = [(one, json.dumps(one)) for one in whole.get("anyOf", [whole])]
+    return [json.dumps(one | shared) if "$ref" in text else text for one, text in texts]
 
 
 class _Comparison:

@@ -138,6 +138,8 @@ class Kill(_Header, frozen=True, tag=10):
     scope: Scope = Scope.TASK
     after: Point | None = None
     delay: float = 0
+    request: int = 0
+    """Instead of *task*: the one that this connection has sent with that request, if it has come (0: no)."""
 
 
 class Ask(_Header, frozen=True, tag=11):
@@ -357,8 +359,7 @@ class Deliver(_Header, frozen=True, tag=37):
     """What it is about, where central made it."""
     suspended: bool = False
     own: bool = False
-    """A slot of the same resource sent it and waits for the answer, and this one takes messages directly: handle it
-    within whatever it handles now."""
+    """A slot of its resource waits for the answer, and this one takes messages directly: handle it within another."""
 
 
 class Cancelled(_Header, frozen=True, tag=38):

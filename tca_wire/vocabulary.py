@@ -130,6 +130,10 @@ class Scope(StrEnum):
     SIBLINGS = "siblings"  # all other children of its parent, with everything under them
 
 
+LONGEST_TIME = 3.2e8
+"""Seconds, ten years: nothing can be asked for later than this."""
+
+
 class Limit(IntEnum):
     """Bounds of the protocol, in bytes or items."""
 

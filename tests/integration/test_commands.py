@@ -55,7 +55,7 @@ WALK, MOVE, LATER = Goal("walk", int), Command("move", Move, result=Pose), Comma
 SAY, TICK = Inform("say", str), Broadcast("tick")
 WHERE, HEALTH, SILENT = Query("where", Pose, reply=Pose), MultiQuery("health", reply=float), Query("silent", reply=int)
 MODE, POSE = Variable("mode", str), Variable("pose", Pose)
-FIX, LOOK = ExceptionHandler("fix", int), PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER)
+FIX, LOOK = ExceptionHandler("fix"), PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER)
 FELL = Failure("fell", int)
 
 
@@ -362,7 +362,7 @@ def test_tasks_that_are_none(task: str, code: int, error: str) -> None:
 
 def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
-    assert tca(kill, "walk", "--in", "1e300")[0] == 1
+    assert tca(kill, "walk", "--in", "1e300")[0] == 2
     assert tca(kill, "walk", "--in", "-1")[0] == 2
     assert "is no number of seconds" in tca(kill, "walk", "--in", "nan")[2]
     assert "one after the other" in tca(kill, "walk", "--siblings", "--descendants")[2]

@@ -42,7 +42,7 @@ Call = Callable[[Client, TaskRef[None], Any], object]
 
 
 def refused(call: Call, user: Client, words: str, wrong: Any = "soon") -> None:
-    with pytest.raises(MisuseError, match=words):
+    with pytest.raises((MisuseError, BadData), match=words):
         call(user, user.command(REST), wrong)
 
 
@@ -52,8 +52,8 @@ def refused(call: Call, user: Client, words: str, wrong: Any = "soon") -> None:
         (lambda _, task, x: task.kill(delay=x), "killing task 1 'rest': delay='soon' is no time: give seconds"),
         (lambda _, task, x: task.kill(scope=x), "scope='soon' is none: Scope.TASK, Scope.DESCENDANTS"),
         (lambda _, task, x: task.kill(after=x), "'soon' is no point of a task: task.achieving.end is one"),
-        (lambda _, task, __: task.kill(ANY), "Kill can't be sent: why: Expected `str`, got `None`$"),
-        (lambda _, task, __: task.kill("\ud800"), r"^'\\ud800' is no text that can be sent"),
+        (lambda _, task, __: task.kill(ANY), "killing task 1 'rest': why=None is no text$"),
+        (lambda _, task, __: task.kill("\ud800"), r"why='\\ud800' is no text that can be sent"),
         (lambda _, task, x: task.deadline(x), "a deadline of task 1 'rest': seconds='soon' is no time"),
         (lambda _, task, x: task.deadline(1, x), "'soon' is no point of a task"),
         (lambda _, task, x: task.wait_for(x), "'soon' is no point of a task"),
@@ -72,13 +72,39 @@ def refused(call: Call, user: Client, words: str, wrong: Any = "soon") -> None:
             lambda user, task, _: user.command(REST, constraints=task.achieving.end <= this.achieving.start),
             "constraints=.* is no list of constraints: write constraints=",
         ),
-        (lambda user, _, x: user.lock(x, 5), "Lock can't be sent: module: "),
-        (lambda user, _, __: user.unlock(5), "Unlock can't be sent: resource: "),
+        (lambda user, _, x: user.lock(x, 5), r"lock\(\): module=5 is no text"),
+        (lambda user, _, __: user.unlock(5), r"unlock\(\): resource=5 is no text"),
+        (lambda user, _, x: user.lock("arm", priority=x), r"lock\(\) can't have priority 'soon': whole numbers up to"),
         (lambda user, _, __: user.tap(Condition.WHEN_SENT, "rest", REST), "'rest' is no message"),
+        (lambda user, _, __: user.tap("befor handling", REST, SAY), "is none: Condition.BEFORE_HANDLING is one"),
+        (lambda user, _, __: user.task(ANY), r"task\(\) takes the number of a task, as in the journal, and None is none"),
+        (lambda user, _, __: user.task(-1), "-1 is none"),
+        (lambda user, _, __: user.tasks(5), "5 is no message: give the declaration, its name, or None for all"),
+        (lambda user, _, x: user.constrain(x), "'soon' is no constraint: write first.achieving.end <= second"),
+        (lambda user, _, x: user.status(x), r"status\(\) of topic='soon' can't be asked: status, modules, messages"),
+        (lambda user, _, __: user.command(REST, 5), "command 'rest' is declared without data, and was given 5"),
+        (lambda user, _, __: user.command(REST, deadline=2**70), "deadline=.* is no time: give seconds, 0 or more, at m"),
+        (lambda _, task, x: task.retry(x), "'soon' is no message"),
+        (lambda _, task, x: task.retry(data=x), r"needs the message, too: retry\(MESSAGE, data\)"),
+        (lambda _, task, x: task.wait(x), "timeout='soon' is no time to wait"),
+        (lambda _, task, x: task.achieving.end <= x, "'soon' is no point of a task"),
+        (lambda _, task, x: task.achieving.end + x, "end achieving task 1 .*'soon' is no time"),
+        (
+            lambda _, task, __: task.achieving.end <= task.planning.end + 1,
+            r"nothing can be before end planning task 1 \+ 1 s: write a \+ seconds <= b",
+        ),
     ],
 )  # fmt: skip
 def test_wrong_values(user: Client, call: Call, words: str) -> None:
     refused(call, user, words)
+
+
+def test_a_point_with_seconds_may_stand_on_either_side(user: Client) -> None:
+    first, second = user.command(REST), user.command(REST)
+    user.constrain(second.achieving.start >= first.achieving.end + 2.5)
+    assert str(second.achieving.start >= first.achieving.end + 2.5) == (
+        "end achieving task 1 + 2.5 s <= start achieving task 2"
+    )
 
 
 @pytest.mark.parametrize("option", ["sequential", "sequential_planning", "plan_first", "delay_planning", "keep"])

@@ -334,7 +334,7 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     central.say(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
-    assert connection.session.outgoing == [(GiveUp(2), b"")]
+    assert central.heard == [Send(2, "stance"), GiveUp(2)]
 
 
 def test_a_module_that_left_is_not_registered_again() -> None:

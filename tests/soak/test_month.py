@@ -24,7 +24,9 @@ def check_that_it_does_not_grow(hours: list[int], restart_after: int, slack: int
 
 
 def test_central_does_not_grow_in_a_day_whose_modules_die_every_ten_minutes() -> None:
-    check_that_it_does_not_grow([12, 12], ROUNDS_AN_HOUR // 6, slack=60)
+    # 15 killed tasks in 12 h stay in a list that is swept when it has 64 such entries: some 60 objects. One object for
+    # each of the 72 restarts would come on top of that.
+    check_that_it_does_not_grow([12, 12], ROUNDS_AN_HOUR // 6, slack=100)
 
 
 @pytest.mark.soak

@@ -1,0 +1,40 @@
+"""Whether there is what properties, kills and suspensions name: of a wrong name everything would hold, without a word.
+
+Modules are known from the beginning. Messages are those that a module handles and those that scripts come to use in
+some run, such as monitors: so what is missing is known for certain when all runs are.
+"""
+
+from collections.abc import Collection, Iterable, Iterator
+
+from tca_explorer.checks import nearest
+from tca_explorer.errors import ScenarioError
+from tca_explorer.properties import Property
+from tca_explorer.scenario import Scenario
+
+
+def check_modules(scenario: Scenario, properties: Iterable[Property]) -> None:
+    """Raise ScenarioError for a property of a module that the scenario has not."""
+    for one in properties:
+        for those in one.named:
+            if those.module and those.module.partition("#")[0] not in scenario.modules:
+                raise ScenarioError(f"property '{one}': scenario '{scenario.title}' has no module '{those.module}'; "
+                                    f"{nearest(those.module, scenario.modules)}")  # fmt: skip
+
+
+def check_messages(scenario: Scenario, properties: Iterable[Property], used: Collection[str]) -> None:
+    """Raise ScenarioError for the name of a message that is not among all that are handled or *used*."""
+    others = [("may_kill()", scenario.may_be_killed), ("may_suspend()", scenario.may_be_suspended)]
+    missing = [f"property '{one}': {words}" for one in properties for words in missing_in(one, used)]
+    missing += [f"{call}: {_missing(name, used)}" for call, names in others for name in names if name not in used]
+    if missing:
+        raise ScenarioError(f"scenario '{scenario.title}' can't be judged: {missing[0]}")
+
+
+def missing_in(one: Property, used: Collection[str]) -> Iterator[str]:
+    """What is wrong with the names of messages in a property, in words."""
+    names = dict.fromkeys(those.message for those in one.named if those.message)
+    return (_missing(name, used) for name in names if name not in used)
+
+
+def _missing(name: str, used: Collection[str]) -> str:
+    return f"there is no message '{name}': no module handles it, and no script uses it; {nearest(name, used)}"
