@@ -24,18 +24,20 @@ def explore_file(context: click.Context, path: Path, limit: int) -> None:
     """Explore every interleaving of small scenarios.
 
     FILE is a Python file; each Scenario at its top level is explored with its properties. Exit code 0 says that all of
-    them hold in all runs, 1 that one does not or is not known.
+    them hold in all runs, 1 that one does not or is not known, 2 that one can't be explored; the others are.
     """
-    is_good = True
+    code = 0
     for scenario in _scenarios(path):
-        with _progress(scenario.title) as watch:
-            try:
+        try:
+            with _progress(scenario.title) as watch:
                 result = explore(scenario, limit=limit, watch=watch)
-            except ScenarioError as error:
-                raise click.UsageError(f"{path}: scenario '{scenario.title}': {error}") from None
+        except ScenarioError as error:
+            click.echo(f"tca: {path}: scenario '{scenario.title}': {error}", err=True)
+            code = 2
+            continue
         click.echo(report(result))
-        is_good = is_good and result.ok
-    context.exit(not is_good)
+        code = max(code, int(not result.ok))
+    context.exit(code)
 
 
 @contextmanager

@@ -27,7 +27,7 @@ def check_messages(scenario: Scenario, properties: Iterable[Property], used: Col
     missing = [f"property '{one}': {words}" for one in properties for words in missing_in(one, used)]
     missing += [f"{call}: {_missing(name, used)}" for call, names in others for name in names if name not in used]
     if missing:
-        raise ScenarioError(f"scenario '{scenario.title}' can't be judged: {missing[0]}")
+        raise ScenarioError(f"it can't be judged: {missing[0]}")
 
 
 def missing_in(one: Property, used: Collection[str]) -> Iterator[str]:

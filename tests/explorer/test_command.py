@@ -43,6 +43,13 @@ def test_the_exit_code_is_the_answer(tmp_path: Path) -> None:
     assert "not known" in limited.stdout
 
 
+def test_one_that_cannot_be_explored_does_not_keep_the_others_from_it(tmp_path: Path) -> None:
+    result = tca_explore(tmp_path, SCENARIO.replace("never(handled(STEP))", "never(handled(Command('stop')))"))
+    assert result.exit_code == 2
+    assert "scenario 'bad one': it can't be judged" in result.stderr
+    assert "good one: good" in result.stdout
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
