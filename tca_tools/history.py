@@ -206,6 +206,8 @@ class History(Notes):
         for moment in MOMENTS:
             if fact.moments & moment:
                 task.reached.setdefault(moment, self.time)
+        if fact.moments & Moment.END_ACHIEVING:
+            self._end_suspension(task)
 
     def _fail(self, fact: facts.Failed) -> None:
         if not fact.is_beside:
@@ -218,7 +220,9 @@ class History(Notes):
 
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
-            self._change(self._task(fact.task), "killed", fact.why)
+            task = self._task(fact.task)
+            self._change(task, "killed", fact.why)
+            self._end_suspension(task)
             self._unqueue(fact.task)
 
     def _drop(self, fact: facts.Dropped) -> None:
@@ -257,11 +261,8 @@ class History(Notes):
             self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
-        below = [fact.task] if fact.task > 0 else []
-        for task_id in below:  # grows while it is walked
-            task = self._task(task_id)
-            self._change(task, "is_suspended", fact.is_suspended)
-            below += [child for child in task.children if Moment.END_ACHIEVING not in self.tasks[child].reached]
+        if fact.task > 0:
+            (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task))
 
     def _tested(self, fact: facts.MonitorTested) -> None:
         self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))

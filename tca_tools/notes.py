@@ -3,9 +3,11 @@
 history.py says which fact writes what.
 """
 
+from collections.abc import Iterator
+
 from tca_tools.past import UNKNOWN, Past
-from tca_tools.records import Message, ModuleRecord, Task
-from tca_wire.points import ROOT, TaskId
+from tca_tools.records import Handling, Message, ModuleRecord, Suspension, Task
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
 
 
@@ -40,7 +42,7 @@ class Notes(Past):
         if message.message_class.is_task:
             self._change(message, "result", b"")
 
-    def _change(self, message: Message, name: str, value: str | bytes | bool) -> None:
+    def _change(self, message: Message, name: str, value: str | bytes) -> None:
         """Write a new value over a field, and remember from when on it is so."""
         if getattr(message, name) != value:
             message.changes.append((self.time, name, getattr(message, name)))
@@ -54,7 +56,36 @@ class Notes(Past):
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
-            task.is_suspended = parent.is_suspended and not task.role.leaves_safe
+            if parent.suspension and not task.role.leaves_safe:
+                task.suspensions.append(Suspension(TaskId(task.id), parent.suspension.cause, self.time))
         else:
             task.parent = ROOT
             self.top.append(TaskId(task.id))
+
+    def _suspend(self, top: Task) -> None:
+        """Suspend a task with all that is under it."""
+        ran: list[Handling] = []
+        for task in self._living(top):
+            if not task.is_suspended:
+                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran))
+                self._touch(task.id)
+            if task.handling:
+                ran.append(task.handling)
+
+    def _resume(self, top: Task) -> None:
+        """Let a task go on, with all that is under it."""
+        for task in self._living(top):
+            self._end_suspension(task, is_resumed=True)
+
+    def _end_suspension(self, task: Task, *, is_resumed: bool = False) -> None:
+        if suspension := task.suspension:
+            suspension.end, suspension.is_resumed = self.time, is_resumed
+            self._touch(task.id)
+
+    def _living(self, top: Task) -> Iterator[Task]:
+        """A task, and what is under it and has not ended."""
+        below = [top]
+        for task in below:  # grows while it is walked
+            yield task
+            children = (self.tasks[child] for child in task.children)
+            below += [child for child in children if Moment.END_ACHIEVING not in child.reached]

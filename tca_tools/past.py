@@ -2,9 +2,10 @@
 
 from array import array
 from bisect import bisect_right
+from collections.abc import Iterator
 from math import inf
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Task, Wait
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -57,6 +58,11 @@ class Past:
         """For each message its class and formats, as first declared."""
         self.lost_directly: dict[str, int] = {}
         """How many informs of each message were sent directly and lost."""
+
+    def suspensions(self) -> Iterator[Suspension]:
+        """Those of tasks that were suspended themselves."""
+        for task in self.tasks.values():
+            yield from (one for one in task.suspensions if one.cause == task.id)
 
     def children(self, task: int) -> list[TaskId]:
         """The tasks right under *task*, oldest first."""

@@ -22,7 +22,7 @@ class State(StrEnum):
     ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
     ACHIEVED = "achieved"
     RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
-    SUSPENDED = "suspended"  # not begun, and nothing of it may be
+    SUSPENDED = "suspended"  # nothing of it may be begun, and no handler has it; what is under it may still run
     FAILED = "failed"
     KILLED = "killed"
 
@@ -104,6 +104,39 @@ class Hold:
 
 
 @dataclass(slots=True)
+class Suspension:
+    """Nothing of a task was begun, from when it was suspended until it was resumed or ended."""
+
+    task: TaskId
+    cause: TaskId
+    """What was suspended: this task, or one above it."""
+    start: float
+    still: list[Handling] = field(default_factory=list, repr=False)
+    """The handlers of *cause* and of what is under it that ran then, and ran on."""
+    end: float | None = None
+    is_resumed: bool = False
+    """Whether it ended so; else the task itself ended."""
+
+    @property
+    def standstill(self) -> float | None:
+        """From when on none of those handlers worked any more (None: one still does)."""
+        since = self.start
+        for handling in self.still:
+            end = self._work_end(handling)
+            if end is None:
+                return None
+            since = max(since, end)
+        return since
+
+    def _work_end(self, handling: Handling) -> float | None:
+        """When a handler was done; or from when on it waited for a task until the suspension was over."""
+        for wait in handling.waits:
+            if wait.moment and (wait.end is None or (self.end is not None and wait.end >= self.end)):
+                return wait.start
+        return handling.end
+
+
+@dataclass(slots=True)
 class Message:
     """A message that central accepted."""
 
@@ -169,9 +202,19 @@ class Task(Message):
     """An exception handler decides what becomes of it."""
     is_dealt_with: bool = False
     """Its failure was dealt with."""
-    is_suspended: bool = False
+    suspensions: list[Suspension] = field(default_factory=list)
     states: list[tuple[float, State]] = field(default_factory=list)
     """From when on it was in which state."""
+
+    @property
+    def suspension(self) -> Suspension | None:
+        """The one that goes on now."""
+        return self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
+
+    @property
+    def is_suspended(self) -> bool:
+        """Whether it is suspended, by itself or with what it is under."""
+        return self.suspension is not None
 
     @property
     def state(self) -> State:
@@ -189,10 +232,10 @@ class Task(Message):
         return State.ACHIEVED if has_ended else None
 
     def _running_state(self) -> State:
+        if self.is_suspended and not self.handling:
+            return State.SUSPENDED
         if self.is_queued:
             return State.QUEUED
-        if self.is_suspended and Moment.START_HANDLING not in self.reached:
-            return State.SUSPENDED
         if Moment.START_HANDLING not in self.reached:
             return State.HELD
         is_achieving = Moment.START_ACHIEVING in self.reached

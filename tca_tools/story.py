@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Queueing, State, Task, Wait
+from tca_tools.records import Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.then import Then
 from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
 from tca_wire.points import TaskId
@@ -17,7 +17,7 @@ from tca_wire.wording import place
 
 _NO_TIME = 1e-6
 _OVER = {State.ACHIEVED, State.FAILED, State.KILLED}
-_IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING}
+_IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
 
 
@@ -36,6 +36,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         return []
     told = [_birth(past, message), *_changes(message)]
     if isinstance(message, Task):
+        told += _suspensions(past, message)
         told += _recoveries(past, message)
         told += _tests(past, message)
     told += _waits_in_queues(past, message)
@@ -144,5 +145,24 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
         yield Sentence(time, f"{state}{why}", None if after is None else after - time)
 
 
-def _length(span: Queueing | Handling | Wait) -> float | None:
+def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
+    """When it was suspended and resumed, and which handlers ran on."""
+    for suspension in task.suspensions:
+        cause, text = past.describe(suspension.cause), "suspended"
+        if suspension.end is None or suspension.is_resumed:
+            text += f", until {cause} is resumed"
+        elif suspension.cause != task.id:
+            text += f" with {cause}"
+        yield Sentence(suspension.start, text, _length(suspension))
+        for run in suspension.still:
+            took = None if run.end is None else run.end - suspension.start
+            if run.message_id == task.id:
+                yield Sentence(suspension.start, "its handler still runs", took)
+            elif suspension.cause == task.id:
+                yield Sentence(suspension.start, f"{past.describe(run.message_id)} under it still runs", took)
+        if suspension.is_resumed and suspension.end is not None:
+            yield Sentence(suspension.end, "resumed")
+
+
+def _length(span: Queueing | Handling | Wait | Suspension) -> float | None:
     return None if span.end is None else span.end - span.start

@@ -12,12 +12,12 @@ from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
 from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Hold, Queueing, State, Task, Wait
+from tca_tools.records import Claim, Handling, Hold, Queueing, State, Suspension, Task, Wait
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 
-_Span = TypeVar("_Span", Queueing, Handling, Wait)
+_Span = TypeVar("_Span", Queueing, Handling, Wait, Suspension)
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
 
@@ -111,7 +111,12 @@ class TaskThen:
     @property
     def is_suspended(self) -> bool:
         """Whether it was suspended, by itself or with what it is under."""
-        return bool(self._before("is_suspended"))
+        return self.suspension is not None
+
+    @property
+    def suspension(self) -> Suspension | None:
+        """Its suspension that went on."""
+        return _going_on(self._record.suspensions, self._time)
 
     @property
     def children(self) -> list[TaskId]:
@@ -199,6 +204,22 @@ class Then:
         """Whether the point was past; what is unknown ended before the journal began."""
         task = self.past.tasks.get(point.task)
         return task is None or task.reached.get(point.moment, inf) <= self.moment
+
+    def ran_on(self, task: TaskThen) -> list[Handling]:
+        """The handlers of what is under a suspended task that still worked, though it was suspended."""
+        still = task.suspension.still if task.suspension else []
+        return [run for run in still if self._works(run) and self._is_under(run.message_id, task.id)]
+
+    def _works(self, run: Handling) -> bool:
+        if run.end is not None and run.end <= self.moment:
+            return False
+        wait = _going_on(run.waits, self.moment)
+        return wait is None or wait.moment is None
+
+    def _is_under(self, task: int, above: int) -> bool:
+        while task > above:  # what is above has the smaller number
+            task = self.past.tasks[task].parent
+        return task == above
 
     def running(self, module: str, resource: str) -> list[Handling]:
         """The handlers that ran in a resource."""

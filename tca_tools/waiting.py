@@ -18,8 +18,6 @@ _CLAUSES = {
 }
 _OF_FAMILY = (Moment.START_PLANNING, Moment.START_ACHIEVING)
 """The moments that a task reaches only after its parent has."""
-_MAY_BE_SUSPENDED = (State.HELD, State.QUEUED, State.PLANNED, State.PLANNING, State.ACHIEVING)
-"""What waits so is, if it is suspended, held by that first."""
 _NAMED = 3
 """How many subtasks a reason names."""
 
@@ -28,13 +26,13 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     """What keeps a task waiting: ``["until take steps {2} is achieved"]``; nothing if it is over or unknown."""
     task = then.tasks.get(task_id)
     reasons = _REASONS.get(task.state) if task else None
-    if task and reasons and task.is_suspended and task.state in _MAY_BE_SUSPENDED:
-        reasons = _of_suspended
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
 def waits_since(task: TaskThen) -> float:
-    """From when on a task has waited for that; of a handler that blocks, since it does."""
+    """From when on a task has waited for that: since its handler blocks, since it is suspended, or since its state."""
+    if task.state is State.SUSPENDED and task.suspension:
+        return task.suspension.start
     return task.wait.start if task.wait else task.since
 
 
@@ -156,11 +154,11 @@ def _listed(names: list[str]) -> str:
 
 
 def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
-    """What was suspended may be far above."""
-    above = then.tasks.get(task.parent)
-    while above is not None and above.is_suspended:
-        task, above = above, then.tasks.get(above.parent)
-    yield f"until {task} is resumed"
+    """What was suspended may be far above; and handlers under this one may still run."""
+    if running := [then.describe(run.message_id) for run in then.ran_on(task)]:
+        yield f"until {_listed(running)} {'have' if len(running) > 1 else 'has'} been handled"
+    if task.suspension:
+        yield f"until {then.describe(task.suspension.cause)} is resumed"
 
 
 def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:

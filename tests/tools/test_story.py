@@ -1,9 +1,12 @@
 """The stories of messages, as people read them."""
 
-from tools.story import ACTING, GOAL, QUERY, Story, locking, stumbling
+from tools.story import ACTING, GOAL, QUERY, Story, locking, mopping, stumbling
 
 from tca_tools.history import History
+from tca_tools.records import State
 from tca_tools.story import story
+from tca_tools.tasktree_viz.words import note
+from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
@@ -112,6 +115,59 @@ def test_a_monitor_that_tested_and_one_that_never_watched() -> None:
         "6.0 achieved",
     ]
     assert "7.0 watches no longer: by module 'user'" in told(history, late)
+
+
+def test_a_task_that_was_suspended_while_something_under_it_ran_and_resumed() -> None:
+    history = mopping().fold()
+    assert told(history, 1) == [
+        "1.0 goal sent by user",
+        "1.0 (0.5 s) handled by chef",
+        "1.5 (0.5 s) achieving, until sweep {2}, sweep {3}, sweep {4} are achieved",
+        "2.0 (7.0 s) suspended, until mop floor {1} is resumed",
+        "2.0 (1.0 s) sweep {2} under it still runs",
+        "9.0 resumed",
+        "9.0 (2.0 s) achieving, until sweep {4} is achieved",
+        "11.0 achieved",
+    ]
+    assert told(history, 2)[-3:] == [
+        "2.0 (1.0 s) suspended with mop floor {1}",
+        "2.0 (1.0 s) its handler still runs",
+        "3.0 achieved",
+    ]
+    assert told(history, 3)[1:4] == [
+        "1.0 (1.0 s) held, until sweep {2} is achieved",
+        "2.0 (7.0 s) suspended, until mop floor {1} is resumed",
+        "9.0 resumed",
+    ]
+
+
+def test_the_row_of_a_suspended_task_says_so_from_when_on_it_was() -> None:
+    history = mopping().fold()
+    sweeping, standing, resumed = Then(history, 2.5), Then(history, 5.0), Then(history, 9.5)
+    assert [one.tasks[1].state for one in (sweeping, standing, resumed)] == [
+        State.SUSPENDED, State.SUSPENDED, State.ACHIEVING,
+    ]  # fmt: skip
+    until = "until mop floor {1} is resumed"
+    assert note(sweeping, sweeping.tasks[1]) == f"waits until sweep {{2}} has been handled, and {until}, for 0.50 s"
+    assert (sweeping.tasks[2].state, note(sweeping, sweeping.tasks[2])) == (State.HANDLING, "")
+    assert note(standing, standing.tasks[1]) == f"waits {until}, for 3.00 s"
+    assert note(standing, standing.tasks[3]) == f"waits {until}, for 3.00 s"
+    assert note(resumed, resumed.tasks[1]) == ""
+
+
+def test_a_task_that_was_killed_while_it_was_suspended_was_not_resumed() -> None:
+    tale = mopping()
+    tale.entries = [entry for entry in tale.entries if entry.time < 9.0]
+    tale.at(4.0).say(*(facts.Killed(TaskId(task), "tired") for task in (1, 3, 4)))
+    for task in (3, 4, 1):
+        tale.reached(task, *Moment)
+    history = tale.fold()
+    assert told(history, 1)[-3:] == [
+        "2.0 (2.0 s) suspended",
+        "2.0 (1.0 s) sweep {2} under it still runs",
+        "4.0 killed: tired",
+    ]
+    assert "2.0 (2.0 s) suspended with mop floor {1}" in told(history, 3)
 
 
 def test_of_what_is_unknown_there_is_no_story() -> None:
