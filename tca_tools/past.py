@@ -68,6 +68,13 @@ class Past:
         """The tasks right under *task*, oldest first."""
         return self.top if task == ROOT else self.tasks[task].children
 
+    def under(self, task: Task) -> Iterator[Task]:
+        """A task, and all that is under it."""
+        below = [task]
+        for one in below:  # grows while it is walked
+            yield one
+            below += [self.tasks[child] for child in one.children]
+
     def children_until(self, children: list[TaskId], time: float) -> list[TaskId]:
         """Those of some tasks, oldest first, that had been sent at *time*."""
         if time >= self.time:

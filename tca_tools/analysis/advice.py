@@ -15,6 +15,7 @@ from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.failures import GOOD_FATES, Kind
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Cover
+from tca_tools.analysis.summary import span_of
 from tca_tools.analysis.waits import locked_during
 from tca_tools.analysis.words import listed, moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
@@ -32,6 +33,7 @@ class Topic(StrEnum):
     CAPACITY = "more capacity"
     LOCK = "shorter locks"
     HANDLER = "missing handler"
+    SUSPENDED = "suspended"
     DELAY = "delays"
 
 
@@ -89,6 +91,7 @@ def advice(
 ) -> list[Advice]:
     """All advice that bears on at least so many seconds; first what shortens the critical path most."""
     found = [_on_overlap(past, path, overlap) for overlap in overlaps]
+    found += _on_standing(past, path)
     if path:
         found += [_on_failures(path, kind) for kind in kinds]
         found += _on_path(past, path, uses)
@@ -205,7 +208,7 @@ def _add_wait(past: Past, sums: _Sums, step: Step, missing: list[Step]) -> None:
     sums[Topic.QUERY, past.name(wait.awaited)].add(length, step.start, words)
 
 
-_TOPICS = {Doing.NO_HANDLER: Topic.HANDLER, Doing.DELAY: Topic.DELAY}
+_TOPICS = {Doing.DELAY: Topic.DELAY}
 _WORDS = {
     Topic.QUERY: _Words(
         "'{name}' is asked on the critical path",
@@ -226,15 +229,61 @@ _WORDS = {
         "only while they are needed would save at most that",
         "take the lock later, release it sooner, or lock a smaller resource",
     ),
-    Topic.HANDLER: _Words(
-        "Nobody handles '{name}' for a while",
-        "The critical path waits {times} for a module that handles '{name}', {seconds} in all",
-        "start that module before what needs it (requires=), or find out why it left",
-    ),
     Topic.DELAY: _Words(
         "Delays before '{name}'",
         "Constraints with a delay hold '{name}' back {times} on the critical path, {seconds} in all. Shorter ones "
         "would save at most that",
         "shorten the delay, if what it waits for allows that",
+    ),
+}
+
+
+# --- what nobody could work on, on the critical path or beside it ---------------------------------------------------
+
+
+def _on_standing(past: Past, path: CriticalPath | None) -> Iterator[Advice]:
+    """Of messages that nobody handled, and of suspended tasks: how long at most one of a name stood."""
+    on_path: dict[tuple[Topic, str], float] = defaultdict(float)
+    for step in path.steps if path else ():
+        if step.doing in _STANDING:
+            on_path[_STANDING[step.doing], past.name(step.message_id)] += step.seconds
+    start, end = span_of(past)
+    for (topic, name), stood in _stood(past).items():
+        sums = _Sum()
+        for who, since, until in stood:
+            sums.add(until - since, until, f"{past.describe(who)}, from {moment(since)}, {seconds(until - since)}")
+        saving = Cover((since, until) for _, since, until in stood).within(start, end)
+        known = {"name": name, "times": say_times(sums.times), "seconds": seconds(saving)}
+        title, text, remedy = (words.format(**known) for words in _STANDING_WORDS[topic])
+        yield Advice(
+            topic, title, text, saving, min(on_path[topic, name], saving), sums.times, sums.words, remedy, sums.window
+        )
+
+
+def _stood(past: Past) -> dict[tuple[Topic, str], list[tuple[int, float, float]]]:
+    """By topic and name: what stood, from when until when."""
+    found = defaultdict(list)
+    for queueing in past.queueings:
+        if not queueing.module:
+            until = past.time if queueing.end is None else queueing.end
+            found[Topic.HANDLER, past.name(queueing.message_id)].append((queueing.message_id, queueing.start, until))
+    for suspension in past.suspensions():
+        if (since := suspension.standstill) is not None:
+            until = past.time if suspension.end is None else suspension.end
+            found[Topic.SUSPENDED, past.name(suspension.task)].append((suspension.task, since, until))
+    return found
+
+
+_STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
+_STANDING_WORDS = {
+    Topic.HANDLER: _Words(
+        "Nobody handles '{name}' for a while",
+        "'{name}' waited {times} for a module that handles it, {seconds} in all",
+        "start that module before what needs it (requires=), or find out why it left",
+    ),
+    Topic.SUSPENDED: _Words(
+        "'{name}' is suspended for a while",
+        "'{name}' was suspended {times}; it stood still for {seconds} in all, not counting what ran on under it",
+        "resume it sooner, or suspend only what has to stand; who did it, the journal does not tell",
     ),
 }

@@ -14,7 +14,7 @@ from enum import StrEnum
 from operator import attrgetter
 
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Queueing, State, Task, Wait
+from tca_tools.records import Handling, Message, Queueing, Suspension, Task, Wait
 from tca_wire.points import ROOT, Moment
 from tca_wire.vocabulary import Role
 
@@ -28,7 +28,7 @@ class Doing(StrEnum):
     NO_HANDLER = "no handler"  # nobody handled the message
     QUEUED = "queued"  # for a resource, and no handler is known that had it
     LOCKED = "locked"  # a resource was locked from outside of any handler
-    SUSPENDED = "suspended"
+    SUSPENDED = "suspended"  # and nothing under it ran on any more
     KILLED = "killed"  # it went on until it was killed, or a failure was raised on it, from outside
     WATCHING = "watching"  # a monitor, until it looked again or its condition held
     UNKNOWN = "unknown"  # the journal does not say what was waited for
@@ -80,6 +80,7 @@ class Causes:
                     self._ended[handling.end] = handling
         self._sent = {message.received: message for message in past.messages.values() if not message.role}
         self._claims_ended = {claim.end: claim for claim in past.claims.values() if claim.end is not None}
+        self._resumed = {one.end: one for one in past.suspensions() if one.is_resumed}
         self._waits = {name: _by_end(module.waits) for name, module in past.modules.items()}
 
     def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
@@ -109,6 +110,8 @@ class Causes:
         """What the event at a time was, and who brought it about."""
         if (ended := self._ended.get(at.time)) is not None and ended.start < at.time:
             return None, _At(at.time, at.message_id, ended)
+        if (resumed := self._resumed.get(at.time)) is not None and (stood := _stood(resumed, at.time)):
+            return stood, _At(stood.start, resumed.task)
         if (sent := self._sent.get(at.time)) is not None:
             return self._sent_by(sent, at.time)
         claim = self._claims_ended.get(at.time)
@@ -140,21 +143,39 @@ class Causes:
         if queueing is not None and queueing.start < time:
             doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
             return _waited(queueing.start, time, doing, message.id, queueing)
-        if isinstance(message, Task):
-            for hold in message.holds:
-                if hold.over == time:
-                    return self._delayed(
-                        message, hold.constraint.before.task, hold.constraint.before.moment, hold.added, time
-                    )
-            began, state = next(((t, state) for t, state in reversed(message.states) if t < time), (time, None))
-            if state is State.SUSPENDED:
-                return _waited(began, time, Doing.SUSPENDED, message.id)
+        if isinstance(message, Task) and (held := self._held(message, time)):
+            return held
         if message.received == time:
             return None, (_At(time, message.about) if message.about in self._past.messages else None)
         was_ended = any(when == time and name in ("killed", "failure") for when, name, _ in message.changes)
         ends = (run.end for run in reversed(message.handlings) if run.end is not None and run.end < time)
         since = max(next(ends, message.received), message.received)
         return _waited(since, time, Doing.KILLED if was_ended else Doing.UNKNOWN, message.id)
+
+    def _held(self, task: Task, time: float) -> tuple[Step | None, _At] | None:
+        """A delay of a task was over then, or a suspension, or one began."""
+        for hold in task.holds:
+            if hold.over == time:
+                before = hold.constraint.before
+                return self._delayed(task, before.task, before.moment, hold.added, time)
+        for suspension in task.suspensions:
+            if suspension.end == time and (stood := _stood(suspension, time)):
+                return stood, _At(stood.start, suspension.cause)
+            if suspension.start == time and suspension.cause == task.id:
+                return self._before_suspension(task, time)
+        return None
+
+    def _before_suspension(self, task: Task, time: float) -> tuple[Step | None, _At]:
+        """A task was suspended while nothing under it ran: back to what stood in a queue then, or else ran last or
+        was suspended.
+        """
+        last = task.received
+        for one in self._past.under(task):
+            if any(queueing.start < queueing.end == time for queueing in one.queueings if queueing.end is not None):
+                return None, _At(time, one.id)
+            spans: list[Handling | Suspension] = [*one.handlings, *one.suspensions]
+            last = max([last, *(span.end for span in spans if span.end is not None and span.end < time)])
+        return _waited(last, time, Doing.UNKNOWN, task.id)
 
     def _delayed(self, task: Task, before: int, moment: Moment, added: float, time: float) -> tuple[Step, _At]:
         """Back to the point after which the delay counts; counted from the time that it was asked for, to that."""
@@ -177,6 +198,12 @@ class Causes:
 def _waited(start: float, end: float, doing: Doing, message: int, where: Queueing | None = None) -> tuple[Step, _At]:
     module, resource = (where.module, where.resource) if where else ("", "")
     return Step(start, end, doing, message, module, resource), _At(start, message)
+
+
+def _stood(suspension: Suspension, end: float) -> Step | None:
+    """The part of a suspension in which nothing ran any more."""
+    since = suspension.standstill
+    return Step(since, end, Doing.SUSPENDED, suspension.cause, "") if since is not None and since < end else None
 
 
 def _last_over(waits: list[Wait], time: float) -> Wait | None:

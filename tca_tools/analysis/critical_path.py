@@ -7,12 +7,13 @@ only way to end sooner, and it helps until another path is the longest.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nextafter
+from operator import attrgetter
 
 from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.summary import is_over
-from tca_tools.analysis.words import seconds
+from tca_tools.analysis.words import moment, seconds
 from tca_tools.past import Past
-from tca_tools.records import Handling, Queueing, Task
+from tca_tools.records import Handling, Message, Queueing, Suspension, Task
 from tca_tools.story import awaited
 from tca_tools.then import Then
 from tca_tools.waiting import why_waiting
@@ -82,6 +83,9 @@ def critical_path(past: Past, causes: Causes, task: Task) -> CriticalPath:
     if running:
         steps = list(causes.back_from(past.time, running.message_id, running))
         return CriticalPath(task, True, steps[::-1])
+    if standing := _standing_under(past, task):
+        steps = [standing, *causes.back_from(standing.start, standing.message_id)]
+        return CriticalPath(task, True, steps[::-1])
     last = _last_change_under(past, task)
     steps = [Step(last, past.time, Doing.UNKNOWN, task.id, "")] if past.time > last else []
     return CriticalPath(task, True, [*steps, *causes.back_from(last, task.id)][::-1])
@@ -129,9 +133,16 @@ def why_then(past: Past, step: Step) -> str:
     if message is None or message.received == step.start:
         return f"{message.role} for {past.describe(message.about)}" if message and message.role else ""
     if isinstance(message, Task):
+        if step.doing is Doing.SUSPENDED:
+            return next((f"suspended at {moment(one.start)}" for one in message.suspensions if _stands(one, step)), "")
         reasons = why_waiting(Then(past, nextafter(step.start, 0.0)), TaskId(message.id))
         return f"it waited {' and '.join(reasons)}" if reasons else ""
     return ""
+
+
+def _stands(suspension: Suspension, step: Step) -> bool:
+    """Whether a step is the later part of a suspension."""
+    return suspension.start < step.start and (suspension.end is None or suspension.end >= step.end)
 
 
 def _end_of(task: Task) -> float:
@@ -139,25 +150,47 @@ def _end_of(task: Task) -> float:
     return end if end is not None else (task.states[-1][0] if task.states else task.received)
 
 
-def _under(past: Past, task: Task) -> Iterator[Task]:
-    below = [task]
-    for one in below:  # grows while it is walked
-        yield one
-        below += [past.tasks[child] for child in one.children]
-
-
 def _running_under(past: Past, task: Task) -> Handling | None:
     """The handler under a task that has run longest and waits for nothing; replies that are waited for are followed."""
-    for one in _under(past, task):
-        handling = one.handling
-        while handling and handling.waits and handling.waits[-1].end is None:
-            reply = past.messages.get(handling.waits[-1].awaited)
-            handling = reply.handling if reply and reply.id > handling.message_id else None
-        if handling:
-            return handling
+    for one in past.under(task):
+        last = _awaited_last(past, one)
+        if last.handling and not _blocks(last.handling):
+            return last.handling
     return None
+
+
+def _standing_under(past: Past, task: Task) -> Step | None:
+    """What has stood longest under a task of which nothing runs: it is suspended, in a queue, or nobody handles it."""
+    found = [step for one in past.under(task) for step in _standing(past, one) if step.seconds > 0]
+    return min(found, key=attrgetter("start"), default=None)
+
+
+def _standing(past: Past, task: Task) -> Iterator[Step]:
+    suspension = task.suspension
+    if suspension and suspension.cause == task.id and (since := suspension.standstill) is not None:
+        yield Step(since, past.time, Doing.SUSPENDED, task.id, "")
+    last = _awaited_last(past, task)
+    if last.is_queued:
+        queueing = last.queueings[-1]
+        doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
+        yield Step(queueing.start, past.time, doing, last.id, queueing.module, queueing.resource)
+
+
+def _awaited_last(past: Past, task: Task) -> Message:
+    """What the handler of a task waits for; if the handler of that waits, what that waits for; and so on."""
+    message: Message = task
+    while message.handling and _blocks(message.handling):
+        awaited = past.messages.get(message.handling.waits[-1].awaited)
+        if awaited is None or awaited.id <= message.id:
+            break
+        message = awaited
+    return message
+
+
+def _blocks(handling: Handling) -> bool:
+    return bool(handling.waits) and handling.waits[-1].end is None
 
 
 def _last_change_under(past: Past, task: Task) -> float:
     """When something last happened under a task."""
-    return max((one.states[-1][0] for one in _under(past, task) if one.states), default=task.received)
+    return max((one.states[-1][0] for one in past.under(task) if one.states), default=task.received)

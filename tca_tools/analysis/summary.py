@@ -26,6 +26,7 @@ class Summary:
     end: float
     """When the last task ended, or else the journal; the time between is what the shares in a report are of."""
     modules: int
+    """Those that handled, offered, sent or locked something: who only asks what there is does not count."""
     messages: int
     tasks: dict[State, int]
     """How many tasks are in which state at the end, those that occur."""
@@ -57,7 +58,7 @@ def summary(past: Past) -> Summary:
         past.began,
         start,
         end,
-        len(past.modules),
+        len(_working(past)),
         len(past.messages),
         {state: counts[state] for state in State if counts[state]},
         {state: top_counts[state] for state in State if top_counts[state]},
@@ -66,6 +67,14 @@ def summary(past: Past) -> Summary:
         bool(top) and all(task.state is State.ACHIEVED for task in top),
         _outcome(top, top_counts, failures),
     )
+
+
+def _working(past: Past) -> set[str]:
+    offering = {name for name, module in past.modules.items() if module.resources}
+    senders = {message.sender for message in past.messages.values() if not message.role}
+    claiming = {claim.sender for claim in past.claims.values()}
+    running = {name for run in past.handlings for name in (run.module, run.direct_from)}
+    return (offering | senders | claiming | running) & past.modules.keys()
 
 
 def span_of(past: Past) -> tuple[float, float]:

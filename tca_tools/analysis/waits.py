@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from operator import attrgetter
 
+from tca_tools.analysis.words import moment
 from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Queueing, State, Task, Wait
+from tca_tools.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
 from tca_tools.story import awaited
 from tca_tools.then import Then
 from tca_tools.waiting import for_whom, why_waiting
@@ -24,6 +25,7 @@ class WaitKind(StrEnum):
     """What was waited for."""
 
     CONSTRAINT = "constraint"  # a task was held, by a constraint or by its parent
+    SUSPENDED = "suspended"  # a task was suspended, and nothing under it ran on any more
     RESOURCE = "resource"  # a message stood in a queue
     LOCK = "lock"  # the same, or a claim, while somebody had locked or reserved the resource
     HANDLER = "handler"  # nobody handled it
@@ -82,16 +84,12 @@ def waits(past: Past, at_most: int = 10) -> list[Waits]:
     return [of_kind for of_kind in by_kind.values() if of_kind.number]
 
 
-_Found = tuple[WaitKind, int, float, float | None, Queueing | Wait | Claim | None]
+_Found = tuple[WaitKind, int, float, float | None, Queueing | Wait | Suspension | None]
 """A wait: its kind, the message that waits, from when until when, and its record (None: a task that was held)."""
 
 
 def _all(past: Past) -> Iterator[_Found]:
-    for task in past.tasks.values():
-        for number, (time, state) in enumerate(task.states):
-            if state is State.HELD or state is State.PLANNED:
-                end = task.states[number + 1][0] if number + 1 < len(task.states) else None
-                yield WaitKind.CONSTRAINT, task.id, time, end, None
+    yield from _of_tasks(past)
     for queueing in past.queueings:
         kind = WaitKind.HANDLER if not queueing.module else WaitKind.RESOURCE
         if queueing.module and locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end):
@@ -100,6 +98,17 @@ def _all(past: Past) -> Iterator[_Found]:
     for handling in past.handlings:
         for wait in handling.waits:
             yield _kind(past, wait), handling.message_id, wait.start, wait.end, wait
+
+
+def _of_tasks(past: Past) -> Iterator[_Found]:
+    for task in past.tasks.values():
+        for number, (time, state) in enumerate(task.states):
+            if state is State.HELD or state is State.PLANNED:
+                end = task.states[number + 1][0] if number + 1 < len(task.states) else None
+                yield WaitKind.CONSTRAINT, task.id, time, end, None
+    for suspension in past.suspensions():
+        if (since := suspension.standstill) is not None:
+            yield WaitKind.SUSPENDED, suspension.task, since, suspension.end, suspension
 
 
 def _kind(past: Past, wait: Wait) -> WaitKind:
@@ -122,12 +131,22 @@ def _told(past: Past, found: _Found) -> LongWait:
     told = LongWait(kind, past.describe(message), start, past.time if end is None else end, end is None)
     if isinstance(record, Queueing):
         told.what = _queue_reason(past, record)
+    elif isinstance(record, Suspension):
+        told.what = _until_resumed(record)
     elif isinstance(record, Wait):
         told.who = f"the handler of {told.who}"
         told.what = awaited(past, record) + _where_handled(past, record)
     else:
         told.what = _why_held(past, past.tasks[message], told)
     return told
+
+
+def _until_resumed(suspension: Suspension) -> str:
+    over = suspension.end is not None and not suspension.is_resumed
+    text = "until it was killed" if over else "until it is resumed"
+    if suspension.standstill == suspension.start:
+        return text
+    return f"{text}; suspended at {moment(suspension.start)}, what ran then ran on"
 
 
 def _why_held(past: Past, task: Task, wait: LongWait) -> str:

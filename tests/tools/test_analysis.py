@@ -2,9 +2,12 @@
 
 import pytest
 from tools.made_robots import caught, commanding, fail, near, recovering, stepping
-from tools.story import Story, stumbling, walking
+from tools.story import Story, mopping, stumbling, walking
 
 from tca_tools.analysis import words
+from tca_tools.analysis.advice import Topic, advice
+from tca_tools.analysis.causes import Causes
+from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import Fate, failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.spans import Cover, levels
@@ -143,6 +146,48 @@ def test_waits_for_locks_and_for_nobody() -> None:
     lock, nobody = found[WaitKind.LOCK], found[WaitKind.HANDLER]
     assert (lock.what, lock.seconds, lock.is_open) == ("for legs, which eye had locked", 4.0, True)
     assert nobody.what == "for a module that handles dance"
+
+
+def test_a_suspended_task_waits_from_when_on_nothing_of_it_runs() -> None:
+    found = {kind.kind: kind for kind in waits(mopping().fold())}
+    (wait,) = found[WaitKind.SUSPENDED].longest
+    assert (wait.who, wait.start, wait.end, wait.is_open) == ("mop floor {1}", 3.0, 9.0, False)
+    assert wait.what == "until it is resumed; suspended at 2.000 s, what ran then ran on"
+    (nobody,) = found[WaitKind.HANDLER].longest
+    assert (nobody.who, nobody.start, nobody.is_open) == ("fly {5}", 1.6, True)
+    (still,) = (kind for kind in waits(mopping().fold(4.0)) if kind.kind is WaitKind.SUSPENDED)
+    assert (still.longest[0].seconds, still.longest[0].is_open) == (1.0, True)
+    assert not any(kind.kind is WaitKind.SUSPENDED for kind in waits(mopping().fold(2.5)))  # a sweep runs on
+
+
+def test_a_handler_that_waits_for_what_is_suspended_under_it_does_not_work() -> None:
+    story = Story().module("planner", "walk").module("legs", "move").at(1.0)
+    walk = story.command("walk", "user")
+    story.delivered(walk, "planner").say(facts.SuspendedOrResumed(TaskId(walk), True)).at(2.0)
+    move = story.command("move", "planner", walk)
+    story.say(facts.WaitBegan("planner", walk, TaskId(move), Moment.END_ACHIEVING)).at(5.0)
+    (wait,) = next(kind for kind in waits(story.fold()) if kind.kind is WaitKind.SUSPENDED).longest
+    assert (wait.who, wait.start, wait.end) == ("walk {1}", 2.0, 5.0)
+
+
+def test_advice_on_what_nobody_could_work_on() -> None:
+    """On the critical path of the floor stands only its suspension; the drone waits beside it."""
+    history = mopping().fold()
+    causes = Causes(history)
+    path = critical_path(history, causes, history.tasks[1])
+    suspended, drone = advice(history, path, [], [], [], at_least=0.1)
+    assert near(suspended.topic, suspended.saving, suspended.on_path) == (Topic.SUSPENDED, 6.0, 6.0)
+    assert suspended.example == "mop floor {1}, from 3.000 s, 6.00 s"
+    assert near(drone.topic, drone.saving, drone.on_path) == (Topic.HANDLER, 10.4, 0)
+    assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all"
+    assert drone.title == "Nobody handles 'fly' for a while"
+
+
+def test_who_only_asks_is_no_module_of_a_run() -> None:
+    story = stepping()
+    for name in ("tca top", "tca resume"):
+        story.module(name).say(facts.ModuleLeft(name, "it said goodbye"))
+    assert summary(story.fold()).modules == summary(stepping().fold()).modules == 3
 
 
 def test_only_the_longest_are_told() -> None:

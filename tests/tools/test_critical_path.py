@@ -5,11 +5,12 @@ from typing import Any
 
 import pytest
 from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
-from tools.story import Story, stumbling, walking
+from tools.story import QUERY, Story, mopping, stumbling, walking
 
 from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
 from tca_tools.past import Past
+from tca_tools.records import Task
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, Point, TaskId
@@ -19,6 +20,11 @@ def path_of(past: Past) -> list[tuple[Any, ...]]:
     """The critical path of the last top-level task: what, where, from when until when; what took no time is left out."""
     task = last_task(past)
     assert task is not None
+    return steps_of(past, task)
+
+
+def steps_of(past: Past, task: Task) -> list[tuple[Any, ...]]:
+    """The same of any task."""
     steps = critical_path(past, Causes(past), task).steps
     for before, after in pairwise(steps):
         assert before.end == after.start, "a path has no gaps"
@@ -157,8 +163,70 @@ def test_a_run_that_is_not_over_leads_to_what_goes_on() -> None:
 
 def test_nothing_runs_when_the_journal_ends() -> None:
     story = Story().module("a")
-    story.at(1.0).queued(story.command("move", "a")).at(4.0)
+    story.at(1.0).command("move", "a")
+    story.at(4.0)
     assert path_of(story.fold()) == [("unknown", "", 1.0, 4.0)]
+
+
+def test_nobody_handles_what_a_journal_that_ends_waits_for() -> None:
+    story = Story().module("a", "walk").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(1.5)
+    story.queued(story.command("fly", "a", walk)).returned(walk).at(9.0)
+    assert path_of(story.fold()) == [("walk", "a", 1.0, 1.5), ("no handler", "", 1.5, 9.0)]
+
+
+def test_a_query_in_a_queue_that_a_journal_that_ends_waits_for() -> None:
+    story = Story().module("a", "walk").module("eye", "where").at(1.0)
+    walk = story.command("walk", "user")
+    story.delivered(walk, "a").at(2.0).queued(story.received("where", QUERY, "a", origin=walk, blocking=True), "eye")
+    assert path_of(story.at(9.0).fold()) == [("walk", "a", 1.0, 2.0), ("queued", "eye", 2.0, 9.0)]
+
+
+@pytest.mark.parametrize("until", [8.0, None])
+def test_a_suspended_task_stands_from_when_on_nothing_of_it_runs(until: float | None) -> None:
+    """Also while it still stands: the work that ran on is work."""
+    history = mopping().fold(until)
+    before = [("sweep", "broom", 1.0, 3.0), ("suspended", "", 3.0, until or 9.0)]
+    after = [("sweep", "broom", 9.0, 10.0), ("sweep", "broom", 10.0, 11.0)]
+    task = history.tasks[1]
+    assert steps_of(history, task) == (before if until else before + after)
+    stood = critical_path(history, Causes(history), task).steps[1]
+    assert (stood.message_id, why_then(history, stood)) == (1, "suspended at 2.000 s")
+
+
+def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None:
+    story = Story().module("a", "walk").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(1.5)
+    fly = story.command("fly", "a", walk)
+    story.queued(fly).returned(walk).at(3.0)
+    story.say(facts.Unqueued(fly), facts.SuspendedOrResumed(TaskId(walk), True)).at(5.0)
+    story.say(facts.SuspendedOrResumed(TaskId(walk), False)).queued(fly).at(7.0).acted(fly, "a", 1.0)
+    story.reached(walk, Moment.END_ACHIEVING)
+    assert path_of(story.fold()) == [
+        ("walk", "a", 1.0, 1.5),
+        ("no handler", "", 1.5, 3.0),
+        ("suspended", "", 3.0, 5.0),
+        ("no handler", "", 5.0, 7.0),
+        ("fly", "a", 7.0, 8.0),
+    ]
+
+
+def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
+    story = Story().module("a", "walk").module("legs", "move").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING)
+    story.at(2.0).returned(walk).say(facts.SuspendedOrResumed(TaskId(walk), True))
+    story.at(3.0).say(facts.SuspendedOrResumed(TaskId(walk), False))
+    story.at(4.0).say(facts.SuspendedOrResumed(TaskId(walk), True))
+    story.at(6.0).say(facts.Killed(TaskId(walk), "late")).reached(walk, *Moment)
+    assert path_of(story.fold()) == [
+        ("walk", "a", 1.0, 2.0),
+        ("suspended", "", 2.0, 3.0),
+        ("unknown", "", 3.0, 4.0),
+        ("suspended", "", 4.0, 6.0),
+    ]
 
 
 def test_a_killed_walk_ends_with_the_failure() -> None:

@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.made_robots import recovering, stepping
-from tools.story import Story, stumbling, walking
+from tools.story import Story, mopping, stumbling, walking
 from tools.test_history import FACTS
 
 from tca_tools.errors import ToolError
@@ -121,6 +121,23 @@ def test_a_run_that_is_not_over(reported: Reported) -> None:
     shown = reported(walking())
     assert ("class", "r-verdict open") in shown.attributes
     assert "The task had not ended when the journal did." in shown.text
+
+
+def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
+    shown = reported(mopping())
+    assert "fly : nobody handled it" in shown.text  # where the time went
+    for words in ("Nobody handles 'fly' for a while", "'mop floor' is suspended for a while", "Suspended tasks"):
+        assert words in shown.text
+    assert "1 wait, 6.00 s in all" in shown.text
+    assert "Nothing was found" not in shown.text
+
+
+def test_what_took_time_is_not_called_work_if_nothing_ran(reported: Reported) -> None:
+    story = Story().module("legs", "move").at(1.0)
+    story.command("move", "user")
+    shown = reported(story.at(9.0))
+    assert "What took most time: move : the journal does not tell" in shown.text
+    assert "itself" not in shown.text
 
 
 def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Reported) -> None:
