@@ -148,6 +148,8 @@ class Causes:
         if message.received == time:
             return None, (_At(time, message.about) if message.about in self._past.messages else None)
         was_ended = any(when == time and name in ("killed", "failure") for when, name, _ in message.changes)
+        if was_ended and isinstance(message, Task) and (stood := self._stood_until(message, time)):
+            return None, _At(time, stood.id)
         ends = (run.end for run in reversed(message.handlings) if run.end is not None and run.end < time)
         since = max(next(ends, message.received), message.received)
         return _waited(since, time, Doing.KILLED if was_ended else Doing.UNKNOWN, message.id)
@@ -163,6 +165,14 @@ class Causes:
                 return stood, _At(stood.start, suspension.cause)
             if suspension.start == time and suspension.cause == task.id:
                 return self._before_suspension(task, time)
+        return None
+
+    def _stood_until(self, task: Task, time: float) -> Task | None:
+        """What nobody handled under a task, or was suspended, until all was ended."""
+        for one in self._past.under(task):
+            unhandled = any(queueing.end == time and not queueing.module for queueing in one.queueings)
+            if one is not task and (unhandled or any(end.end == time for end in one.suspensions)):
+                return one
         return None
 
     def _before_suspension(self, task: Task, time: float) -> tuple[Step | None, _At]:

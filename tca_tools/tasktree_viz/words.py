@@ -54,7 +54,13 @@ def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
     if task.children and not task.handling and task.state in (State.ACHIEVING, State.PLANNING):
         return "", None  # for them, and they are shown
     reasons = why_waiting(then, TaskId(task.id))
-    return (printable(f"waits {', and '.join(reasons)}"), waits_since(task)) if reasons else ("", None)
+    if reasons:
+        return printable(f"waits {', and '.join(reasons)}"), waits_since(task)
+    if task.suspension and task.handling:
+        return printable(
+            f"still runs, though {then.describe(task.suspension.cause)} is suspended"
+        ), task.suspension.start
+    return "", None
 
 
 def lasting(length: float) -> str:

@@ -229,6 +229,19 @@ def test_a_task_that_is_suspended_twice_and_killed_by_its_deadline() -> None:
     ]
 
 
+def test_a_task_that_is_killed_by_its_deadline_while_nobody_handles_what_it_needs() -> None:
+    story = Story().module("a", "walk").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING).at(1.5)
+    fly = story.command("fly", "a", walk)
+    story.queued(fly).returned(walk).at(9.0)
+    story.say(facts.Failed(walk, "timeout", "", is_beside=True))
+    story.say(*(facts.Killed(TaskId(task), "late") for task in (walk, fly))).reached(fly, *Moment).reached(
+        walk, *Moment
+    )
+    assert path_of(story.fold()) == [("walk", "a", 1.0, 1.5), ("no handler", "", 1.5, 9.0)]
+
+
 def test_a_killed_walk_ends_with_the_failure() -> None:
     assert path_of(stumbling().fold())[-1] == ("move body", "controller", 3.4, 4.5)
 

@@ -149,7 +149,8 @@ def test_the_row_of_a_suspended_task_says_so_from_when_on_it_was() -> None:
     ]  # fmt: skip
     until = "until mop floor {1} is resumed"
     assert note(sweeping, sweeping.tasks[1]) == f"waits until sweep {{2}} has been handled, and {until}, for 0.50 s"
-    assert (sweeping.tasks[2].state, note(sweeping, sweeping.tasks[2])) == (State.HANDLING, "")
+    assert sweeping.tasks[2].state is State.HANDLING
+    assert note(sweeping, sweeping.tasks[2]) == "still runs, though mop floor {1} is suspended, for 0.50 s"
     assert note(standing, standing.tasks[1]) == f"waits {until}, for 3.00 s"
     assert note(standing, standing.tasks[3]) == f"waits {until}, for 3.00 s"
     assert note(resumed, resumed.tasks[1]) == ""
