@@ -144,10 +144,10 @@ def _advised(error: click.ClickException, message: str) -> str:
     """Messages of click in our style: lower case, and what to do."""
     if isinstance(error, click.NoSuchOption) and error.option_name[1:2].isdecimal():
         return f"'{error.option_name}' looks like an option: write '--' before what begins with a minus"
+    if _WORDS_OF_CLICK.match(message):  # others may begin with a name
+        message = f"{message[:1].lower()}{message[1:].rstrip('.')}"
     if not isinstance(error, click.UsageError) or not error.ctx or "--help" in message:
         return message
-    if _WORDS_OF_CLICK.match(message):  # others may begin with a name
-        message = f"{message[:1].lower()}{message[1:]}"
     return f"{message.rstrip('.')}; see '{error.ctx.command_path} --help'"
 
 
