@@ -129,3 +129,16 @@ def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Centra
     page.unroute("**/api/frame*")
     expect(page.locator("#status")).to_have_text("live")
     assert page.evaluate("tca.store.isLive")
+
+
+def test_reasons_stay_while_others_send_and_when_the_server_goes_away(
+    look: Look, daemon: Central, user: Client
+) -> None:
+    page = look(daemon.journal)
+    reason = page.locator(".row[data-task='1'] .why")
+    expect(reason).to_contain_text("waits for a module that handles walk, for ")
+    page.route("**/api/notes*", lambda _route: None)  # no note comes from now on
+    with page.expect_request("**/api/notes*"):
+        user.goal(WALK, 2)
+        expect(page.locator(".row")).to_have_count(2)
+    expect(reason).to_contain_text("waits for a module that handles walk, for ")

@@ -191,6 +191,9 @@ export class Store {
     return place < 0 ? NEVER : states[place];
   }
 
+  // When the state that a task is in at a time began; undefined before it was sent.
+  entered(task, time) { return task.times[lastNotAfter(task.times, time)]; }
+
   #scan(times, time) {
     let place = times.length - 1;
     while (place >= 0 && times[place] > time) place--;
