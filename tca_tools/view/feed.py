@@ -14,7 +14,7 @@ from tca_tools.history import History
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
-from tca_wire.facts import Entry
+from tca_wire.facts import Entry, Failed
 from tca_wire.vocabulary import Outcome, Role
 from tca_wire.wording import place
 
@@ -33,6 +33,8 @@ TABLES = {
     "state.task": "i",  # a task's id
     "state.time": "d",
     "state.state": "B",
+    "failure.message": "i",
+    "failure.time": "d",
     "hold.task": "i",
     "hold.before": "i",
     "hold.kind": "i",  # a text
@@ -94,6 +96,16 @@ class Feed:
         for record in news:
             if not isinstance(record, Task):
                 _TELL[type(record)](self, record)
+        for fact in entry.facts:
+            if isinstance(fact, Failed):
+                columns.add("failure", self._failed(fact.id), history.time)
+
+    def _failed(self, number: int) -> int:
+        """The message that a failure was raised on, of which it may name only the delivery."""
+        if number in self.history.messages:
+            return number
+        ended = (one for one in self.history.news if isinstance(one, Handling) and one.delivery == number)
+        return next((one.message_id for one in ended), number)
 
     def _tell_birth(self, task: Task) -> None:
         form = Form.GOAL if task.message_class.is_goal else Form.COMMAND

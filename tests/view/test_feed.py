@@ -128,3 +128,15 @@ def test_nothing_new_is_an_empty_frame() -> None:
     page.take(feed)
     _, columns = parsed(feed.columns.frame(page.lengths, {}))
     assert not any(columns.values())
+
+
+def test_each_failure_is_told_with_its_message() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user")
+    story.say(facts.Delivered(77, move, "legs", "legs")).at(2.0).say(facts.Failed(77, "lost", "its module left"))
+    story.at(3.0).say(facts.Failed(move, "slip", ""), facts.Failed(99, "nobody knows", ""))
+    feed, page = Feed(), Page()
+    for entry in story.entries:
+        feed.apply(entry)
+    page.take(feed)
+    assert page.table("failure") == [(move, 2.0), (move, 3.0), (99, 3.0)]

@@ -212,9 +212,8 @@ function moveChoice(step) {
 }
 
 function goToFailure(by) {
-  const time = slider.stepToFailure(by);
-  const task = time !== undefined && store.tasks.find((one) => one.times.some((at, i) => at === time && one.states[i] === store.failed));
-  if (task) choose(task.id);
+  const message = slider.stepToFailure(by);
+  if (message) choose(message);
 }
 
 document.addEventListener("keydown", (event) => {

@@ -1,4 +1,4 @@
-// The time slider: how much happened when, failures in red, and a handle that is dragged; play, steps and speed.
+// The time slider: how much happened when, failures in red or amber, and a handle that is dragged; play, steps and speed.
 
 import { css, length, prepared, seconds } from "./format.js";
 import { lastNotAfter } from "./store.js";
@@ -45,14 +45,14 @@ export class Slider {
     this.setTime(this.time);
   }
 
-  // To another failure.
+  // To another moment at which something failed; what failed there, if there is one.
   stepToFailure(by) {
-    const failures = this.store.failures.toSorted((a, b) => a - b);
-    const next = by > 0 ? failures.find((time) => time > this.time) : failures.findLast((time) => time < this.time);
-    if (next === undefined) return undefined;
-    this.time = next;
-    this.setTime(next);
-    return next;
+    const { failures } = this.store;
+    const next = by > 0 ? failures.find(({ time }) => time > this.time) : failures.findLast(({ time }) => time < this.time);
+    if (!next) return undefined;
+    this.time = next.time;
+    this.setTime(next.time);
+    return next.message;
   }
 
   toggle() {
@@ -124,13 +124,23 @@ export class Slider {
       context.fillRect(EDGE + bin * wideOne, height - 8 - tall, wideOne * 0.75, tall);
     });
     context.globalAlpha = 1;
-    context.fillStyle = css("--bad");
-    for (const time of this.store.failures) context.fillRect(x(time) - 1, height - 9, 2, 7);
     context.fillStyle = css("--mark");
     context.fillRect(EDGE, height - 8, x(this.time) - EDGE, 4);
+    this.#drawFailures(context, x, height);
+    context.fillStyle = css("--mark");
     context.beginPath();
     context.arc(x(this.time), height - 6, 5.5, 0, 7);
     context.fill();
+  }
+
+  // Those that were handled lie below the others.
+  #drawFailures(context, x, height) {
+    const { failures, version } = this.store;
+    if (this.marks?.version !== version) this.marks = { version, ...Object.groupBy(failures, (one) => this.store.wasHandled(one) ? "handled" : "bad") };
+    for (const tint of ["handled", "bad"]) {
+      context.fillStyle = css(`--${tint}`);
+      for (const { time } of this.marks[tint] ?? []) context.fillRect(x(time) - 1, height - 9, 2, 7);
+    }
   }
 
   // How many entries fall into each part of the run; counted anew when there are more, or the run is a part longer.

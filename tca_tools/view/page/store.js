@@ -51,7 +51,7 @@ export class Store {
     this.rows = []; // of the chart: { label, handled, queued, held, connected, failed }; the first three are lanes of spans
     this.suspended = newRow("(suspended)");
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
-    this.failures = []; // times at which tasks failed
+    this.failures = []; // as they were raised: { message, time }
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.end = 0; // of the run, as far as it has come
@@ -82,12 +82,12 @@ export class Store {
   add(buffer) {
     const { head, columns } = parse(buffer);
     this.head = head;
-    this.failed = head.states.findIndex((state) => state.name === "failed");
     for (const text of head.texts) this.texts.push(text);
     for (const time of columns["entry.time"]) this.times.push(time);
     this.#addTasks(columns);
     this.#addStates(columns);
     this.#addHolds(columns);
+    columns["failure.time"].forEach((time, i) => this.failures.push({ message: columns["failure.message"][i], time }));
     for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
     this.#addSpans(columns);
     this.lengths = head.lengths;
@@ -119,7 +119,6 @@ export class Store {
       const task = this.byId.get(ids[i]);
       task.times.push(columns["state.time"][i]);
       task.states.push(columns["state.state"][i]);
-      if (columns["state.state"][i] === this.failed) this.failures.push(columns["state.time"][i]);
       this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
     }
   }
@@ -221,6 +220,16 @@ export class Store {
   ended(task, time) {
     const state = this.stateAt(task, time);
     return state !== NEVER && this.isOver(state) ? task.times[lastNotAfter(task.times, time)] : null;
+  }
+
+  // Whether what had failed then went on, or still may: not if its task ended with the failure.
+  wasHandled({ message, time }) {
+    const task = this.byId.get(message);
+    if (!task) return false;
+    let place = Math.max(lastNotAfter(task.times, time), 0);
+    const name = () => this.head.states[task.states[place]].name;
+    while (name() === "recovering" && place + 1 < task.states.length) place++;
+    return !["failed", "killed"].includes(name());
   }
 
   isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }
