@@ -42,10 +42,31 @@ export class Tree {
     this.time = time;
     this.moment = moment;
     this.version = this.store.version;
+    const stood = this.#inSight();
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
+    this.#stay(stood);
     if (this.keepsUp) this.#keepUp();
     this.#draw();
+  }
+
+  // What a reader may be looking at: the chosen row, if he sees it, then those that he sees, from the top.
+  #inSight() {
+    const { scrollTop, clientHeight } = this.scroller, first = Math.ceil(scrollTop / ROW);
+    const seen = this.rows.slice(first, first + Math.max(Math.floor(clientHeight / ROW), 1));
+    const chosen = seen.find((row) => row.task && row.task === this.outline.chosen);
+    return chosen ? [chosen, ...seen] : seen;
+  }
+
+  // Rows that come or go above it leave it where it stands on the screen.
+  #stay(stood) {
+    for (const old of stood) {
+      const row = this.rows[old.place], isThere = row && nameOf(row) === nameOf(old);
+      const place = isThere ? old.place : this.rows.findIndex((one) => nameOf(one) === nameOf(old));
+      if (place < 0) continue;
+      if (place !== old.place) this.scroller.scrollTop += (place - old.place) * ROW;
+      return;
+    }
   }
 
   #keepUp() {
@@ -217,6 +238,9 @@ export class Tree {
     this.arrows.replaceChildren(...paths);
   }
 }
+
+// What a row keeps while others come and go: its task, or the first one that is folded.
+function nameOf(row) { return row.task ?? row.key; }
 
 function dot(colour, isGoal = false) {
   const made = element("span", { class: isGoal ? "dot goal" : "dot" });
