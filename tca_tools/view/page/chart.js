@@ -1,6 +1,7 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
 import { colour, css, length, prepared, seconds, ticks } from "./format.js";
+import { ScrollBar } from "./scroll.js";
 
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
@@ -21,6 +22,9 @@ export class Chart {
     this.scroll = 0;
     this.labels = 120;
     this.layout = [];
+    this.bar = new ScrollBar(this.canvas, (scroll) => {
+      if (Math.abs(scroll - this.scroll) > 1) this.#scrollTo(scroll);
+    });
     this.#listen();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
@@ -60,6 +64,11 @@ export class Chart {
     return from + (x - this.labels) / (this.width - this.labels) * (to - from);
   }
 
+  #scrollTo(scroll) {
+    this.scroll = scroll;
+    this.draw();
+  }
+
   // --- drawing -----------------------------------------------------------------------------------------------------
 
   draw() {
@@ -77,11 +86,13 @@ export class Chart {
     for (const place of this.layout) if (place.bottom > AXIS && place.top < height) this.#drawRow(place);
     context.restore();
     this.#drawCursor();
+    this.bar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
   }
 
-  // Where each row stands.
+  // Where each row stands; first those that say why something waits though no module is at it.
   #lay() {
-    const busy = [...this.store.rows, this.store.suspended].filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
+    const { rows, suspended } = this.store, [nobody, others] = [rows.filter(isNobody), rows.filter((row) => !isNobody(row))];
+    const busy = [suspended, ...nobody, ...others].filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
     const widths = busy.map((row) => this.context.measureText(row.label).width);
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
     let top = 0;
@@ -93,6 +104,7 @@ export class Chart {
       top += tall + GAP;
       return place;
     });
+    this.tall = top;
     this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(top - (this.height - AXIS - 6), 0));
     for (const place of this.layout) {
       place.top += AXIS + 4 - this.scroll;
@@ -329,6 +341,8 @@ export class Chart {
     this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;
   }
 }
+
+function isNobody({ label }) { return label === "(no handler)"; }
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
