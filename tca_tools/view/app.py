@@ -86,6 +86,7 @@ def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
             "now": reading.now,
             "problem": reading.problem or reading.log.cut,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
+            "colours": reading.feed.colours(),
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,
             "kinds": [kind.name.lower() for kind in SpanKind],

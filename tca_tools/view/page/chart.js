@@ -1,11 +1,12 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
-import { colour, css, length, prepared, seconds, ticks } from "./format.js";
+import { css, length, prepared, seconds, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
 
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
 const NARROW = 1.5; // pixels
+const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
 
 export class Chart {
@@ -171,7 +172,7 @@ export class Chart {
         const next = this.#timeAt(x + NARROW);
         const after = Math.max(place + 1, firstWith(lane, (other) => other.end > next, place + 1));
         const busy = after > place + 1 ? share(lane, place, after, next - this.#timeAt(x)) : 0.75;
-        this.context.fillStyle = colour(span.name);
+        this.context.fillStyle = span.kind === "held" ? HELD : this.store.colour(span.name);
         this.context.globalAlpha = 0.2 + 0.8 * busy; // the fuller, the more was going on
         this.context.fillRect(x, y, NARROW, tall);
         this.context.globalAlpha = 1;
@@ -183,7 +184,7 @@ export class Chart {
   #drawBar(span, x, width, y) {
     const { context } = this, tall = LANE - 2, open = span.end === Infinity;
     const end = Math.min(x + width, open ? this.#x(this.store.end) : Infinity), wide = Math.max(end - x, NARROW);
-    context.fillStyle = colour(span.name);
+    context.fillStyle = this.store.colour(span.name);
     context.globalAlpha = span.kind === "waiting" ? 0.3 : 1;
     context.fillRect(x, y, wide, tall);
     context.globalAlpha = 1;
@@ -209,7 +210,7 @@ export class Chart {
 
   #drawQueued(span, x, width, y) {
     const { context } = this, wide = Math.min(x + width, this.#x(Math.min(span.end, this.store.end))) - x;
-    context.fillStyle = colour(span.name);
+    context.fillStyle = this.store.colour(span.name);
     context.globalAlpha = 0.28;
     context.fillRect(x, y, Math.max(wide, NARROW), THIN - 2);
     context.globalAlpha = 1;
@@ -218,7 +219,7 @@ export class Chart {
   }
 
   #drawHeld(x, width, y) {
-    this.context.fillStyle = "#d08a00";
+    this.context.fillStyle = HELD;
     this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
   }
 

@@ -56,18 +56,6 @@ export function ticks(start, end, most) {
   return found;
 }
 
-// A colour for each name, the same in every chart: by its place among the texts.
-const HUES = ["#1f6fb2", "#c9601d", "#2a8a55", "#a63d7a", "#6f56b8", "#9a7b00", "#25879b", "#b2423f", "#5f7330", "#84563a"];
-const colours = new Map();
-
-export function colour(name) {
-  if (!colours.has(name)) {
-    const number = colours.size;
-    colours.set(name, HUES[number] ?? `hsl(${(number * 137.5) % 360} 45% 38%)`);
-  }
-  return colours.get(name);
-}
-
 export function css(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }

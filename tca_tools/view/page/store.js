@@ -60,6 +60,7 @@ export class Store {
 
   get start() { return this.times.length ? this.times[0] : 0; }
   get last() { return this.times.length ? this.times[this.times.length - 1] : 0; }
+  colour(name) { return this.head.colours[name] ?? "#51606f"; } // of a message; gray, if it has none
   get isLive() { return typeof this.head?.now === "number"; }
 
   // Time goes on between two answers of the server, while the run does.
