@@ -51,3 +51,41 @@ def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -
       return green > 100 ? "amber" : red > 150 ? "red" : "none";
     })"""
     ) == ["amber", "red"]
+
+
+def baking() -> Story:
+    """Of many cakes that are baked well one burns: it and what it was for are killed, for that failure."""
+    story = Story().module("cook", "bake cake", "stir", "heat").at(1.0)
+    for number in range(30):
+        cake = story.goal("bake cake", "user")
+        stir = story.command("stir", "cook", cake)
+        heat = story.command("heat", "cook", cake)
+        story.delivered(cake, "cook").returned(cake).acted(stir, "cook", 1.0).delivered(heat, "cook")
+        if number == 20:
+            story.returned(heat, Outcome.FAILED).say(facts.Failed(heat, "burnt", "to coal"))
+            story.say(facts.Killed(TaskId(cake), f"failure 'burnt' of task {heat} was not handled"))
+        else:
+            story.returned(heat).reached(heat, *Moment)
+        story.reached(stir, *Moment).reached(cake, *Moment)
+    return story.say(facts.Closed("done"))
+
+
+def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: Path) -> None:
+    page = look(baking().write(tmp_path / "kitchen"))
+    cake, heat = 61, 63
+    expect(page.locator(f".row[data-task='{cake}'] .why")).to_contain_text("killed")
+    failed = page.locator(f".row[data-task='{heat}']")
+    expect(failed).to_contain_text("failed: burnt: to coal")
+    page.locator(f".row[data-task='{cake}'] .twist").click()
+    expect(failed).to_have_count(0)
+    expect(page.locator(f".row[data-task='{cake}'] .hidden-failure")).to_have_count(1)
+    page.locator(f".row[data-task='{cake}'] .name").click()
+    expect(page.locator("#task h3").last).to_have_text("its failure, step by step")
+    assert [step.inner_text().split("\t")[-1] for step in page.locator("#chain tr").all()] == [
+        "bake cake {61} was killed: failure 'burnt' of task 63 was not handled",
+        "heat {63} failed: burnt: to coal",
+        "heat {63}: nobody dealt with its failure",
+    ]
+    page.locator("#task .lead.bad .link").filter(has_text="task 63").click()
+    expect(page.locator("#task h2")).to_have_text("heat {63}")
+    expect(failed).to_be_visible()

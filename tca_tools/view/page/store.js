@@ -28,6 +28,11 @@ export function parse(buffer) {
   return { head, columns };
 }
 
+// States come in the order of time: what is noted of a task is noted of all above it.
+function noteFailure(task, time) {
+  for (let above = task.parent; above && above.failedBelow === Infinity; above = above.parent) above.failedBelow = time;
+}
+
 function newRow(label) {
   return { label, handled: [], queued: [], held: [], connected: [], failed: [] };
 }
@@ -105,6 +110,7 @@ export class Store {
         sender: this.texts[columns["task.sender"][i]], role: this.head.roles[columns["task.role"][i]],
         form: columns["task.form"][i], time: columns["task.time"][i], children: [], times: [], states: [], holds: [], before: [],
         depth: 0, modules: null, suspension: null,
+        failedBelow: Infinity, // since when something under it has failed
       };
       task.depth = task.parent ? task.parent.depth + 1 : 0;
       this.first = Math.min(this.first, task.time);
@@ -121,6 +127,7 @@ export class Store {
       task.times.push(columns["state.time"][i]);
       task.states.push(columns["state.state"][i]);
       this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
+      if (this.head.states[columns["state.state"][i]].name === "failed") noteFailure(task, columns["state.time"][i]);
     }
   }
 

@@ -166,7 +166,10 @@ export class Tree {
     if (row.depth > DEEPEST) cell.append(element("span", { class: "more", text: `[${row.depth}]` }));
     cell.append(element("span", { class: "twist", text: twist }), dot(colour, task.form === GOAL),
       element("span", { class: "name", text: task.name }), element("span", { class: "number", text: task.id }));
-    if (row.children && !row.open) cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
+    if (row.children && !row.open) {
+      cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
+      if (task.failedBelow <= this.time) cell.append(element("span", { class: "hidden-failure", text: "▲", title: "something under it failed" }));
+    }
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     if (mark) cell.append(element("span", { class: "role", text: mark }));
     if (this.related.has(task)) cell.append(element("span", { class: "kind", text: [...this.related.get(task)].join(", ") }));
