@@ -39,3 +39,17 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     page.set_viewport_size({"width": 1400, "height": 3000})
     expect(page.locator("#chart-bar")).to_be_hidden()
     assert page.evaluate(labels)[0] == "(suspended)"
+
+
+def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").at(6700.0)
+    page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))
+    expect(page.locator("#clock")).to_have_text("1:51:48.5")
+    for window, labels in {
+        "6700, 6710": ["1:51:40", "1:51:45", "1:51:50"],
+        "659.7, 660.2": ["10:59.8", "11:00.0", "11:00.2"],
+        "0, 4": ["0 s", "2 s", "4 s"],
+        "6600, 7200": ["1:50:00", "1:55:00", "2:00:00"],
+    }.items():
+        made = f"import('/page/format.js').then((format) => format.ticks({window}, 3).map(({{ label }}) => label))"
+        assert page.evaluate(made) == labels
