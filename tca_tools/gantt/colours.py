@@ -1,4 +1,4 @@
-"""One colour for each message name: dark for handling, light for waiting."""
+"""One colour for each message name: dark for handling, light for waiting. None is red: that means a failure."""
 
 import colorsys
 
@@ -10,11 +10,13 @@ _DARK = (
     "#6f56b8",
     "#9a7b00",
     "#25879b",
-    "#b2423f",
+    "#51606f",
     "#5f7330",
     "#84563a",
 )
 _GOLDEN_ANGLE = 0.381966
+_FIRST_HUE, _HUES = 0.07, 0.84
+"""From orange to purple."""
 _TINT = 0.68
 
 
@@ -22,7 +24,7 @@ def dark(number: int) -> str:
     """The colour of the *number*-th name; white text can be read on it."""
     if number < len(_DARK):
         return _DARK[number]
-    red, green, blue = colorsys.hls_to_rgb(number * _GOLDEN_ANGLE % 1.0, 0.38, 0.45)
+    red, green, blue = colorsys.hls_to_rgb(_FIRST_HUE + _HUES * (number * _GOLDEN_ANGLE % 1.0), 0.38, 0.45)
     return f"#{round(red * 255):02x}{round(green * 255):02x}{round(blue * 255):02x}"
 
 

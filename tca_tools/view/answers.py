@@ -1,5 +1,6 @@
 """What a page asks for as it is needed: one task, notes on those in sight, messages around a moment. As plain data."""
 
+from dataclasses import asdict
 from typing import Any
 
 from tca_tools.data import data_text
@@ -8,6 +9,7 @@ from tca_tools.records import Task
 from tca_tools.story import sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
+from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
 from tca_tools.waiting import waits_since, why_waiting
@@ -47,6 +49,9 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
         then = Then(past, moment)
+        if isinstance(message, Task):
+            links = failure_chain(past, TaskId(message.id))
+            answer["chain"] = [asdict(link) | {"text": words.failure_line(link.text)} for link in links]
         if isinstance(message, Task) and message.received <= then.moment:
             answer |= _task_answer(past, then, then.tasks[message.id])
         return answer

@@ -87,6 +87,7 @@ def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
             "problem": reading.problem or reading.log.cut,
             "remark": reading.remark,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
+            "colours": reading.feed.colours(),
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,
             "kinds": [kind.name.lower() for kind in SpanKind],

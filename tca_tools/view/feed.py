@@ -10,11 +10,12 @@ from operator import attrgetter
 from typing import Any
 
 from tca_tools.gantt.bars import NO_HANDLER
+from tca_tools.gantt.colours import dark
 from tca_tools.history import History
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
-from tca_wire.facts import Entry
+from tca_wire.facts import Entry, Failed, Received
 from tca_wire.vocabulary import Outcome, Role
 from tca_wire.wording import place
 
@@ -33,6 +34,8 @@ TABLES = {
     "state.task": "i",  # a task's id
     "state.time": "d",
     "state.state": "B",
+    "failure.message": "i",
+    "failure.time": "d",
     "hold.task": "i",
     "hold.before": "i",
     "hold.kind": "i",  # a text
@@ -80,6 +83,13 @@ class Feed:
         self._connected: dict[str, dict[str, int]] = {}  # the spans of modules that are connected, by resource
         self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
+        self._names: dict[str, None] = {}  # of messages, as they came
+        self._direct: dict[str, int] = {}  # of those that came without central, with the row of the first one
+
+    def colours(self) -> dict[str, str]:
+        """The colour of each message, as in other charts of the run: by its place among the names (see bars.py)."""
+        direct = sorted(self._direct, key=self._direct.__getitem__)
+        return {name: dark(number) for number, name in enumerate(dict.fromkeys([*self._names, *direct]))}
 
     def apply(self, entry: Entry) -> None:
         """Take in what one event caused."""
@@ -94,8 +104,21 @@ class Feed:
         for record in news:
             if not isinstance(record, Task):
                 _TELL[type(record)](self, record)
+        for fact in entry.facts:
+            if isinstance(fact, Received) and fact.id in history.messages:
+                self._names.setdefault(fact.message)
+            elif isinstance(fact, Failed):
+                columns.add("failure", self._failed(fact.id), history.time)
+
+    def _failed(self, number: int) -> int:
+        """The message that a failure was raised on, of which it may name only the delivery."""
+        if number in self.history.messages:
+            return number
+        ended = (one for one in self.history.news if isinstance(one, Handling) and one.delivery == number)
+        return next((one.message_id for one in ended), number)
 
     def _tell_birth(self, task: Task) -> None:
+        self._names.setdefault(task.name)
         form = Form.GOAL if task.message_class.is_goal else Form.COMMAND
         form = Form.MONITOR if task.message_class.is_monitor else form
         name, sender = self.columns.text(task.name), self.columns.text(task.sender)
@@ -116,6 +139,8 @@ class Feed:
 
     def _tell_handling(self, handling: Handling) -> None:
         row = self._row(handling.module, handling.resource)
+        if not handling.message_id:
+            self._direct.setdefault(handling.name, row)
         self._span(handling, SpanKind.HANDLING, row, handling.name, handling.message_id, handling.start)
         if handling.end is not None:
             self._end(handling, handling.end, OUTCOMES.index(handling.outcome))

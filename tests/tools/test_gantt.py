@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from colorsys import rgb_to_hls
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -200,6 +201,13 @@ def test_a_span_that_is_none(tca: Tca, run: Path) -> None:
 )
 def test_ticks_are_round(start: float, end: float, labels: list[str]) -> None:
     assert [label for _, label in ticks(start, end, 5)] == labels
+
+
+def test_no_message_is_drawn_in_the_colour_of_failures() -> None:
+    for number in range(200):
+        red, green, blue = (int(dark(number)[place : place + 2], 16) for place in (1, 3, 5))
+        hue, _, saturation = rgb_to_hls(red / 255, green / 255, blue / 255)
+        assert saturation < 0.2 or 0.05 < hue < 0.93, dark(number)
 
 
 def test_colours_are_dark_or_light() -> None:

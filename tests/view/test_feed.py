@@ -9,6 +9,8 @@ from properties.test_then import WatchedPlayer
 from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
+from tca_tools.gantt.bars import chart
+from tca_tools.gantt.colours import dark
 from tca_tools.then import Then
 from tca_tools.view.columns import parsed
 from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
@@ -128,3 +130,28 @@ def test_nothing_new_is_an_empty_frame() -> None:
     page.take(feed)
     _, columns = parsed(feed.columns.frame(page.lengths, {}))
     assert not any(columns.values())
+
+
+def test_each_failure_is_told_with_its_message() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user")
+    story.say(facts.Delivered(77, move, "legs", "legs")).at(2.0).say(facts.Failed(77, "lost", "its module left"))
+    story.at(3.0).say(facts.Failed(move, "slip", ""), facts.Failed(99, "nobody knows", ""))
+    feed, page = Feed(), Page()
+    for entry in story.entries:
+        feed.apply(entry)
+    page.take(feed)
+    assert page.table("failure") == [(move, 2.0), (move, 3.0), (99, 3.0)]
+
+
+def test_messages_have_the_colours_of_other_charts() -> None:
+    story = walking()
+    story.at(4.0).say(
+        facts.HandledDirectly("height", "perception", "perception", "gait planner", 0, 8, 4.0, 0.1, Outcome.DONE, "")
+    )
+    feed = Feed()
+    for entry in story.entries:
+        feed.apply(entry)
+    names = chart(feed.history).names
+    assert "height" in names
+    assert feed.colours() == {name: dark(number) for number, name in enumerate(names)}

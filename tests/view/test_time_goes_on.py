@@ -4,17 +4,19 @@ import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Semaphore
 
 import pytest
 from integration.programs import Central, central
 from playwright.sync_api import Page, expect
 from view.conftest import SOON, Look
 
-from tca_module import Client, Goal, connect
+from tca_module import Client, Command, Goal, Module, Task, connect
 
 pytestmark = pytest.mark.slow
 
 WALK = Goal("walk", int)
+MOVE = Command("move", int)
 
 
 @pytest.fixture
@@ -129,3 +131,44 @@ def test_a_server_that_is_gone_is_no_run_that_goes_on(look: Look, daemon: Centra
     page.unroute("**/api/frame*")
     expect(page.locator("#status")).to_have_text("live")
     assert page.evaluate("tca.store.isLive")
+
+
+def test_reasons_stay_while_others_send_and_when_the_server_goes_away(
+    look: Look, daemon: Central, user: Client
+) -> None:
+    page = look(daemon.journal)
+    reason = page.locator(".row[data-task='1'] .why")
+    expect(reason).to_contain_text("waits for a module that handles walk, for ")
+    page.route("**/api/notes*", lambda _route: None)  # no note comes from now on
+    with page.expect_request("**/api/notes*"):
+        user.goal(WALK, 2)
+        expect(page.locator(".row")).to_have_count(2)
+    expect(reason).to_contain_text("waits for a module that handles walk, for ")
+
+
+def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, daemon: Central, user: Client) -> None:
+    go_on, legs = Semaphore(0), Module("legs", daemon.address)
+
+    @legs.handles(WALK)
+    def walk(task: Task, _steps: int) -> None:
+        for number in range(20):
+            go_on.acquire(timeout=20)
+            task.command(MOVE, number)
+
+    moves = [user.command(MOVE, number) for number in range(22)]
+    with legs.running():
+        page = look(daemon.journal, f"#task={moves[12].id}")
+        chosen = page.locator(".row.chosen")
+        page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 48; }")
+        before = chosen.bounding_box()
+        for _ in range(10):
+            go_on.release()
+        comes_true(page, "tca.store.tasks.length === 33 && tca.tree.version === tca.store.version")
+        assert chosen.bounding_box() == before
+        page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 12 * 24; }")  # he looks elsewhere
+        first = page.locator(f".row[data-task='{moves[3].id}']")
+        before = first.bounding_box()
+        for _ in range(10):
+            go_on.release()
+        comes_true(page, "tca.store.tasks.length === 43 && tca.tree.version === tca.store.version")
+        assert first.bounding_box() == before

@@ -1,10 +1,12 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
-import { colour, css, length, prepared, seconds, ticks } from "./format.js";
+import { css, length, prepared, seconds, ticks } from "./format.js";
+import { ScrollBar } from "./scroll.js";
 
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
 const NARROW = 1.5; // pixels
+const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
 
 export class Chart {
@@ -21,6 +23,9 @@ export class Chart {
     this.scroll = 0;
     this.labels = 120;
     this.layout = [];
+    this.bar = new ScrollBar(this.canvas, (scroll) => {
+      if (Math.abs(scroll - this.scroll) > 1) this.#scrollTo(scroll);
+    });
     this.#listen();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
@@ -60,6 +65,11 @@ export class Chart {
     return from + (x - this.labels) / (this.width - this.labels) * (to - from);
   }
 
+  #scrollTo(scroll) {
+    this.scroll = scroll;
+    this.draw();
+  }
+
   // --- drawing -----------------------------------------------------------------------------------------------------
 
   draw() {
@@ -77,11 +87,13 @@ export class Chart {
     for (const place of this.layout) if (place.bottom > AXIS && place.top < height) this.#drawRow(place);
     context.restore();
     this.#drawCursor();
+    this.bar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
   }
 
-  // Where each row stands.
+  // Where each row stands; first those that say why something waits though no module is at it.
   #lay() {
-    const busy = [...this.store.rows, this.store.suspended].filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
+    const { rows, suspended } = this.store, [nobody, others] = [rows.filter(isNobody), rows.filter((row) => !isNobody(row))];
+    const busy = [suspended, ...nobody, ...others].filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
     const widths = busy.map((row) => this.context.measureText(row.label).width);
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
     let top = 0;
@@ -93,6 +105,7 @@ export class Chart {
       top += tall + GAP;
       return place;
     });
+    this.tall = top;
     this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(top - (this.height - AXIS - 6), 0));
     for (const place of this.layout) {
       place.top += AXIS + 4 - this.scroll;
@@ -159,7 +172,7 @@ export class Chart {
         const next = this.#timeAt(x + NARROW);
         const after = Math.max(place + 1, firstWith(lane, (other) => other.end > next, place + 1));
         const busy = after > place + 1 ? share(lane, place, after, next - this.#timeAt(x)) : 0.75;
-        this.context.fillStyle = colour(span.name);
+        this.context.fillStyle = span.kind === "held" ? HELD : this.store.colour(span.name);
         this.context.globalAlpha = 0.2 + 0.8 * busy; // the fuller, the more was going on
         this.context.fillRect(x, y, NARROW, tall);
         this.context.globalAlpha = 1;
@@ -171,7 +184,7 @@ export class Chart {
   #drawBar(span, x, width, y) {
     const { context } = this, tall = LANE - 2, open = span.end === Infinity;
     const end = Math.min(x + width, open ? this.#x(this.store.end) : Infinity), wide = Math.max(end - x, NARROW);
-    context.fillStyle = colour(span.name);
+    context.fillStyle = this.store.colour(span.name);
     context.globalAlpha = span.kind === "waiting" ? 0.3 : 1;
     context.fillRect(x, y, wide, tall);
     context.globalAlpha = 1;
@@ -197,7 +210,7 @@ export class Chart {
 
   #drawQueued(span, x, width, y) {
     const { context } = this, wide = Math.min(x + width, this.#x(Math.min(span.end, this.store.end))) - x;
-    context.fillStyle = colour(span.name);
+    context.fillStyle = this.store.colour(span.name);
     context.globalAlpha = 0.28;
     context.fillRect(x, y, Math.max(wide, NARROW), THIN - 2);
     context.globalAlpha = 1;
@@ -206,7 +219,7 @@ export class Chart {
   }
 
   #drawHeld(x, width, y) {
-    this.context.fillStyle = "#d08a00";
+    this.context.fillStyle = HELD;
     this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
   }
 
@@ -329,6 +342,8 @@ export class Chart {
     this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;
   }
 }
+
+function isNobody({ label }) { return label === "(no handler)"; }
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 

@@ -39,6 +39,9 @@ export class Details {
     yield element("h3", { text: "story" });
     if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
     yield element("table", {}, ...about.story.map((one) => this.#sentence(one)));
+    if (!about.chain?.length) return;
+    yield element("h3", { text: "its failure, step by step" });
+    yield element("table", { id: "chain" }, ...about.chain.map((link) => this.#link(link)));
   }
 
   *#lead(about) {
@@ -51,17 +54,17 @@ export class Details {
       const born = about.received > this.time;
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
-    for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, `waits ${reason}, for `, age(about.since));
-    if (about.failure) yield element("p", { class: "lead bad", text: about.failure });
-    if (about.killed) yield element("p", { class: "lead bad", text: `killed: ${about.killed}` });
+    for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`waits ${reason}, for `), age(about.since));
+    if (about.failure) yield element("p", { class: "lead bad" }, ...this.#linked(about.failure));
+    if (about.killed) yield element("p", { class: "lead bad" }, ...this.#linked(`killed: ${about.killed}`));
   }
 
   *#relations(about) {
     const lines = [];
-    if (about.parent) lines.push(["under", this.#link(about.parent, about.parent_name)]);
+    if (about.parent) lines.push(["under", this.#linkTo(about.parent, about.parent_name)]);
     lines.push(["sent by", element("span", { text: about.sender })]);
-    if (about.role) lines.push(["as", element("span", {}, element("span", { text: `${about.role} for ` }), this.#link(about.about_id, about.about))]);
-    for (const handler of about.caught_by ?? []) lines.push(["handled as a failure by", this.#link(handler.id, handler.name)]);
+    if (about.role) lines.push(["as", element("span", {}, element("span", { text: `${about.role} for ` }), this.#linkTo(about.about_id, about.about))]);
+    for (const handler of about.caught_by ?? []) lines.push(["handled as a failure by", this.#linkTo(handler.id, handler.name)]);
     for (const [name, span] of Object.entries(about.spans ?? {})) if (span) lines.push([name, times(span)]);
     if (about.children) lines.push(["subtasks", element("span", { text: about.children })]);
     yield element("table", {}, ...lines.map(([name, what]) => element("tr", {}, element("td", { class: "faint", text: name }), element("td", {}, what))));
@@ -74,19 +77,43 @@ export class Details {
   }
 
   #constraint(one) {
-    const what = one.id ? this.#link(one.id, one.text) : element("span", { text: one.text });
+    const what = one.id ? this.#linkTo(one.id, one.text) : element("span", { text: one.text });
     return element("tr", { class: one.is_met ? "met" : "" },
       element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }), element("td", {}, what));
   }
 
   #sentence({ time, text, seconds: took }) {
-    const when = element("button", { class: "link", text: seconds(time), title: "go there" });
-    when.addEventListener("click", () => this.setTime(time));
-    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, when),
-      element("td", { class: "number", text: took === null ? "" : length(took) }), element("td", { text }));
+    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)),
+      element("td", { class: "number", text: took === null ? "" : length(took) }), element("td", {}, ...this.#linked(text)));
   }
 
-  #link(id, name) {
+  #link({ time, depth, text }) {
+    const told = element("td", {}, ...this.#linked(text));
+    told.style.paddingLeft = `calc(${depth} * var(--indent))`;
+    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)), told);
+  }
+
+  #moment(time) {
+    const when = element("button", { class: "link", text: seconds(time), title: "go there" });
+    when.addEventListener("click", () => this.setTime(time));
+    return when;
+  }
+
+  // A text in which the tasks that it names are links: "move {7}", "task 7".
+  *#linked(text) {
+    let told = 0;
+    for (const { 0: found, 1: braced, 2: plain, index } of text.matchAll(/\{(\d+)\}|\btask (\d+)\b/g)) {
+      const task = this.store.byId.get(Number(braced ?? plain)), name = `${task?.name} `;
+      if (!task) continue;
+      const isNamed = braced && text.slice(told, index).endsWith(name), start = isNamed ? index - name.length : index;
+      yield text.slice(told, start);
+      told = index + found.length;
+      yield this.#linkTo(task.id, text.slice(start, told));
+    }
+    yield text.slice(told);
+  }
+
+  #linkTo(id, name) {
     const made = element("button", { class: "link", text: name });
     made.addEventListener("click", () => this.choose(id));
     return made;

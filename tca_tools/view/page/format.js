@@ -51,21 +51,17 @@ export function ticks(start, end, most) {
   const digits = step < 1 ? Math.min(9, Math.ceil(-Math.log10(step) - 1e-9)) : 0, found = [];
   for (let number = Math.ceil(start / step - 1e-9); number * step <= end + step * 1e-9; number++) {
     const time = number * step;
-    found.push({ time, label: step < 30 ? `${time.toFixed(digits)} s` : seconds(time, 0).replace(/\.0$/, "") });
+    found.push({ time, label: onAxis(time, digits) });
   }
   return found;
 }
 
-// A colour for each name, the same in every chart: by its place among the texts.
-const HUES = ["#1f6fb2", "#c9601d", "#2a8a55", "#a63d7a", "#6f56b8", "#9a7b00", "#25879b", "#b2423f", "#5f7330", "#84563a"];
-const colours = new Map();
-
-export function colour(name) {
-  if (!colours.has(name)) {
-    const number = colours.size;
-    colours.set(name, HUES[number] ?? `hsl(${(number * 137.5) % 360} 45% 38%)`);
-  }
-  return colours.get(name);
+// As the clock says it, as exactly as the axis needs.
+function onAxis(time, digits) {
+  if (Math.abs(time) < 600) return `${time.toFixed(digits)} s`;
+  const minutes = Math.floor(Number(time.toFixed(digits)) / 60), hours = Math.floor(minutes / 60);
+  const rest = Math.max(time - minutes * 60, 0).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
+  return hours ? `${hours}:${String(minutes % 60).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;
 }
 
 export function css(name) {

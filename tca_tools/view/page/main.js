@@ -6,16 +6,16 @@ import { count, element } from "./format.js";
 import { Messages } from "./messages.js";
 import { Search } from "./search.js";
 import { Slider } from "./slider.js";
-import { Store } from "./store.js";
+import { lastNotAfter, Store } from "./store.js";
 import { Tree } from "./tree.js";
 
 const BEAT = 250; // milliseconds between two pictures of time that goes on
-const SLOW = 4; // beats between two counts of how long waits have lasted
+const SLOW = 900; // milliseconds between two counts of how long waits have lasted
 
 const store = new Store();
 let cursor = Infinity; // Infinity: the end, wherever it is
 let drawing = false;
-let beats = 0; // of time that goes on
+let counted = 0; // when that was last counted
 let recalled = false; // whether the page is where its address wants it
 
 async function ask(what, parameters = {}) {
@@ -35,6 +35,13 @@ function setTime(time, { keepPlaying = false } = {}) {
   draw();
 }
 
+// A bit on, while the run is played.
+function playTo(time) {
+  if (lastNotAfter(store.times, time) !== tree.moment) return setTime(time, { keepPlaying: true });
+  cursor = time;
+  glide(time);
+}
+
 function choose(id) {
   const task = store.byId.get(id);
   openTab("task");
@@ -48,7 +55,7 @@ function choose(id) {
   remember();
 }
 
-const callbacks = { choose, setTime, ask };
+const callbacks = { choose, setTime, playTo, ask };
 const tree = new Tree(store, callbacks);
 const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);
@@ -77,14 +84,19 @@ function draw() {
   });
 }
 
-// Between two messages nothing changes but the time: the chart grows, and waits last longer.
 function goOn() {
   if (cursor !== Infinity || !store.isLive || !store.times.length || document.hidden) return;
   store.goOn();
-  slider.show(store.end, true);
-  chart.show(store.end);
-  beats = (beats + 1) % SLOW;
-  if (!beats) count(store.end);
+  glide(store.end);
+}
+
+// Between two messages nothing changes but the time: the cursor moves, the chart grows, and waits last longer.
+function glide(time) {
+  slider.show(time, cursor === Infinity);
+  chart.show(time);
+  if (performance.now() - counted < SLOW) return;
+  counted = performance.now();
+  count(time);
 }
 
 function drawCounts(time) {
@@ -200,9 +212,8 @@ function moveChoice(step) {
 }
 
 function goToFailure(by) {
-  const time = slider.stepToFailure(by);
-  const task = time !== undefined && store.tasks.find((one) => one.times.some((at, i) => at === time && one.states[i] === store.failed));
-  if (task) choose(task.id);
+  const message = slider.stepToFailure(by);
+  if (message) choose(message);
 }
 
 document.addEventListener("keydown", (event) => {

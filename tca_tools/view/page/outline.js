@@ -24,8 +24,8 @@ export class Outline {
     const said = this.opened.get(task);
     if (said !== undefined) return said;
     if (this.store.tasks.length <= SMALL) return true;
-    const state = this.store.stateAt(task, time);
-    return !this.store.isOver(state) || this.store.head.states[state].name === "failed";
+    const state = this.store.stateAt(task, time), { name } = this.store.head.states[state];
+    return !this.store.isOver(state) || name === "failed" || (name === "killed" && task.failedBelow <= time);
   }
 
   toggle(task, time) { this.opened.set(task, !this.isOpen(task, time)); }
@@ -64,8 +64,8 @@ export class Outline {
     for (let i = 0; i < sent;) {
       const state = this.store.stateAt(children[i], time);
       let end = i + 1;
-      if (!this.kept.has(children[i])) while (end < sent && this.#isAlike(children[end], state, time)) end++;
-      const fold = end - i > RUN && this.store.head.states[state].name !== "failed";
+      if (!this.kept.has(children[i]) && !this.#hasFailed(children[i], time)) while (end < sent && this.#isAlike(children[end], state, time)) end++;
+      const fold = end - i > RUN && !this.#hasFailed(children[i], time);
       for (let j = i; j < end; j++) {
         if (fold && j === i + KEPT) {
           const last = end - KEPT;
@@ -81,6 +81,11 @@ export class Outline {
   }
 
   #isAlike(task, state, time) {
-    return this.store.stateAt(task, time) === state && !this.kept.has(task);
+    return this.store.stateAt(task, time) === state && !this.kept.has(task) && !this.#hasFailed(task, time);
+  }
+
+  // Whether it failed, or something under it did.
+  #hasFailed(task, time) {
+    return task.failedBelow <= time || this.store.head.states[this.store.stateAt(task, time)].name === "failed";
   }
 }

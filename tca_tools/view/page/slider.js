@@ -1,14 +1,14 @@
-// The time slider: how much happened when, failures in red, and a handle that is dragged; play, steps and speed.
+// The time slider: how much happened when, failures in red or amber, and a handle that is dragged; play, steps and speed.
 
-import { css, prepared, seconds } from "./format.js";
+import { css, length, prepared, seconds } from "./format.js";
 import { lastNotAfter } from "./store.js";
 
 const EDGE = 7; // pixels beside the track
+const LONGEST_SILENCE = 5; // seconds: so long it takes at most, however slow the run is played, until the next message
 
 export class Slider {
-  constructor(store, { setTime }) {
-    this.store = store;
-    this.setTime = setTime;
+  constructor(store, { setTime, playTo }) {
+    Object.assign(this, { store, setTime, playTo });
     this.time = 0;
     this.playing = null;
     this.canvas = document.getElementById("slider");
@@ -45,43 +45,61 @@ export class Slider {
     this.setTime(this.time);
   }
 
-  // To another failure.
+  // To another moment at which something failed; what failed there, if there is one.
   stepToFailure(by) {
-    const failures = this.store.failures.toSorted((a, b) => a - b);
-    const next = by > 0 ? failures.find((time) => time > this.time) : failures.findLast((time) => time < this.time);
-    if (next === undefined) return undefined;
-    this.time = next;
-    this.setTime(next);
-    return next;
+    const { failures } = this.store;
+    const next = by > 0 ? failures.find(({ time }) => time > this.time) : failures.findLast(({ time }) => time < this.time);
+    if (!next) return undefined;
+    this.time = next.time;
+    this.setTime(next.time);
+    return next.message;
   }
 
-  toggle() { if (this.playing) this.stop(); else this.#play(); }
+  toggle() {
+    if (!this.playing) return this.#play();
+    this.setTime(this.playing.time); // stops, and brings all parts of the page there
+  }
 
   stop() {
     if (!this.playing) return;
     cancelAnimationFrame(this.playing.frame);
     this.playing = null;
     document.getElementById("play").textContent = "▶";
+    this.#tellHaste(false);
   }
 
+  // From where the run stands, or, at its end, from its beginning.
   #play() {
     document.getElementById("play").textContent = "❚❚";
     if (this.time >= this.store.last) this.time = this.store.start;
     this.playing = { last: performance.now(), frame: 0, time: this.time };
     const tick = (now) => {
-      const speed = Number(document.getElementById("speed").value), { playing } = this;
-      playing.time += (now - playing.last) / 1000 * speed;
-      playing.last = now;
+      const { playing } = this, speed = this.#speedAt(playing.time);
+      playing.time += Math.max(now - playing.last, 0) / 1000 * speed;
+      playing.last = Math.max(now, playing.last);
       if (playing.time >= this.store.last) {
         this.stop();
         this.setTime(Infinity, { keepPlaying: true });
         return;
       }
       playing.frame = requestAnimationFrame(tick);
-      const place = lastNotAfter(this.store.times, playing.time);
-      if (place >= 0 && this.store.times[place] !== this.time) this.setTime(this.store.times[place], { keepPlaying: true });
+      this.playTo(playing.time);
     };
     this.playing.frame = requestAnimationFrame(tick);
+  }
+
+  // Seconds of the run in a second: as the reader chose, or more where nothing happens for long.
+  #speedAt(time) {
+    const { times } = this.store, place = lastNotAfter(times, time);
+    const silence = place < 0 || place + 1 >= times.length ? 0 : times[place + 1] - times[place];
+    const chosen = Number(document.getElementById("speed").value), speed = Math.max(chosen, silence / LONGEST_SILENCE);
+    this.#tellHaste(speed > chosen, silence);
+    return speed;
+  }
+
+  #tellHaste(isFaster, silence) {
+    this.clock.classList.toggle("faster", isFaster);
+    this.clock.title = isFaster ? `no message for ${length(silence)}: that is played faster` : "";
   }
 
   #drag(event) {
@@ -106,13 +124,23 @@ export class Slider {
       context.fillRect(EDGE + bin * wideOne, height - 8 - tall, wideOne * 0.75, tall);
     });
     context.globalAlpha = 1;
-    context.fillStyle = css("--bad");
-    for (const time of this.store.failures) context.fillRect(x(time) - 1, height - 9, 2, 7);
     context.fillStyle = css("--mark");
     context.fillRect(EDGE, height - 8, x(this.time) - EDGE, 4);
+    this.#drawFailures(context, x, height);
+    context.fillStyle = css("--mark");
     context.beginPath();
     context.arc(x(this.time), height - 6, 5.5, 0, 7);
     context.fill();
+  }
+
+  // Those that were handled lie below the others.
+  #drawFailures(context, x, height) {
+    const { failures, version } = this.store;
+    if (this.marks?.version !== version) this.marks = { version, ...Object.groupBy(failures, (one) => this.store.wasHandled(one) ? "handled" : "bad") };
+    for (const tint of ["handled", "bad"]) {
+      context.fillStyle = css(`--${tint}`);
+      for (const { time } of this.marks[tint] ?? []) context.fillRect(x(time) - 1, height - 9, 2, 7);
+    }
   }
 
   // How many entries fall into each part of the run; counted anew when there are more, or the run is a part longer.

@@ -28,6 +28,11 @@ export function parse(buffer) {
   return { head, columns };
 }
 
+// States come in the order of time: what is noted of a task is noted of all above it.
+function noteFailure(task, time) {
+  for (let above = task.parent; above && above.failedBelow === Infinity; above = above.parent) above.failedBelow = time;
+}
+
 function newRow(label) {
   return { label, handled: [], queued: [], held: [], connected: [], failed: [] };
 }
@@ -51,7 +56,7 @@ export class Store {
     this.rows = []; // of the chart: { label, handled, queued, held, connected, failed }; the first three are lanes of spans
     this.suspended = newRow("(suspended)");
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
-    this.failures = []; // times at which tasks failed
+    this.failures = []; // as they were raised: { message, time }
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.end = 0; // of the run, as far as it has come
@@ -60,6 +65,7 @@ export class Store {
 
   get start() { return this.times.length ? this.times[0] : 0; }
   get last() { return this.times.length ? this.times[this.times.length - 1] : 0; }
+  colour(name) { return this.head.colours[name] ?? "#51606f"; } // of a message; gray, if it has none
   get isLive() { return typeof this.head?.now === "number"; }
 
   // Time goes on between two answers of the server, while the run does.
@@ -82,12 +88,12 @@ export class Store {
   add(buffer) {
     const { head, columns } = parse(buffer);
     this.head = head;
-    this.failed = head.states.findIndex((state) => state.name === "failed");
     for (const text of head.texts) this.texts.push(text);
     for (const time of columns["entry.time"]) this.times.push(time);
     this.#addTasks(columns);
     this.#addStates(columns);
     this.#addHolds(columns);
+    columns["failure.time"].forEach((time, i) => this.failures.push({ message: columns["failure.message"][i], time }));
     for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
     this.#addSpans(columns);
     this.lengths = head.lengths;
@@ -104,6 +110,7 @@ export class Store {
         sender: this.texts[columns["task.sender"][i]], role: this.head.roles[columns["task.role"][i]],
         form: columns["task.form"][i], time: columns["task.time"][i], children: [], times: [], states: [], holds: [], before: [],
         depth: 0, modules: null, suspension: null,
+        failedBelow: Infinity, // since when something under it has failed
       };
       task.depth = task.parent ? task.parent.depth + 1 : 0;
       this.first = Math.min(this.first, task.time);
@@ -119,8 +126,8 @@ export class Store {
       const task = this.byId.get(ids[i]);
       task.times.push(columns["state.time"][i]);
       task.states.push(columns["state.state"][i]);
-      if (columns["state.state"][i] === this.failed) this.failures.push(columns["state.time"][i]);
       this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
+      if (this.head.states[columns["state.state"][i]].name === "failed") noteFailure(task, columns["state.time"][i]);
     }
   }
 
@@ -191,6 +198,9 @@ export class Store {
     return place < 0 ? NEVER : states[place];
   }
 
+  // When the state that a task is in at a time began; undefined before it was sent.
+  entered(task, time) { return task.times[lastNotAfter(task.times, time)]; }
+
   #scan(times, time) {
     let place = times.length - 1;
     while (place >= 0 && times[place] > time) place--;
@@ -218,6 +228,16 @@ export class Store {
   ended(task, time) {
     const state = this.stateAt(task, time);
     return state !== NEVER && this.isOver(state) ? task.times[lastNotAfter(task.times, time)] : null;
+  }
+
+  // Whether what had failed then went on, or still may: not if its task ended with the failure.
+  wasHandled({ message, time }) {
+    const task = this.byId.get(message);
+    if (!task) return false;
+    let place = Math.max(lastNotAfter(task.times, time), 0);
+    const name = () => this.head.states[task.states[place]].name;
+    while (name() === "recovering" && place + 1 < task.states.length) place++;
+    return !["failed", "killed"].includes(name());
   }
 
   isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }

@@ -21,7 +21,9 @@ export class Tree {
     this.spacer = document.getElementById("spacer");
     this.time = Infinity;
     this.rows = [];
-    this.notes = new Map();
+    this.notes = new Map(); // by task: { text, since, entered, asked }, where `entered` is when its state began
+    this.asked = 0; // goes up with all that may change notes
+    this.isAsking = false;
     this.found = new Set();
     this.keepsUp = true; // what is being handled stays in sight, until the reader scrolls himself
     this.arrows = document.createElementNS("http://www.w3.org/2000/svg", "svg");
@@ -36,14 +38,35 @@ export class Tree {
 
   show(time) {
     const moment = lastNotAfter(this.store.times, time); // what is known changes with messages, not with time
-    if (moment !== this.moment || this.version !== this.store.version) this.notes.clear();
+    if (moment !== this.moment || this.version !== this.store.version) this.asked++;
     this.time = time;
     this.moment = moment;
     this.version = this.store.version;
+    const stood = this.#inSight();
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
+    this.#stay(stood);
     if (this.keepsUp) this.#keepUp();
     this.#draw();
+  }
+
+  // What a reader may be looking at: the chosen row, if he sees it, then those that he sees, from the top.
+  #inSight() {
+    const { scrollTop, clientHeight } = this.scroller, first = Math.ceil(scrollTop / ROW);
+    const seen = this.rows.slice(first, first + Math.max(Math.floor(clientHeight / ROW), 1));
+    const chosen = seen.find((row) => row.task && row.task === this.outline.chosen);
+    return chosen ? [chosen, ...seen] : seen;
+  }
+
+  // Rows that come or go above it leave it where it stands on the screen.
+  #stay(stood) {
+    for (const old of stood) {
+      const row = this.rows[old.place], isThere = row && nameOf(row) === nameOf(old);
+      const place = isThere ? old.place : this.rows.findIndex((one) => nameOf(one) === nameOf(old));
+      if (place < 0) continue;
+      if (place !== old.place) this.scroller.scrollTop += (place - old.place) * ROW;
+      return;
+    }
   }
 
   #keepUp() {
@@ -143,28 +166,42 @@ export class Tree {
     if (row.depth > DEEPEST) cell.append(element("span", { class: "more", text: `[${row.depth}]` }));
     cell.append(element("span", { class: "twist", text: twist }), dot(colour, task.form === GOAL),
       element("span", { class: "name", text: task.name }), element("span", { class: "number", text: task.id }));
-    if (row.children && !row.open) cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
+    if (row.children && !row.open) {
+      cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
+      if (task.failedBelow <= this.time) cell.append(element("span", { class: "hidden-failure", text: "▲", title: "something under it failed" }));
+    }
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     if (mark) cell.append(element("span", { class: "role", text: mark }));
     if (this.related.has(task)) cell.append(element("span", { class: "kind", text: [...this.related.get(task)].join(", ") }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const [note, since] = this.notes.get(task.id) ?? ["", null], why = element("span", { class: "why", title: note });
+    const { text: note, since } = this.#note(task) ?? { text: "", since: null }, why = element("span", { class: "why", title: note });
     if (since !== null) why.append(element("span", { class: "what", text: note }), ", for ", age(since));
     else why.append(note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name);
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
   }
 
+  // What was last heard of a task, until there is news: it holds as long as the task is in the same state.
+  #note(task) {
+    const note = this.notes.get(task.id);
+    return note?.entered === this.store.entered(task, this.time) ? note : undefined;
+  }
+
   async #fetchNotes() {
-    const first = Math.floor(this.scroller.scrollTop / ROW);
+    if (this.isAsking) return; // the answer comes back here
+    const first = Math.floor(this.scroller.scrollTop / ROW), { asked, time } = this;
     const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
-    const ids = seen.filter((row) => row.task && !this.notes.has(row.task.id) && this.#hasNote(row.task)).map((row) => row.task.id);
-    if (!ids.length) return;
-    const { moment, version } = this;
-    const notes = await this.ask("notes", { ids: ids.join(","), at: this.time });
-    if (!notes || moment !== this.moment || version !== this.version) return;
-    for (const id of ids) this.notes.set(id, notes[id] ?? ["", null]);
+    const tasks = seen.filter((row) => row.task && this.#note(row.task)?.asked !== asked && this.#hasNote(row.task)).map((row) => row.task);
+    if (!tasks.length) return;
+    this.isAsking = true;
+    const notes = await this.ask("notes", { ids: tasks.map((task) => task.id).join(","), at: time });
+    this.isAsking = false;
+    if (!notes) return;
+    for (const task of tasks) {
+      const [text, since] = notes[task.id] ?? ["", null];
+      this.notes.set(task.id, { text, since, entered: this.store.entered(task, time), asked });
+    }
     this.#draw();
   }
 
@@ -204,6 +241,9 @@ export class Tree {
     this.arrows.replaceChildren(...paths);
   }
 }
+
+// What a row keeps while others come and go: its task, or the first one that is folded.
+function nameOf(row) { return row.task ?? row.key; }
 
 function dot(colour, isGoal = false) {
   const made = element("span", { class: isGoal ? "dot goal" : "dot" });

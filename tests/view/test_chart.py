@@ -1,0 +1,55 @@
+"""The chart of the page: which rows it has, how to reach them, and in which colours."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import Story
+from view.conftest import Look
+
+from tca_wire import facts
+from tca_wire.points import TaskId
+
+pytestmark = pytest.mark.slow
+
+
+def crowded() -> Story:
+    """Forty modules; a delivery has no handler, and another task is suspended."""
+    story = Story()
+    for number in range(40):
+        story.module(f"module {number}", f"work {number}")
+    story.at(1.0).queued(story.command("deliver", "user"))
+    story.say(facts.SuspendedOrResumed(TaskId(story.command("mop", "user")), True))
+    return story.at(2.0).acted(story.command("work 39", "user"), "module 39", 3.0)
+
+
+def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Path) -> None:
+    page = look(crowded().write(tmp_path / "crowd"))
+    labels = "tca.chart.layout.filter(({ top, bottom }) => top >= 20 && bottom <= tca.chart.height).map(({ row }) => row.label)"
+    seen = page.evaluate(labels)
+    assert seen[:3] == ["(suspended)", "(no handler)", "module 0"]
+    assert "module 39" not in seen
+    below = page.locator("#chart-below")
+    expect(below).to_have_text(f"▾ {42 - len(seen)} more rows below")
+    below.click()
+    expect(below).not_to_have_text(f"▾ {42 - len(seen)} more rows below")
+    page.locator("#chart-bar").evaluate("(bar) => { bar.scrollTop = 100000; }")
+    expect(below).to_be_hidden()
+    assert page.evaluate(labels)[-1] == "module 39"
+    page.set_viewport_size({"width": 1400, "height": 3000})
+    expect(page.locator("#chart-bar")).to_be_hidden()
+    assert page.evaluate(labels)[0] == "(suspended)"
+
+
+def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").at(6700.0)
+    page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))
+    expect(page.locator("#clock")).to_have_text("1:51:48.5")
+    for window, labels in {
+        "6700, 6710": ["1:51:40", "1:51:45", "1:51:50"],
+        "659.7, 660.2": ["10:59.8", "11:00.0", "11:00.2"],
+        "0, 4": ["0 s", "2 s", "4 s"],
+        "6600, 7200": ["1:50:00", "1:55:00", "2:00:00"],
+    }.items():
+        made = f"import('/page/format.js').then((format) => format.ticks({window}, 3).map(({{ label }}) => label))"
+        assert page.evaluate(made) == labels

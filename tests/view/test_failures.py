@@ -1,0 +1,91 @@
+"""Failures are found in the page: marks at the slider, keys from one to the next, and what failed under what."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import Story
+from view.conftest import Look
+
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome
+
+pytestmark = pytest.mark.slow
+
+
+def recovered() -> Story:
+    """A step fails at 2 s and is replanned; at 6 s a second one fails, and nobody deals with that."""
+    story = Story().module("planner", "step").module("expert", "replan").at(1.0)
+    step = story.goal("step", "user")
+    story.delivered(step, "planner").at(2.0).returned(step, Outcome.FAILED).say(facts.Failed(step, "slip", "on ice"))
+    replan = story.command("replan", "central")
+    story.say(facts.Caught(TaskId(step), TaskId(replan), TaskId(step), 9)).delivered(replan, "expert")
+    story.at(3.0).returned(replan).reached(replan, Moment.END_ACHIEVING).say(facts.Recovered(TaskId(step)))
+    story.reached(step, *Moment).at(5.0)
+    last = story.goal("step", "user")
+    story.delivered(last, "planner").at(6.0).returned(last, Outcome.FAILED).say(facts.Failed(last, "slip", "again"))
+    return story.reached(last, *Moment).at(8.0).say(facts.Closed("done"))
+
+
+def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -> None:
+    page = look(recovered().write(tmp_path / "walk"), "#t=0.5")
+    expect(page.locator("#counts")).to_be_attached()
+    for clock in ("2.000 s", "6.000 s"):
+        page.keyboard.press("]")
+        expect(page.locator("#clock")).to_have_text(clock)
+        expect(page.locator("#task h2")).to_contain_text("step {")
+    page.keyboard.press("[")
+    expect(page.locator("#clock")).to_have_text("2.000 s")
+    page.keyboard.press("End")
+    expect(page.locator("#clock")).to_have_text("8.000 s")
+    assert page.evaluate("tca.store.failures.map((one) => [one.time, tca.store.wasHandled(one)])") == [
+        [2, True],
+        [6, False],
+    ]
+    assert page.evaluate(
+        """[2, 6].map((time) => {
+      const { canvas, store } = tca.slider, scale = canvas.width / canvas.clientWidth;
+      const x = 7 + (time - store.start) / (store.end - store.start) * (canvas.clientWidth - 14);
+      const [red, green] = canvas.getContext("2d").getImageData(x * scale, (canvas.clientHeight - 8.5) * scale, 1, 1).data;
+      return green > 100 ? "amber" : red > 150 ? "red" : "none";
+    })"""
+    ) == ["amber", "red"]
+
+
+def baking() -> Story:
+    """Of many cakes that are baked well one burns: it and what it was for are killed, for that failure."""
+    story = Story().module("cook", "bake cake", "stir", "heat").at(1.0)
+    for number in range(30):
+        cake = story.goal("bake cake", "user")
+        stir = story.command("stir", "cook", cake)
+        heat = story.command("heat", "cook", cake)
+        story.delivered(cake, "cook").returned(cake).acted(stir, "cook", 1.0).delivered(heat, "cook")
+        if number == 20:
+            story.returned(heat, Outcome.FAILED).say(facts.Failed(heat, "burnt", "to coal"))
+            story.say(facts.Killed(TaskId(cake), f"failure 'burnt' of task {heat} was not handled"))
+        else:
+            story.returned(heat).reached(heat, *Moment)
+        story.reached(stir, *Moment).reached(cake, *Moment)
+    return story.say(facts.Closed("done"))
+
+
+def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: Path) -> None:
+    page = look(baking().write(tmp_path / "kitchen"))
+    cake, heat = 61, 63
+    expect(page.locator(f".row[data-task='{cake}'] .why")).to_contain_text("killed")
+    failed = page.locator(f".row[data-task='{heat}']")
+    expect(failed).to_contain_text("failed: burnt: to coal")
+    page.locator(f".row[data-task='{cake}'] .twist").click()
+    expect(failed).to_have_count(0)
+    expect(page.locator(f".row[data-task='{cake}'] .hidden-failure")).to_have_count(1)
+    page.locator(f".row[data-task='{cake}'] .name").click()
+    expect(page.locator("#task h3").last).to_have_text("its failure, step by step")
+    assert [step.inner_text().split("\t")[-1] for step in page.locator("#chain tr").all()] == [
+        "bake cake {61} was killed: failure 'burnt' of task 63 was not handled",
+        "heat {63} failed: burnt: to coal",
+        "heat {63}: nobody dealt with its failure",
+    ]
+    page.locator("#task .lead.bad .link").filter(has_text="task 63").click()
+    expect(page.locator("#task h2")).to_have_text("heat {63}")
+    expect(failed).to_be_visible()

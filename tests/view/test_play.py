@@ -1,0 +1,65 @@
+"""A run is played: its time moves smoothly, through silences too, and never backwards."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+from tools.story import Story
+from view.conftest import Look
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def quiet(tmp_path: Path) -> Path:
+    """Two short moves with an hour between them."""
+    story = Story().module("legs", "move").at(1.0)
+    story.acted(story.command("move", "user"), "legs", 10.0).at(3600.0)
+    return story.acted(story.command("move", "user"), "legs", 1.0).write(tmp_path / "quiet")
+
+
+def moments(page: Page, number: int, milliseconds: int) -> list[float]:
+    """The times that slider and chart show while the page plays so long between two looks."""
+    found = []
+    for _ in range(number):
+        page.clock.run_for(milliseconds)
+        time, charted = page.evaluate("[tca.slider.time, tca.chart.time]")
+        assert time == pytest.approx(charted, abs=0.1)
+        found.append(time)
+    return found
+
+
+def test_play_goes_on_from_between_two_messages(look: Look, quiet: Path) -> None:
+    page = look(quiet, "#t=6", clock=True)
+    page.clock.run_for(500)
+    assert page.evaluate("tca.slider.time") == 6
+    page.locator("#play").click()
+    shown = [6.0, *moments(page, 10, 100)]  # in the middle of an action, which is played in half its time
+    steps = [later - earlier for earlier, later in itertools.pairwise(shown)]
+    assert min(steps) > 0
+    assert shown[-1] == pytest.approx(8.0, abs=0.1)  # ten seconds of silence take five
+    expect(page.locator("#play")).to_have_text("❚❚")
+    page.keyboard.press("Space")
+    page.clock.run_for(500)
+    stopped = page.evaluate("tca.slider.time")
+    assert stopped >= shown[-1]
+    assert page.evaluate("tca.tree.time") == stopped
+    page.clock.run_for(1000)
+    assert page.evaluate("tca.slider.time") == stopped
+
+
+def test_play_hurries_through_a_long_silence_and_says_so(look: Look, quiet: Path) -> None:
+    page = look(quiet, "#t=20", clock=True)
+    page.clock.run_for(500)
+    page.locator("#play").click()
+    shown = moments(page, 4, 1000)
+    assert shown == sorted(set(shown))
+    assert 20 < shown[0] < 1000
+    expect(page.locator("#clock")).to_have_class("faster")
+    moments(page, 1, 1500)
+    assert page.evaluate("tca.slider.time") > 3600
+    expect(page.locator("#clock")).not_to_have_class("faster")
+    page.clock.run_for(3000)
+    expect(page.locator("#play")).to_have_text("▶")
+    expect(page.locator("#clock")).to_have_text("1:00:01.0")
