@@ -154,14 +154,12 @@ class Agenda:
         """End a task and all below it but what survives; those that were not killed before, parents first. What waits
         for them is released: at once, or when the running handlers below have returned.
         """
-        killed = []
-        for doomed in self.tree.doomed(task):
-            if doomed.killed:
-                continue
+        killed = [doomed for doomed in self.tree.doomed(task) if not doomed.killed]
+        for doomed in killed:
             doomed.killed = why
-            killed.append(doomed)
             self._facts.append(Killed(TaskId(doomed.id), why))
-            self.holds.bequeath(doomed)
+        self.holds.bequeath(killed)
+        for doomed in killed:
             if not doomed.is_running:
                 doomed.returned = True
                 self.withdrawn.append(doomed)
@@ -202,6 +200,7 @@ class Agenda:
         """Reach all that can be reached."""
         while self._look_at:
             self._advance(self._look_at.popleft())
+        self.holds.ending.clear()
 
     # --- reaching moments ------------------------------------------------------------------------------------------
 

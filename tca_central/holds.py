@@ -5,6 +5,8 @@ one integer); every task lists the points that wait for its own (``Task.follower
 follower go by a timer, set when the leader's point is reached. Knows points; nothing of handlers or resources.
 """
 
+from typing import NamedTuple
+
 from tca_central.clock import Clock, Due, checked_seconds
 from tca_central.cycles import Place, find_path
 from tca_central.errors import RequestError
@@ -59,6 +61,7 @@ class Holds:
         self.tree = tree
         self._facts = facts
         self._clock = clock
+        self.ending: set[Task] = set()  #: killed tasks that end as soon as they are looked at
 
     # --- putting in force ------------------------------------------------------------------------------------------
 
@@ -206,27 +209,55 @@ class Holds:
 
     # --- killed tasks ----------------------------------------------------------------------------------------------
 
-    def bequeath(self, task: Task) -> None:
-        """What waits for a killed task goes on waiting for what that one waited for: the end of a sequence does not
-        overtake its beginning because its middle was killed.
+    def bequeath(self, killed: list[Task]) -> None:
+        """What waits for killed tasks goes on waiting for what those waited for: the end of a sequence does not
+        overtake its beginning because its middle was killed. Only what goes on inherits, and from what goes on: so the
+        kill of a sequence costs its length.
         """
-        if task.leaders:
-            for at, follower, held, _ in list(task.followers or ()):
-                if inherited := self.inherit(task, at, follower, held):
-                    self._facts.append(Constrained(inherited))
+        self.ending.update(_ending(killed))
+        ways = _Ways(set(killed), {})
+        for task in killed:
+            if task.leaders:
+                for at, follower, held, _ in list(task.followers or ()):
+                    if follower not in self.ending and (added := self.inherit(task, at, follower, held, ways)):
+                        self._facts.append(Constrained(added))
 
-    def inherit(self, killed: Task, at: int, follower: Task, held: int) -> list[Constraint]:
+    def inherit(
+        self, killed: Task, at: int, follower: Task, held: int, ways: "_Ways | None" = None
+    ) -> list[Constraint]:
         """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
-        inherited = []
-        for moment, leader_id, its_moment in list(killed.leaders or ()):
-            leader = self.tree.tasks.get(leader_id)
-            first = START_PLANNING if killed.delayed and moment == START_ACHIEVING else moment
-            if leader is None or leader.reached & its_moment or follower.reached & held:
-                continue
-            if at in comes_after(killed.is_goal, first):
-                self.hold(leader, its_moment, follower, held)
-                inherited.append(_constraint(leader, its_moment, follower, held))
-        return inherited
+        if follower.reached & held:
+            return []
+        holding = self._what_holds(killed, at, ways or _Ways(set(), {}))
+        for (_, its_moment), leader in holding.items():
+            self.hold(leader, its_moment, follower, held)
+        return [_constraint(leader, its_moment, follower, held) for (_, its_moment), leader in holding.items()]
+
+    def _what_holds(self, killed: Task, at: int, ways: "_Ways") -> "dict[tuple[int, int], Task]":
+        """What a moment of a killed task waits for and is not past, also by way of others that were killed with it:
+        leaders and their moments. Of killed ones those that go on, because handlers of them run or something is left to
+        do. From those that were killed before it has inherited already.
+        """
+        origin, known = (int(killed.id), at), ways.known
+        if origin in known:
+            return known[origin]
+        found: dict[tuple[int, int], Task] = {}
+        frontier, seen = [(killed, at)], {origin}
+        for task, moment in frontier:  # grows while it is walked
+            for its_own, leader_id, its_moment in task.leaders or ():
+                leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
+                first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
+                if leader is None or leader.reached & its_moment or moment not in comes_after(task.is_goal, first):
+                    continue
+                if leader not in self.ending:
+                    found[place] = leader
+                if place in known:
+                    found.update(known[place])
+                elif leader in ways.killed and place not in seen:
+                    seen.add(place)
+                    frontier.append((leader, its_moment))
+        known[origin] = found
+        return found
 
     # --- points ----------------------------------------------------------------------------------------------------
 
@@ -244,6 +275,27 @@ class Holds:
             raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
         task = self.tree.task(point.task)
         return None if task is None else Place(task, unified(task.is_goal, int(point.moment)))
+
+
+class _Ways(NamedTuple):
+    """What is looked through while tasks are killed together; *known* by task and moment: leaders by theirs."""
+
+    killed: set[Task]
+    known: dict[tuple[int, int], dict[tuple[int, int], Task]]
+
+
+def _ending(killed: list[Task]) -> set[Task]:
+    """Those of tasks that have just been killed, parents first, that end at once: of which no handler runs, which leave
+    nothing to be done, and under which all do.
+    """
+    staying: set[Task] = set()
+    doomed = set(killed)
+    for task in reversed(killed):
+        is_left = task.rare is not None and (task.rare.parting or task.rare.watch is not None)
+        others = any(child not in doomed or child in staying for child in (task.children or {}).values())
+        if task.is_running or is_left or others:
+            staying.add(task)
+    return doomed - staying
 
 
 def _constraint(leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0) -> Constraint:

@@ -42,6 +42,9 @@ IGNORED = {
         "newest", "tasks",  # ids are only names; all tasks are met as children
         "suspended",  # for people
     },
+    "Holds": {
+        "ending",  # empty between events
+    },
     "Registry": {
         "connections",  # met through their modules
         "lost",  # scripts do not reconnect

@@ -276,7 +276,7 @@ def test_the_tables_name_what_there_is() -> None:
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message
     module = Module("legs", "legs", "run", "")
     things = [
-        central, central.tree, central.registry, central.agenda, central.dispatcher, central.tree.root, resource,
+        central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
         Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]

@@ -1,10 +1,17 @@
 """Everything that steers tasks works on trees of a hundred thousand, deep or wide: no recursion, nothing left behind."""
 
 import pytest
+from central.player import Player, before, point
 
 from benchmarks.core_control import Steered
+from tca_wire.constraints import Flags
+from tca_wire.facts import Constrained
+from tca_wire.headers import Kill
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Scope
 
 SIZE = 100_000
+START = Moment.START_ACHIEVING
 
 
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
@@ -15,3 +22,28 @@ def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bo
     bench.operations(bottom)
     assert len(bench.central.tree.tasks) == 2  # the top-level task, and under it what leaves things safe
     assert not bench.central.dispatcher.freed
+
+
+@pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
+def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
+    """What comes after it still waits for the step that runs; of those between nobody has to know any more."""
+    player = Player(check=False)
+    player.module("planner", "goal walk")
+    player.module("legs", "command move")
+    player.module("user")
+    player.declare("user", "goal walk", "command move")
+    player.declare("planner", "command move")
+    walk = player.task("user", "walk")
+    for _ in range(2_000):
+        last = player.task("planner", "move", under=walk)
+    follower = player.task(
+        "user", "move", flags=Flags.NONE, constraints=(before(point(last, Moment.END_ACHIEVING), point(-1, START)),)
+    )
+    mark = len(player.entries)
+    player.receive("user", Kill(player.number("user"), TaskId(walk), scope=scope))
+    made = [fact for entry in player.entries[mark:] for fact in entry.facts]
+    assert sum(len(fact.constraints) for fact in made if isinstance(fact, Constrained)) <= 2 * 2_000
+    task = player.central.tree.tasks[TaskId(follower)]
+    assert not task.reached & START
+    player.reply("legs/1", walk + 1)
+    assert task.reached & START
