@@ -6,6 +6,7 @@ A sub-command is an entry point of the group "tca.commands"; it is imported when
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -18,6 +19,10 @@ from click.shell_completion import get_completion_class
 
 COMMANDS = "tca.commands"
 _COMPLETION_VARIABLE = "_TCA_COMPLETE"
+_WORDS_OF_CLICK = re.compile(
+    r"Invalid |Missing |No such |Got unexpected |Could not open |Option '|Argument '|Value must"
+)
+"""How messages of click begin."""
 _INTERRUPTED = 130
 _NOBODY_READS = 141
 """What a shell reports of a program that wrote into a closed pipe."""
@@ -139,9 +144,11 @@ def _advised(error: click.ClickException, message: str) -> str:
     """Messages of click in our style: lower case, and what to do."""
     if isinstance(error, click.NoSuchOption) and error.option_name[1:2].isdecimal():
         return f"'{error.option_name}' looks like an option: write '--' before what begins with a minus"
+    if _WORDS_OF_CLICK.match(message):  # others may begin with a name
+        message = f"{message[:1].lower()}{message[1:].rstrip('.')}"
     if not isinstance(error, click.UsageError) or not error.ctx or "--help" in message:
         return message
-    return f"{message[:1].lower()}{message[1:].rstrip('.')}; see '{error.ctx.command_path} --help'"
+    return f"{message.rstrip('.')}; see '{error.ctx.command_path} --help'"
 
 
 def _discard_output() -> None:

@@ -51,6 +51,8 @@ def show(
     if classic and (as_json or kinds or task is not None):
         raise click.UsageError("--classic shows whole messages, not facts: leave out --json, --kind and --task")
     journal = open_log(log_path)
+    if follow:
+        journal.tell()
     entries: Iterable[Entry] = journal.follow() if follow else journal
     if classic:
         lines = classic_lines(entries)

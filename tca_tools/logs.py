@@ -1,4 +1,4 @@
-"""Finds, opens and reads the journals of runs. Knows files and segments; knows nothing of what the facts mean."""
+"""Finds, opens and reads the journals of runs. Knows files; knows nothing of what the facts mean."""
 
 import fcntl
 import time
@@ -10,20 +10,23 @@ from typing import NamedTuple
 import click
 
 from tca_tools.errors import DamagedLog, UnusableLog
+from tca_tools.segments import Folder, listed, segments_in
+from tca_tools.terminal import printable
 from tca_wire.endpoint import default_journals
 from tca_wire.errors import JournalDamaged
 from tca_wire.facts import Entry
 from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
 
 _POLL_SECONDS = 0.2
+_WAITING = "'tca view' and 'tca log show --follow' wait for what comes"
 
 
 def newest_journal() -> Path:
     """The journal of the last run. Raises UnusableLog if there is none."""
     folder = default_journals()
-    runs = _listed(folder) if folder.is_dir() else []
+    runs = listed(folder) if folder.is_dir() else []
     for run in reversed(runs):
-        if run.is_dir() and _segments_in(run):
+        if run.is_dir() and segments_in(run):
             return run
     raise UnusableLog(f"no journal below {folder}: name one as LOG, or start 'tca central' first")
 
@@ -45,7 +48,8 @@ class Place(NamedTuple):
 
 
 class Log:
-    """One journal: a directory of segments, or one segment.
+    """One journal: a directory of segments, or one segment. Of a directory with segments of several runs it is the run
+    that began last.
 
     Iterating ends quietly where damage begins, so that what is good can be shown; ``check`` then tells of it.
     """
@@ -55,6 +59,8 @@ class Log:
         self._damage = ""
         self._entries = 0
         self._torn: tuple[Path, int, int] | None = None
+        self._folder = Folder(path) if path.is_dir() else None
+        self._said: set[str] = set()
 
     @property
     def name(self) -> str:
@@ -64,7 +70,7 @@ class Log:
 
     def segments(self) -> list[Path]:
         """The segments there are now, oldest first."""
-        return _segments_in(self.path) if self.path.is_dir() else [self.path]
+        return self._folder.segments() if self._folder is not None else [self.path]
 
     def __iter__(self) -> Iterator[Entry]:
         """The entries of all segments. Raises UnusableLog if there are none."""
@@ -76,7 +82,7 @@ class Log:
             if self._damage:
                 return
         if not self._entries:
-            raise UnusableLog(f"{self.path}: empty, central has written nothing to it yet: try --follow")
+            raise UnusableLog(f"{self.path}: empty, central has written nothing to it yet: {_WAITING}")
 
     def follow(self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)) -> Iterator[Entry]:
         """The entries there are and those that come, calling *wait* before looking again; ends only at damage."""
@@ -86,12 +92,12 @@ class Log:
         self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
     ) -> Iterator[tuple[Entry, Place]]:
         """The same, with where each entry stands."""
-        followed = 0
+        followed: set[Path] = set()
         while not self._damage:
-            segments = self.segments()
-            if followed < len(segments):
-                yield from self._follow_segment(segments[followed], wait)
-                followed += 1
+            segment = next((one for one in self.segments() if one not in followed), None)
+            if segment is not None:
+                yield from self._follow_segment(segment, wait)
+                followed.add(segment)
             else:
                 wait()
 
@@ -140,15 +146,35 @@ class Log:
         segment, offset, torn = self._torn
         return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
 
-    def check(self) -> None:
-        """Raise DamagedLog if reading stopped early, with the one line that says where and why.
+    @property
+    def remarks(self) -> list[str]:
+        """What there is to say of its folder, a line each: other runs lie there, or segments are missing."""
+        return [*self._folder.others, *self._folder.missing] if self._folder is not None else []
+
+    def tell(self, *, of_missing: bool = True) -> None:
+        """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
+        too); nothing is said twice.
+        """
+        folder = self._folder
+        if folder is not None:
+            for remark in [*folder.others, *(folder.missing if of_missing else ())]:
+                self._say(remark)
+
+    def check(self, *, of_missing: bool = True) -> None:
+        """Raise DamagedLog if reading stopped early, with the one line that says where and why; ``tell`` the rest.
 
         Of a journal that is cut only the end is missing, as after a power cut: a line on the standard error says so.
         """
+        self.tell(of_missing=of_missing)
         if self._damage:
             raise DamagedLog(f"{self._damage}; what comes before it is shown")
         if cut := self.cut:
-            click.echo(f"tca: {cut}; what comes before it is shown", err=True)
+            self._say(f"{cut}; what comes before it is shown")
+
+    def _say(self, line: str) -> None:
+        if line not in self._said:
+            self._said.add(line)
+            click.echo(f"tca: {printable(line)}", err=True)
 
     def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, Place]]:
         with self._excused(), segment.open("rb") as stream:
@@ -185,21 +211,10 @@ class Log:
 
 def _checked(path: Path) -> Path:
     if path.is_dir():
-        if not _segments_in(path):
+        if not segments_in(path):
             raise UnusableLog(f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): name the journal of one run")
     elif not path.exists():
         raise UnusableLog(f"{path}: there is no such file or directory: name a journal directory or a segment")
     elif not path.is_file():
         raise UnusableLog(f"{path}: neither a file nor a directory: name a journal directory or a segment")
     return path
-
-
-def _segments_in(folder: Path) -> list[Path]:
-    return [path for path in _listed(folder) if path.suffix == SEGMENT_SUFFIX]
-
-
-def _listed(folder: Path) -> list[Path]:
-    try:
-        return sorted(folder.iterdir())
-    except OSError as error:
-        raise UnusableLog(f"{folder}: can't be read: {error.strerror}") from None

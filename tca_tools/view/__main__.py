@@ -36,6 +36,7 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
         raise ToolError(f"the package '{error.name}' is missing: pip install 'tca[view]'") from None
     log = open_log(log_path)
     log.check_beginning()
+    log.tell()
     reading = Reading(log)
     with _listening(host, port) as door:
         address = f"http://{_in_address(host)}:{door.getsockname()[1]}/"

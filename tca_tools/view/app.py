@@ -85,6 +85,7 @@ def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
             "state": reading.state,
             "now": reading.now,
             "problem": reading.problem or reading.log.cut,
+            "remark": reading.remark,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,

@@ -28,6 +28,8 @@ class Reading:
 
     def __init__(self, log: Log) -> None:
         self.log = log
+        self.remark = "; ".join(log.remarks)
+        """What else there is in the folder that it is read from, and what is not there."""
         self.feed = Feed()
         self.caught_up = False
         """Whether all has been read that there is; more may come."""

@@ -30,6 +30,8 @@ def hello(how: str) -> None:
         raise BrokenPipeError
     if how == "interrupted":
         raise KeyboardInterrupt
+    if not how.islower():
+        raise click.UsageError(f"{how}: this is no way")
     click.echo(how)
 
 
@@ -146,3 +148,16 @@ def test_each_command_that_is_installed_is_called_so() -> None:
     for name, target in (line.split(" = ") for line in lines):
         module, _, attribute = target.partition(":")
         assert getattr(import_module(module), attribute).name == name
+
+
+@pytest.mark.parametrize("name", ["README", "Foo.py"])
+def test_a_name_at_the_beginning_of_a_message_stays_as_it_was_written(tca: Tca, name: str) -> None:
+    assert tca("hello", name).stderr == f"tca: {name}: this is no way; see 'tca hello --help'\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(("--loud",), "no such option"), (("a", "b"), "got unexpected"), (("--help=1",), "option '--help'")],
+)
+def test_messages_of_click_begin_like_ours(tca: Tca, arguments: tuple[str, ...], words: str) -> None:
+    assert tca("hello", *arguments).stderr.startswith(f"tca: {words}")

@@ -20,6 +20,7 @@ from tca_tools.view.app import application
 from tca_tools.view.reading import Reading
 from tca_wire import facts
 from tca_wire.facts import Entry
+from tca_wire.journal import record
 from tca_wire.points import Moment
 
 pytestmark = pytest.mark.slow
@@ -46,6 +47,17 @@ def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: 
     expect(page.locator("#task h2")).to_have_text("move body {7}")
     expect(page.locator("#task")).to_contain_text("handled by controller: failed")
     expect(page.locator("#task")).to_contain_text("held, until move leg {6} is achieved")
+
+
+def test_what_else_lies_in_the_folder_is_said(look: Look, tmp_path: Path) -> None:
+    folder = stumbling().write(tmp_path / "walk", segments=3)
+    (folder / "00000002.tcaj").unlink()
+    other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "earlier", 1, 1.0, "0.1.0")])
+    (folder / "00000009.tcaj").write_bytes(record(other))
+    page = look(folder)
+    expect(page.locator("#problem")).to_contain_text("segments of 2 runs lie there")
+    expect(page.locator("#problem")).to_contain_text("segment 2 is missing")
+    expect(page.locator("#status")).to_have_text("ended")
 
 
 def test_the_past_is_shown_step_by_step(look: Look, tmp_path: Path) -> None:

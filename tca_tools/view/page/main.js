@@ -146,9 +146,9 @@ function showStatus(away = "") {
   const { head } = store, badge = document.getElementById("status"), problem = document.getElementById("problem");
   document.getElementById("name").textContent = head?.name ?? "…";
   document.title = head ? `${head.name} – tca view` : "tca view";
-  const wrong = away || head?.problem || "";
-  problem.hidden = !wrong;
-  problem.textContent = wrong;
+  const wrong = away || head?.problem || "", told = wrong || head?.remark || "";
+  problem.hidden = !told;
+  problem.textContent = told;
   const state = head?.state ?? "reading";
   badge.textContent = away ? "away" : state === "reading" ? `reading, ${store.times.length} entries` : state;
   badge.className = `badge ${wrong || state === "cut off" ? "bad" : state === "live" ? "live" : ""}`;

@@ -1,0 +1,141 @@
+"""Folders in which more lies than one run, or less: every tool shows one run, and says what else there is."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from tools.runs import walk
+from tools.story import Story, walking
+
+from tca_tools.logs import Log, open_log
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal import record
+
+Tca = Callable[..., Result]
+TOOLS = ["tree", "gantt", "log show", "stats", "check", "replay --text"]
+YESTERDAY, TODAY = 1_700_000_000.0, 1_700_086_400.0
+
+
+def segment(path: Path, entries: list[Entry], epoch: str, number: int = 1, began: float = YESTERDAY) -> Path:
+    opening = Entry(0, entries[0].time, [facts.Opened(JOURNAL_VERSION, epoch, number, began, "0.1.0")])
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"".join(map(record, [opening, *entries])))
+    return path
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Path:
+    """A folder with the segment of a short story of today and, by name after it, that of a walk of yesterday."""
+    segment(tmp_path / "two" / "00000001.tcaj", walking().entries[1:], "today", began=TODAY)
+    segment(tmp_path / "two" / "00000002.tcaj", walk()[1:], "yesterday")
+    return tmp_path / "two"
+
+
+def said(log: Log, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    log.check()
+    return capsys.readouterr().err.splitlines()
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(tca: Tca, two: Path, tool: str) -> None:
+    shown, alone = tca(*tool.split(), two), tca(*tool.split(), two / "00000001.tcaj")
+    assert shown.exit_code == alone.exit_code
+    assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
+    assert shown.stderr == (
+        f"tca: {two}: segments of 2 runs lie there: this is the one that began last (00000001.tcaj);"
+        " to see another, give its file (00000002.tcaj), or move what is of one run to a folder of its own\n"
+    )
+    assert alone.stderr == ""
+
+
+def test_each_of_two_runs_can_be_given_by_its_file(two: Path) -> None:
+    alone = [entry.number for entry in open_log(two / "00000002.tcaj")]
+    assert alone[1:] == [entry.number for entry in walk()[1:]]
+
+
+def test_a_run_that_is_followed_stays_the_one_that_is_followed(tmp_path: Path) -> None:
+    folder = Story().write(tmp_path / "run")
+    log, left = open_log(folder), [1, 2, 3]
+
+    class Enough(Exception):
+        pass
+
+    def wait() -> None:
+        if not left:
+            raise Enough
+        match left.pop():
+            case 3:
+                segment(folder / "00000002.tcaj", walk()[1:], "another run", began=TODAY)
+            case 2:
+                segment(folder / "00000003.tcaj", [Entry(99, 9.0, [])], "epoch", 2)
+
+    seen: list[int] = []
+    with pytest.raises(Enough):  # noqa: PT012 - what came before the end counts
+        for entry in log.follow(wait):
+            seen.append(entry.number)  # noqa: PERF401
+    assert seen == [1, 0, 99]
+
+
+def test_segments_are_in_their_order_whatever_their_names(tmp_path: Path) -> None:
+    entries = walking().entries[1:]
+    segment(tmp_path / "b.tcaj", entries[:5], "epoch", 1)
+    segment(tmp_path / "a.tcaj", entries[5:], "epoch", 2)
+    assert [entry.number for entry in open_log(tmp_path) if entry.number] == [entry.number for entry in entries]
+
+
+def test_segments_that_are_missing_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = walking().write(tmp_path / "run", segments=5)
+    (folder / "00000001.tcaj").unlink()
+    (folder / "00000003.tcaj").unlink()
+    (folder / "00000004.tcaj").unlink()
+    assert said(open_log(folder), capsys) == [
+        f"tca: {folder}: segment 1 is missing: what happened then is not known",
+        f"tca: {folder}: segments 3 to 4 are missing: what happened then is not known",
+    ]
+
+
+def test_check_says_of_missing_segments_in_a_line_of_its_own_and_only_there(tca: Tca, tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run", segments=3)
+    (folder / "00000002.tcaj").unlink()
+    told = tca("check", folder)
+    assert "segment 2 is missing" in told.stdout
+    assert told.stderr == ""
+
+
+def test_a_copy_beside_the_segments_is_left_out_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = walking().write(tmp_path / "run", segments=2)
+    (folder / "00000001 (copy).tcaj").write_bytes((folder / "00000001.tcaj").read_bytes())
+    log = open_log(folder)
+    assert [path.name for path in log.segments()] == ["00000001.tcaj", "00000002.tcaj"]
+    assert said(log, capsys) == [
+        f"tca: {folder}: 00000001 (copy).tcaj is a segment that the run has already, and left out"
+    ]
+
+
+def test_nothing_is_said_twice(two: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with (two / "00000001.tcaj").open("ab") as stream:
+        stream.write(record(Entry(99, 99.0, []))[:-2])
+    log = open_log(two)
+    list(log)
+    assert len(said(log, capsys)) == 2
+    assert said(log, capsys) == []
+
+
+@pytest.mark.parametrize("tool", ["tree", "log show"])
+def test_of_an_empty_journal_what_to_do_can_be_done(tca: Tca, tmp_path: Path, tool: str) -> None:
+    (tmp_path / "00000001.tcaj").touch()
+    told = tca(*tool.split(), tmp_path)
+    assert (told.exit_code, told.stdout) == (2, "")
+    assert told.stderr == (
+        f"tca: {tmp_path}: empty, central has written nothing to it yet:"
+        " 'tca view' and 'tca log show --follow' wait for what comes\n"
+    )
+
+
+def test_a_report_of_a_cut_journal_says_so_once(tca: Tca, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.tcaj"
+    cut.write_bytes(b"".join(map(record, walk()))[:-5])
+    told = tca("report", cut, "-o", tmp_path / "out.html")
+    assert (told.exit_code, told.stderr.count("cut off, the last")) == (0, 1)
