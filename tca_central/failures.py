@@ -246,6 +246,7 @@ def kill(central: State, task: Task, why: str) -> None:
             central.tell(one.slot, Cancelled(one.given_as))
         if one.suspended:
             one.suspended = False
+            central.tree.suspended.pop(one.id, None)
             for child in list((one.children or {}).values()):
                 if child.survives and child.suspended:
                     suspend(central, child, resume=True)

@@ -40,6 +40,7 @@ def check_invariants(central: State) -> None:
         assert held_counts(task) == dict(held.get(task.id, {})), f"{task}: held by {held_counts(task)}"
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders.get(task.id, set()), f"{task}"
         _check_delivery(central, task)
+        _check_suspension(central, task)
     root_children = tree.root.children or {}
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
     _check_resources(central)
@@ -140,6 +141,13 @@ def _check_delivery(central: State, task: Task) -> None:
     is_held = any(moment in held_counts(task) for moment in starts) or task.suspended
     may_start = not is_held and all(task.is_free or bool(parent.reached & moment) for moment in starts)
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
+
+
+def _check_suspension(central: State, task: Task) -> None:
+    is_noted = task.id in central.tree.suspended
+    assert task.suspended or not is_noted, f"{task}: noted as suspended"
+    above = task.parent is not None and task.parent.suspended
+    assert is_noted or above or task.killed or not task.suspended, f"{task}: suspended, and not noted"
 
 
 def _check_resources(central: State) -> None:

@@ -19,16 +19,19 @@ from tca_wire.points import Moment, describe_moments
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
-"""Living tasks, the oldest, among which those that are held longest are looked for: so nothing need be noted of it."""
+"""Living tasks, the oldest, among which those that are held are looked for and counted: nothing need be noted of it."""
 
 Waiting = tuple[float, str, str]
 """Since when, who, and what for."""
 
 
 def load(central: State) -> dict[str, Any]:
-    """Numbers of everything, and the longest waits, the longest first."""
+    """Numbers of everything, and the longest waits, the longest first: at most SHOWN_WAITS of each kind, with how many
+    there are ("totals"; of held tasks, among the oldest "looked_at").
+    """
     now, registry = central.clock.now, central.registry
-    longest = heapq.nsmallest(SHOWN_WAITS, _waits(central), key=itemgetter(0))
+    waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
+    longest = heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))
     return {
         "epoch": central.epoch,
         "time": now,
@@ -54,7 +57,16 @@ def load(central: State) -> dict[str, Any]:
             for message in registry.messages.values()
         ],
         "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
-        "held": list(_held(central, now)),
+        "held": [
+            {"what": _named(task), "for": _held_by(central, task, at), "seconds": max(now - since, 0.0)}
+            for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, held)
+        ],
+        "suspended": [
+            {"task": int(task.id), "what": _named(task), "seconds": max(now - since, 0.0)}
+            for since, task in suspended[:SHOWN_WAITS]
+        ],
+        "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
+        "looked_at": min(len(central.tree.tasks), LOOKED_AT),
     }
 
 
@@ -105,13 +117,18 @@ def _waits(central: State) -> Iterator[Waiting]:
             yield wait.at, f"'{connection.module.name}'{inside}", _awaited(central, connection, number)
 
 
-def _held(central: State, now: float) -> Iterator[dict[str, Any]]:
-    """Tasks that constraints hold back, since they were sent or last handled, the longest first."""
+def _held(central: State) -> list[tuple[float, int, Task, int]]:
+    """Tasks that constraints hold back: since when (they were sent or last handled), and which beginning."""
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = (task for task in oldest if task.held and task.slot is None and task.queues is None and not task.killed)
-    waiting = ((task.since, number, task, at) for number, task in enumerate(held) if (at := _held_at(task)))
-    for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, waiting):
-        yield {"what": _named(task), "for": _held_by(central, task, at), "seconds": max(now - since, 0.0)}
+    return [(task.since, number, task, at) for number, task in enumerate(held) if (at := _held_at(task))]
+
+
+def _suspended(central: State) -> list[tuple[float, Task]]:
+    """The topmost suspended tasks (what is under them is, too) and since when, the longest first."""
+    tasks = central.tree.tasks
+    noted = ((since, tasks[number]) for number, since in islice(central.tree.suspended.items(), LOOKED_AT))
+    return [(since, task) for since, task in noted if task.parent is None or not task.parent.suspended]
 
 
 def _held_at(task: Task) -> int:

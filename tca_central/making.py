@@ -88,6 +88,10 @@ def suspend(central: State, task: Task, *, resume: bool) -> None:
     changed = central.agenda.suspend(task, resume=resume)
     if changed:
         central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume))
+        if not resume:
+            central.tree.suspended.setdefault(task.id, central.clock.now)
     for one in changed:
+        if resume:
+            central.tree.suspended.pop(one.id, None)
         if one.slot is not None:
             central.tell(one.slot, Suspended(one.given_as, not resume))

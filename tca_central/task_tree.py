@@ -156,6 +156,7 @@ class TaskTree:
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = _STARTS
         self.tasks: dict[int, Task] = {}
+        self.suspended: dict[int, float] = {}  #: those that were themselves to be suspended -> since when; oldest first
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
         self.top_of_module: dict[str, dict[int, Task]] = {}  #: living top-level tasks per sending module, oldest first
@@ -202,6 +203,7 @@ class TaskTree:
     def detach(self, task: Task) -> None:
         """Take an ended task out."""
         del self.tasks[task.id]
+        self.suspended.pop(task.id, None)
         parent = task.parent
         if parent is self.root and not is_aside(task):
             self._detach_top(task, _sender(task))

@@ -38,7 +38,10 @@ IGNORED = {
         "attached", "taps",  # met where they are attached
         "asked",  # met as the conditions of monitors
     },
-    "TaskTree": {"newest", "tasks"},  # ids are only names; all tasks are met as children
+    "TaskTree": {
+        "newest", "tasks",  # ids are only names; all tasks are met as children
+        "suspended",  # for people
+    },
     "Registry": {
         "connections",  # met through their modules
         "lost",  # scripts do not reconnect

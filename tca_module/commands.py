@@ -42,7 +42,7 @@ def status(client: Client) -> tuple[Any, str]:
     overview, tree = client.status("status"), client.status("tree")
     waiting = [
         *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client),
-        *_suspended_tasks(tree), *_held_tasks(tree),
+        *_suspended_tasks(client, tree), *_held_tasks(tree),
     ]  # fmt: skip
     shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
@@ -199,12 +199,16 @@ def _waiting_resources(client: Client) -> Iterator[list[str]]:
                     ]
 
 
-def _suspended_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+def _suspended_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[list[str]]:
     """The topmost suspended tasks: what is under them is, too."""
+    if not any(task["suspended"] for task in tree):
+        return
+    since = {one["task"]: f" for {one['seconds']:.1f} s" for one in client.status("load")["suspended"]}
     suspended = {task["task"] for task in tree if task["suspended"]}
     for task in tree:
         if task["task"] in suspended and task["parent"] not in suspended:
-            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': it is suspended"]
+            seconds = since.get(task["task"], "")
+            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{seconds}"]
 
 
 def _held_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:

@@ -13,6 +13,7 @@ from tca_module.command_parts import as_json, central_option, json_option, print
 from tca_module.errors import MisuseError, TcaError
 from tca_module.keys import Keys, typed_keys
 from tca_module.top_frame import Answer, Frame, frame, plain_frame
+from tca_wire.endpoint import default_endpoint
 
 _NAME = "tca top"
 _PATIENCE = 1.0
@@ -30,7 +31,7 @@ _TERMINATED = 128 + signal.SIGTERM
 )  # fmt: skip
 @click.option("--once", is_flag=True, help="Print it once, with the rates of the whole run, and end.")
 def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None:
-    """Watch modules, resources, queues, rates, the longest waits and held tasks of a running central.
+    """Watch modules, resources, queues, rates, the longest waits, held and suspended tasks of a running central.
 
     It ends with q or Ctrl-C. When central is away it says so, and goes on when central is back.
     """
@@ -93,7 +94,7 @@ class _Central:
     def __init__(self, address: str | None) -> None:
         self.trouble = ""
         """What is wrong now."""
-        self.address = address or "the default address"
+        self.address = address or default_endpoint()
         self._asked = address
         self._client: Client | None = None
         self._before: Answer | None = None

@@ -67,6 +67,18 @@ class Frame(NamedTuple):
     """The longest come first."""
     held: list[WaitLine]
     """Tasks that constraints hold back, the longest first."""
+    suspended: list[WaitLine]
+    """Tasks that somebody has to resume, the longest first; not those under them."""
+    totals: dict[str, int]
+    """How many waits, held and suspended tasks there are; central does not tell all."""
+    not_looked_at: int
+    """How many living tasks, the newest, may be held and were not counted."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether there is more than is told."""
+        told = {"waits": self.waits, "held": self.held, "suspended": self.suspended}
+        return self.not_looked_at > 0 or any(total > len(told[kind]) for kind, total in self.totals.items())
 
 
 def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
@@ -88,9 +100,11 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
     messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))
     waits, held = ([WaitLine(one["seconds"], one["what"], one["for"]) for one in now[key]] for key in ("waits", "held"))
+    suspended = [WaitLine(one["seconds"], one["what"], f"'tca resume {one['task']}'") for one in now["suspended"]]
     events = (now["events"] - before["events"]) / span
     return Frame(
-        now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held
+        now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held,
+        suspended, now["totals"], now["tasks"] - now["looked_at"],
     )  # fmt: skip
 
 
@@ -122,5 +136,6 @@ def plain_frame(shown: Frame) -> dict[str, Any]:
         "messages": [line._asdict() for line in shown.messages],
         "waits": [line._asdict() for line in shown.waits],
         "held": [line._asdict() for line in shown.held],
+        "suspended": [line._asdict() for line in shown.suspended],
     }
-    return {**shown._asdict(), **lists}
+    return {**shown._asdict(), **lists, "is_cut": shown.is_cut}

@@ -17,8 +17,13 @@ _HEAD, _TABLE = 2, 3
 """Lines of the heading, and of a table beside its rows."""
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
-_FEWEST = 3
-"""Rows that each of three tables gets, however small the terminal is."""
+_FEWEST = 2
+"""Rows that a table gets; where there is no room for them, some tables are left out."""
+_LEFT_OUT = ("messages", "held", "resources")
+"""Those tables, the first of them first: what somebody waits for is shown as long as anything is."""
+_GROW = ("resources", "waits", "suspended", "held", "messages")
+"""Who gets the rows that are left."""
+_ONE_LINE: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}
 _NARROW = 110
 """Columns below which the table of resources has fewer: then it fits into 80."""
 
@@ -37,16 +42,29 @@ def screen(shown: Frame | None, address: str, trouble: str, height: int | None =
     """A frame, with what is wrong (*trouble*) above it, in so many lines (None: as many as it needs)."""
     if shown is None:
         return Text(f"central at {address} is away: {trouble}", style="bold red")
-    rooms = _rooms(shown, None if height is None else height - _HEAD - (trouble != ""))
-    tables: list[RenderableType] = [
-        _Resources(shown.resources, rooms[0]),
-        _table(_MESSAGES, shown.messages, _message_cells, rooms[1], "no messages have been declared"),
-        _table(_WAITS, shown.waits, _wait_cells, rooms[2], "nobody waits"),
-    ]
+    tables = _tables(shown)
+    rooms = _rooms(tables, None if height is None else height - _HEAD - bool(trouble))
+    parts = [tables[name]._replace(room=room) for name, room in rooms.items()]
+    warning = [Text(f"central is away: {trouble}. This is how it was:", style="bold red", **_ONE_LINE)] * bool(trouble)
+    absent = ", ".join(name for name in tables if name not in rooms)
+    no_room = [Text(f"no room for: {absent}", style="dim", **_ONE_LINE)] * bool(absent)
+    return Group(*warning, _heading(shown, address), *parts, *no_room)
+
+
+def _tables(shown: Frame) -> dict[str, "_Lines"]:
+    """What there is to show, from the top to the bottom."""
+    tables = {
+        "resources": _Lines(_RESOURCES, shown.resources, _resource_cells, "no module offers to handle anything"),
+        "messages": _Lines(_MESSAGES, shown.messages, _message_cells, "no messages have been declared"),
+    }
+    if shown.waits or not (shown.held or shown.suspended):
+        tables["waits"] = _Lines(_WAITS, shown.waits, _wait_cells, "nobody waits", shown.totals["waits"])
+    if shown.suspended:
+        tables["suspended"] = _Lines(_SUSPENDED, shown.suspended, _wait_cells, "", shown.totals["suspended"])
     if shown.held:
-        tables.append(_table(_HELD, shown.held, _wait_cells, rooms[3], ""))
-    warning = [Text(f"central is away: {trouble}. This is how it was:", style="bold red")] * (trouble != "")
-    return Group(*warning, _heading(shown, address), *tables)
+        among = f" among the {shown.tasks - shown.not_looked_at} oldest tasks" * (shown.not_looked_at > 0)
+        tables["held"] = _Lines(_HELD, shown.held, _wait_cells, "", shown.totals["held"], among)
+    return tables
 
 
 def _heading(shown: Frame, address: str) -> Text:
@@ -55,76 +73,88 @@ def _heading(shown: Frame, address: str) -> Text:
     return Text.assemble(
         (f"central at {address}", "bold"),
         f"  run {shown.epoch}, up {_long_time(shown.time)}\n{counts}; rates of {over}",
-        no_wrap=True,
-        overflow="ellipsis",
+        **_ONE_LINE,
     )
 
 
-def _rooms(shown: Frame, height: int | None) -> list[int]:
-    """How many rows each table gets: what one does not need is for the others."""
-    needed = [len(shown.resources), len(shown.messages), len(shown.waits)]
-    needed += [len(shown.held)] * bool(shown.held)
+def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
+    """How many rows each table gets: what one does not need is for the others. Some may be left out."""
+    needed = {name: max(len(table.lines), 1) + table.is_cut for name, table in tables.items()}
     if height is None:
         return needed
-    fewest = _FEWEST if len(needed) == _FEWEST else _FEWEST - 1
-    room = max(height - _TABLE * len(needed) - 1, fewest * len(needed))
-    rooms = [min(fewest, one) for one in needed]
-    room -= sum(rooms)
-    for place in (0, 2, *range(3, len(needed)), 1):
-        more = min(max(needed[place] - rooms[place], 0), max(room, 0))
-        rooms[place] += more
-        room -= more
+    rooms = {name: min(_FEWEST, rows) for name, rows in needed.items()}
+    for name in _LEFT_OUT:
+        if _TABLE * len(rooms) + sum(rooms.values()) + (len(rooms) < len(tables)) > height:
+            rooms.pop(name, None)
+    left = height - _TABLE * len(rooms) - sum(rooms.values()) - (len(rooms) < len(tables))
+    for name in _GROW:
+        if name in rooms:
+            more = min(needed[name] - rooms[name], max(left, 0))
+            rooms[name] += more
+            left -= more
     return rooms
 
 
 Column = tuple[str, dict[str, Any]]
 _NUMBER: dict[str, Any] = {"justify": "right", "no_wrap": True}
-_WORDS: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}
 _RESOURCES: Sequence[Column] = (
-    ("resource", {**_WORDS, "ratio": 2}), ("busy", {**_WORDS, "min_width": _BAR + 5}), ("msg/s", _NUMBER),
+    ("resource", {**_ONE_LINE, "ratio": 2}), ("busy", {**_ONE_LINE, "min_width": _BAR + 5}), ("msg/s", _NUMBER),
     ("slots", _NUMBER), ("blocked", _NUMBER), ("waiting", _NUMBER), ("oldest", _NUMBER),
-    ("handling", {**_WORDS, "ratio": 3}),
+    ("handling", {**_ONE_LINE, "ratio": 3}),
 )  # fmt: skip
 _FEWER: Sequence[Column] = (
-    ("resource", {**_WORDS, "max_width": 30}), ("busy", _NUMBER), ("msg/s", _NUMBER), ("waiting", _NUMBER),
-    ("handling", {**_WORDS, "ratio": 1}),
+    ("resource", {**_ONE_LINE, "max_width": 30}), ("busy", _NUMBER), ("msg/s", _NUMBER), ("waiting", _NUMBER),
+    ("handling", {**_ONE_LINE, "ratio": 1}),
 )  # fmt: skip
 _MESSAGES: Sequence[Column] = (
-    ("message", {**_WORDS, "ratio": 2}), ("class", {**_WORDS, "ratio": 1}), ("msg/s", _NUMBER), ("delivered", _NUMBER),
-    ("failed", _NUMBER), ("no handler", _NUMBER),
+    ("message", {**_ONE_LINE, "ratio": 2}), ("class", {**_ONE_LINE, "ratio": 1}), ("msg/s", _NUMBER),
+    ("delivered", _NUMBER), ("failed", _NUMBER), ("no handler", _NUMBER),
 )  # fmt: skip
 _WAITS: Sequence[Column] = (
     ("waits", _NUMBER),
-    ("longest first", {**_WORDS, "ratio": 1}),
-    ("for", {**_WORDS, "ratio": 1}),
+    ("longest first", {**_ONE_LINE, "ratio": 1}),
+    ("for", {**_ONE_LINE, "ratio": 1}),
 )
-_HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("until", {**_WORDS, "ratio": 1}))
+_SUSPENDED: Sequence[Column] = (("suspended for", _NUMBER), *_WAITS[1:2], ("until", {**_ONE_LINE, "ratio": 1}))
+_HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("until", {**_ONE_LINE, "ratio": 1}))
 
 
-class _Resources(NamedTuple):
-    """The table of resources, as wide as there is room for."""
+class _Lines(NamedTuple):
+    """A table of so many rows; that of resources as wide as there is room for."""
 
-    lines: Sequence[ResourceLine]
-    room: int
+    columns: Sequence[Column]
+    lines: Sequence[Any]
+    cells: Callable[[Any], list[Text | str]]
+    nothing: str
+    total: int = 0
+    """How many there are, where not all are told."""
+    among: str = ""
+    """Among what these were counted."""
+    room: int = 0
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether there are more than are told."""
+        return self.total > len(self.lines) or bool(self.among)
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        columns, cells = (_FEWER, _fewer_cells) if options.max_width < _NARROW else (_RESOURCES, _resource_cells)
-        yield _table(columns, self.lines, cells, self.room, "no module offers to handle anything")
-
-
-def _table(
-    columns: Sequence[Column], lines: Sequence[Any], cells: Callable[[Any], list[Text | str]], room: int, nothing: str
-) -> RenderableType:
-    table = Table(
-        box=SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="dim"
-    )
-    for name, how in columns:
-        table.add_column(name, **how)
-    shown = lines if len(lines) <= room else lines[: max(room - 1, 0)]
-    for line in shown:
-        table.add_row(*cells(line))
-    rest = Text(f"... and {len(lines) - len(shown)} more" if lines else nothing, style="dim")
-    return Group(Text(), table, rest) if len(shown) < len(lines) or not lines else Group(Text(), table)
+        is_narrow = self.columns is _RESOURCES and options.max_width < _NARROW
+        columns, cells = (_FEWER, _fewer_cells) if is_narrow else (self.columns, self.cells)
+        table = Table(
+            box=SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False, header_style="dim"
+        )
+        for name, how in columns:
+            table.add_column(name, **how)
+        is_whole = len(self.lines) + self.is_cut <= self.room
+        shown = self.lines if is_whole else self.lines[: max(self.room - 1, 0)]
+        for line in shown:
+            table.add_row(*cells(line))
+        yield Text()
+        yield table
+        more = max(self.total, len(self.lines)) - len(shown)
+        if more or self.among or not self.lines:
+            words = f"... and {more or 'no'} more{self.among}" if self.lines else self.nothing
+            yield Text(words, style="dim", **_ONE_LINE)
 
 
 def _resource_cells(line: ResourceLine) -> list[Text | str]:

@@ -4,7 +4,7 @@ from typing import Any
 
 from central.player import Player
 
-from tca_central.load import load
+from tca_central.load import SHOWN_WAITS, load
 from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.points import Moment, Point, TaskId
@@ -152,3 +152,50 @@ def test_direct_messages_count_like_others() -> None:
     told = load(robot.central)
     assert message(told, "where")["delivered"] == 2
     assert (resource(told, "map")["delivered"], resource(told, "map")["busy"]) == (2, 1.0)
+
+
+def test_suspended_tasks_say_since_when_the_longest_first() -> None:
+    robot = Player()
+    robot.module("planner", "goal walk")
+    robot.module("legs", "command step")
+    robot.module("user")
+    walk = robot.task("user", "walk")
+    robot.declare("planner/1", "command step")
+    step = robot.task("planner/1", "step", under=walk)
+    other = robot.task("user", "step", flags=0)
+
+    def suspend(task: int, *, resume: bool = False) -> None:
+        robot.receive("user", headers.Suspend(robot.number("user"), TaskId(task), resume))
+
+    suspend(other)
+    robot.tick(5.0)
+    suspend(step)
+    suspend(walk)
+    suspend(walk)  # it is already
+    robot.tick(1.0)
+    told = load(robot.central)
+    assert [(one["task"], one["what"]) for one in told["suspended"]] == [
+        (other, f"'step' {{{other}}}"),
+        (walk, f"'walk' {{{walk}}}"),  # and all under it, for as long as it is
+    ]
+    assert [one["seconds"] for one in told["suspended"]] == [9.0, 2.0]
+    assert told["totals"]["suspended"] == 2
+    suspend(walk, resume=True)
+    robot.receive("user", headers.Kill(robot.number("user"), TaskId(other), "enough"))
+    told = load(robot.central)
+    assert (told["suspended"], told["totals"]["suspended"], robot.central.tree.suspended) == ([], 0, {})
+
+
+def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all_are_told() -> None:
+    robot = Player()
+    robot.module("user", "goal walk")
+    robot.declare("user", "command step")
+    for _ in range(SHOWN_WAITS + 20):
+        robot.task("user", "step", flags=int(Flags.SEQ_ACH))
+    for _ in range(SHOWN_WAITS + 10):
+        suspended = robot.task("user", "step", flags=0)
+        robot.receive("user", headers.Suspend(robot.number("user"), TaskId(suspended)))
+    told = load(robot.central)
+    assert (len(told["held"]), len(told["suspended"])) == (SHOWN_WAITS, SHOWN_WAITS)
+    assert told["totals"] == {"waits": 1, "held": SHOWN_WAITS + 19, "suspended": SHOWN_WAITS + 10}
+    assert told["looked_at"] == told["tasks"]

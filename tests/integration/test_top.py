@@ -46,7 +46,7 @@ class Terminal:
         self.slave = slave
         self.seen = ""
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "tca_module.top", "--central", address, *options],
+            [sys.executable, "-m", "tca_module.top", *(("--central", address) if address else ()), *options],
             stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
             env={**os.environ, "TERM": "xterm-256color"} | dict.fromkeys(("COLUMNS", "LINES"), ""),
         )  # fmt: skip
@@ -126,6 +126,12 @@ def test_a_central_that_goes_away_and_comes_back(tmp_path: Path) -> None:
             assert screen.shows(r"run (?!" + first[4:-1] + r")\w+,") != first
             screen.type(b"Q")
             assert screen.ends() == 0
+
+
+def test_the_address_that_was_tried_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TCA_CENTRAL", f"ipc://{tmp_path}/nowhere.sock")
+    with terminal("") as screen:
+        screen.shows(r"central at ipc://.*/nowhere\.sock is away")
 
 
 def test_one_frame_for_scripts(address: str) -> None:

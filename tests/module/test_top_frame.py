@@ -27,8 +27,10 @@ def message(name: str, delivered: int, **more: Any) -> dict[str, Any]:
 def answer(time: float, *resources: dict[str, Any], epoch: str = "one", **more: Any) -> dict[str, Any]:
     modules = [{"module": "legs", "process": "here:1", "resources": list(resources)},
                {"module": "tca top", "process": "here:2", "resources": []}]  # fmt: skip
-    numbers: dict[str, Any] = {"events": int(time * 10), "tasks": 3, "messages": [], "waits": [], "held": []}
-    return {"epoch": epoch, "time": time, "modules": modules, **numbers, **more}
+    lists: dict[str, Any] = {"messages": [], "waits": [], "held": [], "suspended": [], **more}
+    totals = {kind: len(lists[kind]) for kind in ("waits", "held", "suspended")}
+    numbers = {"epoch": epoch, "time": time, "events": int(time * 10), "tasks": 3, "looked_at": 3}
+    return {"modules": modules, "totals": totals, **numbers, **lists}
 
 
 def shown(text_of: Any, width: int = 100) -> str:
@@ -80,17 +82,59 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     assert "\x1b" not in text
 
 
-@pytest.mark.parametrize("height", [10, 24, 40, 240])
-def test_a_screen_fits_its_terminal(height: int) -> None:
+def waiting(number: int, why: str = "legs") -> list[dict[str, Any]]:
+    return [{"what": f"'step' {{{one}}}", "for": why, "seconds": 1.0} for one in range(number)]
+
+
+@pytest.mark.parametrize("width", [40, 80])
+@pytest.mark.parametrize(("height", "cut"), [(10, 1), (12, 1), (16, 2), (24, 4), (40, 4), (240, 0)])
+def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
-    waits = [{"what": f"'step' {{{number}}}", "for": "legs", "seconds": 1.0} for number in range(50)]
-    told = frame(answer(20.0, *many, messages=messages, waits=waits, held=waits))
-    lines = shown(screen(told, "ipc:///here", "no answer for 3 s, trying again", height), 80).splitlines()
-    assert len(lines) <= max(height, 24)
-    assert all(len(line) <= 80 for line in lines)
-    assert sum("and" in line and "more" in line for line in lines) == (4 if height < 240 else 0)
-    assert "central is away: no answer for 3 s, trying again. This is how it was:" in lines[0]
+    told = frame(answer(20.0, *many, messages=messages, waits=waiting(50), held=waiting(50)))
+    lines = shown(screen(told, "ipc:///here", "no answer for 3 s, trying again", height), width).splitlines()
+    assert len(lines) <= height
+    assert all(len(line) <= width for line in lines)
+    assert sum("and" in line and "more" in line for line in lines) == cut
+    assert "central is away: no answer for 3 s" in lines[0]
+
+
+def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named() -> None:
+    messages = [message(f"step {number}", number) for number in range(60)]
+    suspended = [{"task": 213, "what": "'mop floor' {213}", "seconds": 40.0}]
+    told = frame(answer(99.0, resource(), messages=messages, waits=waiting(3, "map"), suspended=suspended))
+    lines = shown(screen(told, "ipc:///here", "", 12), 40).splitlines()
+    assert len(lines) <= 12
+    assert any("1.0 s" in line and "map" in line for line in lines)
+    assert any("40.0 s" in line and "'mop" in line for line in lines)
+    assert lines[-1] == "no room for: resources, messages"
+
+
+def test_a_run_that_stands_because_something_is_suspended_says_so() -> None:
+    suspended = [{"task": 213, "what": "'mop floor' {213}", "seconds": 40.0}]
+    text = shown(screen(frame(answer(99.0, resource(), suspended=suspended)), "ipc:///here", ""))
+    assert re.search(r"suspended for +longest first +until", text)
+    assert re.search(r" 40.0 s +'mop floor' \{213\} +'tca resume 213'", text)
+    assert "nobody waits" not in text
+
+
+def test_how_many_there_are_is_said_and_not_only_how_many_were_told() -> None:
+    totals = {"waits": 1, "held": 190, "suspended": 0}
+    told = frame(answer(20.0, waits=waiting(1), held=waiting(50)) | {"totals": totals})
+    assert "... and 140 more\n" in shown(screen(told, "ipc:///here", ""))
+    text = shown(screen(told, "ipc:///here", "", 32))
+    found = re.search(r"and (\d+) more", text)
+    assert found
+    assert text.count("'step'") - 1 + int(found[1]) == 190
+    plain = plain_frame(told)
+    assert (len(plain["held"]), plain["totals"], plain["is_cut"]) == (50, totals, True)
+    assert not plain_frame(frame(answer(20.0, waits=waiting(1))))["is_cut"]
+
+
+def test_among_very_many_tasks_it_is_said_which_were_counted() -> None:
+    told = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
+    assert "... and no more among the 10000 oldest tasks\n" in shown(screen(told, "ipc:///here", ""))
+    assert (plain_frame(told)["not_looked_at"], plain_frame(told)["is_cut"]) == (2000, True)
 
 
 def test_in_80_columns_nothing_that_matters_is_cut() -> None:
