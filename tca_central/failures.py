@@ -240,7 +240,9 @@ def kill(central: State, task: Task, why: str) -> None:
     """End a task and all under it. A handler that runs is never interrupted: it is told, and its task ends when it has
     returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
     """
-    for one in central.agenda.kill(task, why):
+    killed = central.agenda.kill(task, why)
+    new = {one.id for one in killed}
+    for one in killed:
         happened(central, one, KILLED)
         if one.slot is not None:
             central.tell(one.slot, Cancelled(one.given_as))
@@ -248,7 +250,7 @@ def kill(central: State, task: Task, why: str) -> None:
             one.suspended = False
             central.tree.suspended.pop(one.id, None)
             for child in list((one.children or {}).values()):
-                if child.survives and child.suspended:
+                if child.suspended and child.id not in new:  # it survives, or was killed before and has what survives
                     suspend(central, child, resume=True)
         if central.claimed_for:
             claims.killed(central, one)

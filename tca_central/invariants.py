@@ -147,7 +147,7 @@ def _check_suspension(central: State, task: Task) -> None:
     is_noted = task.id in central.tree.suspended
     assert task.suspended or not is_noted, f"{task}: noted as suspended"
     above = task.parent is not None and task.parent.suspended
-    assert is_noted or above or task.killed or not task.suspended, f"{task}: suspended, and not noted"
+    assert is_noted or above or not task.suspended, f"{task}: suspended, and not noted"
 
 
 def _check_resources(central: State) -> None:

@@ -54,7 +54,7 @@ def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
     if story:
         one = one_task(past, story)
         wanted = messages_of(past, subtree(past, [one]))
-        return Pick(rows, wanted, waited_for(past, one, wanted))
+        return Pick(rows, wanted, waited_for(past, one, wanted), past.tasks[one].received)
     if asked.task:
         return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
     return Pick(rows)

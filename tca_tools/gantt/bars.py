@@ -120,6 +120,8 @@ class Pick:
     """Only of these messages ..."""
     beside: Container[int] = ()
     """... and, paler, of these."""
+    since: float | None = None
+    """When what is asked for began: there the chart begins if nothing else is asked for."""
 
     def row(self, module: str) -> bool:
         """Whether a module has rows."""
@@ -142,7 +144,7 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
     _Filler(past, pick, rows, start, end).fill()
     bars = [bar for row in rows.values() for bar in (*row.handled, *row.queued)]
     names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
-    start, end = _span_of(bars, past.time, start, end)
+    start, end = _span_of(bars, past.time, pick.since if start is None else start, end)
     for row in rows.values():
         row.handled, row.queued = (_in_lanes(bars, start, end) for bars in (row.handled, row.queued))
     shown = [row for row in rows.values() if row.handled or row.queued or _shows_empty(row, pick)]

@@ -15,6 +15,8 @@ from tca_tools.then import TaskThen, Then
 
 _MARGIN, _GAP = 24.0, 18.0
 _TIMES = 460.0
+_BETWEEN = 13.0
+"""Room between two meanings in a line."""
 _TICK_DISTANCE = 80.0
 _STYLE = """\
 .name { font-size: 12px; } .note { font-size: 10.5px; fill: #52606d; } .id { fill: #52606d; }
@@ -28,8 +30,8 @@ def outline_svg(then: Then, rows: list[Row], title: str, *, with_data: bool = Fa
     """The whole picture, as a document of its own."""
     found = arrows(then, {row.task.id for row in rows if row.task})
     laid = plan(then, rows, found, with_data=with_data)
-    head, top = _head(rows, title, bool(laid.before), found.kinds)
     columns = _Columns(laid, then)
+    head, top = _head(rows, title, bool(laid.before), found.kinds, columns.right)
     body = [*head, *columns.axis(top, top + 22 + laid.height)]
     top += 26
     for place in laid.places:
@@ -127,8 +129,8 @@ def _box(then: Then, place: Place, top: float) -> Iterator[str]:
         yield f'<text class="kind" x="{x:.1f}" y="{y + 13:.1f}">{text(place.after)}</text>'
 
 
-def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str]) -> tuple[list[str], float]:
-    """The title, what colours and lines mean, and where what follows may begin."""
+def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str], right: float) -> tuple[list[str], float]:
+    """The title, what colours and lines mean (nothing of that beyond *right*), and where what follows may begin."""
     lines = [f'<text class="title" x="{_MARGIN:.0f}" y="{_MARGIN + 6:.0f}">{text(title)}</text>']
     states = {row.task.state if row.task else row.state for row in rows}
     items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in State if state in states]
@@ -140,9 +142,12 @@ def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str]) -> tupl
     ]
     x, y = _MARGIN, _MARGIN + 20
     for look, words_of in items:
+        needed = len(words_of) * CHARACTER + 34
+        if x + needed - _BETWEEN > right and x > _MARGIN:
+            x, y = _MARGIN, y + 20
         lines.append(rectangle(look, x, y, x + 16, 12))
         lines.append(f'<text class="name" x="{x + 21:.1f}" y="{y + 10:.1f}">{words_of}</text>')
-        x += len(words_of) * CHARACTER + 34
+        x += needed
     y += 32
     meanings = [("heavy lines", MEANINGS[SEQ])] * has_heavy
     meanings += [(kind, meaning) for kind, meaning in MEANINGS.items() if kind in kinds and kind != SEQ]

@@ -27,7 +27,7 @@ def kill(world: World, node: Node) -> None:
         if one.suspended:
             one.suspended = False
             for child in world.children(one):
-                if child.survives and child.suspended:
+                if child.suspended and child not in killed:
                     suspend(world, child, resume=True)
         _leave_behind(world, one)
         if one.role is Role.EXCEPTION and not one.void:

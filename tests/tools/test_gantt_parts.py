@@ -117,6 +117,12 @@ def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
     assert tca("gantt", run, "--task", 1, "--story", 1).exit_code == 2
 
 
+def test_the_story_of_a_task_begins_when_it_was_sent(tmp_path: Path, tca: Tca) -> None:
+    folder = locking().write(tmp_path / "locking")
+    assert tca("gantt", folder, "--story", 4).stdout.startswith("locking, story of 4: 1.00 to ")
+    assert tca("gantt", folder, "--story", 4, "--from", 0).stdout.startswith("locking, story of 4: 0.00 to ")
+
+
 def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca: Tca) -> None:
     folder = locking().write(tmp_path / "locking")
     assert tca("gantt", folder, "--story", 4, "-o", tmp_path / "story.svg").exit_code == 0

@@ -18,6 +18,7 @@ from tca_tools.history import History
 from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
+from tca_tools.tasktree_viz.plan import CHARACTER
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.then import Then
@@ -203,6 +204,18 @@ def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
     then = Then(story.fold())
     picture = ET.fromstring(outline_svg(then, whole_outline(then), "deep"))
     assert float(picture.get("width", 0)) < 1_600
+
+
+def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tca_tools.tasktree_viz.outline_svg._TIMES", 100.0)  # a narrow picture with much in it
+    then = Then(History.until(walk()), 37.0)
+    picture = ET.fromstring(outline_svg(then, whole_outline(then), "walk"))
+    width = float(picture.get("width", 0))
+    named = [text for text in picture.iter(f"{SVG}text") if text.get("class") == "name"]
+    legend = [text for text in named if "{" not in (text.text or "")]
+    assert "sent by a wiretap" in [text.text for text in legend]
+    assert all(float(text.get("x", 0)) + len(text.text or "") * CHARACTER <= width for text in legend)
+    assert len({text.get("y") for text in legend}) > 1
 
 
 @pytest.mark.parametrize("story", [locking(), wide(), Story(), stumbling()])
