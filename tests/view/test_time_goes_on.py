@@ -3,6 +3,7 @@
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Semaphore
 
@@ -152,11 +153,12 @@ def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, d
     @legs.handles(WALK)
     def walk(task: Task, _steps: int) -> None:
         for number in range(20):
-            go_on.acquire(timeout=20)
+            go_on.acquire()
             task.command(MOVE, number)
 
     moves = [user.command(MOVE, number) for number in range(22)]
-    with legs.running():
+    with legs.running(), ExitStack() as at_last:
+        at_last.callback(go_on.release, 20)  # the handler ends, whatever comes of this test
         page = look(daemon.journal, f"#task={moves[12].id}")
         chosen = page.locator(".row.chosen")
         page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 48; }")
