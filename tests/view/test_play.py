@@ -38,7 +38,10 @@ def test_play_goes_on_from_between_two_messages(look: Look, quiet: Path) -> None
     shown = [6.0, *moments(page, 10, 100)]  # in the middle of an action, which is played in half its time
     steps = [later - earlier for earlier, later in itertools.pairwise(shown)]
     assert min(steps) > 0
-    assert shown[-1] == pytest.approx(8.0, abs=0.1)  # ten seconds of silence take five
+    time, now = page.evaluate("[tca.slider.playing.time, tca.slider.playing.last]")
+    page.clock.run_for(100)
+    later, then = page.evaluate("[tca.slider.playing.time, tca.slider.playing.last]")
+    assert later - time == pytest.approx((then - now) / 1000 * 2)  # ten seconds of silence take five
     expect(page.locator("#play")).to_have_text("❚❚")
     page.keyboard.press("Space")
     page.clock.run_for(500)
@@ -53,11 +56,11 @@ def test_play_hurries_through_a_long_silence_and_says_so(look: Look, quiet: Path
     page = look(quiet, "#t=20", clock=True)
     page.clock.run_for(500)
     page.locator("#play").click()
-    shown = moments(page, 4, 1000)
+    shown = moments(page, 3, 500)
     assert shown == sorted(set(shown))
-    assert 20 < shown[0] < 1000
+    assert 20 < shown[0] < 3600
     expect(page.locator("#clock")).to_have_class("faster")
-    moments(page, 1, 1500)
+    page.clock.run_for(5000)
     assert page.evaluate("tca.slider.time") > 3600
     expect(page.locator("#clock")).not_to_have_class("faster")
     page.clock.run_for(3000)

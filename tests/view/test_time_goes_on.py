@@ -3,6 +3,7 @@
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Semaphore
 
@@ -152,23 +153,33 @@ def test_the_chosen_row_stays_where_it_is_while_rows_come_above_it(look: Look, d
     @legs.handles(WALK)
     def walk(task: Task, _steps: int) -> None:
         for number in range(20):
-            go_on.acquire(timeout=20)
+            go_on.acquire()
             task.command(MOVE, number)
 
     moves = [user.command(MOVE, number) for number in range(22)]
-    with legs.running():
+    with legs.running(), ExitStack() as at_last:
+        at_last.callback(go_on.release, 20)  # the handler ends, whatever comes of this test
         page = look(daemon.journal, f"#task={moves[12].id}")
-        chosen = page.locator(".row.chosen")
+        expect(page.locator(".row.chosen")).to_be_visible()
+        comes_true(page, has_rows(23))
         page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 48; }")
-        before = chosen.bounding_box()
-        for _ in range(10):
-            go_on.release()
-        comes_true(page, "tca.store.tasks.length === 33 && tca.tree.version === tca.store.version")
-        assert chosen.bounding_box() == before
-        page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 12 * 24; }")  # he looks elsewhere
-        first = page.locator(f".row[data-task='{moves[3].id}']")
-        before = first.bounding_box()
-        for _ in range(10):
-            go_on.release()
-        comes_true(page, "tca.store.tasks.length === 43 && tca.tree.version === tca.store.version")
-        assert first.bounding_box() == before
+        before = top_of(page, ".row.chosen")
+        go_on.release(10)
+        comes_true(page, has_rows(33))
+        assert top_of(page, ".row.chosen") == before
+        page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 16 * 24; }")  # he looks elsewhere
+        seen = f".row[data-task='{moves[6].id}']"
+        comes_true(page, f'!!document.querySelector("{seen}")')
+        before = top_of(page, seen)
+        go_on.release(10)
+        comes_true(page, has_rows(43))
+        assert top_of(page, seen) == before
+
+
+def has_rows(number: int) -> str:
+    return f"tca.tree.rows.length === {number}"
+
+
+def top_of(page: Page, row: str) -> float:
+    """Where a row stands on the screen: asked at once, since rows are made anew with every message."""
+    return float(page.evaluate(f'document.querySelector("{row}").getBoundingClientRect().top'))
