@@ -45,6 +45,8 @@ export class Tree {
     const stood = this.#inSight();
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
+    const deepest = this.rows.reduce((depth, row) => Math.max(depth, row.depth), 1); // deep trees leave room for names
+    this.spacer.style.setProperty("--deepest", Math.min(deepest, DEEPEST));
     this.#stay(stood);
     if (this.keepsUp) this.#keepUp();
     this.#draw();
@@ -141,7 +143,7 @@ export class Tree {
     line.dataset.place = place;
     line.style.top = `${place * ROW}px`;
     const task = element("span", { class: "task" });
-    task.style.paddingLeft = `calc(${Math.min(row.depth, DEEPEST)} * var(--indent))`;
+    task.style.paddingLeft = `calc(${Math.min(row.depth, DEEPEST)} * min(var(--indent), 130px / var(--deepest)))`;
     if (row.task) this.#fillTask(line, task, row);
     else this.#fillFolded(line, task, row);
     return line;
