@@ -226,11 +226,12 @@ def _nested(task: Task) -> dict[int, int]:
 def _unhandled(central: State, task: Task, failure: Failure) -> None:
     central.facts.append(facts.Unhandled(TaskId(task.id)))
     top = task.top_level()
-    if top is not task and (top.failure is None or top.is_dealt_with):
+    exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
+    is_of_its_handler = any(one.parent is top for one in exceptions)
+    if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
         top.failure, top.is_dealt_with = (failure.name, text, failure.body), False
     why = f"failure '{failure.name}' of {task} was not handled"
-    exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
     kill(central, top, why)
     for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
         kill(central, exception, why)

@@ -70,10 +70,15 @@ class Attached:
 
     def __init__(self, connection: Connection, attachment_id: int) -> None:
         self._connection = connection
+        self._epoch = connection.session.epoch
         self.id = attachment_id
 
     def remove(self) -> None:
-        """Take it away, if no other module wants it, too; what it has sent stays."""
+        """Take it away, if no other module wants it, too; what it has sent stays. A central that was restarted knows it
+        no more: there is nothing to take away.
+        """
+        if self._epoch != self._connection.session.epoch:
+            return  # the number is somebody else's by now
         self._connection.call(Remove(0, self.id), f"removing {self.id}")
 
 

@@ -96,6 +96,22 @@ def test_a_wiretap_ends_with_the_last_copy_that_wants_it(central: LocalCentral, 
         assert not hears()
 
 
+def test_what_a_restarted_central_has_forgotten_is_not_removed_from_somebody_else(
+    central: LocalCentral, legs: Module, user: Client
+) -> None:
+    """Numbers begin anew: the old one may be that of another exception handler."""
+    asked: list[int] = []
+    with legs.running(), expert(central, asked).running():
+        old = user.on_failure(None, ExceptionHandler("shrug"))
+        central.restart("again")
+        for number in range(old.id):
+            user.on_failure(Failure(f"slip {number}", int), RECOVER)
+        ids = [one["id"] for one in user.status("attached")["exception_handlers"]]
+        assert old.id in ids
+        old.remove()
+        assert [one["id"] for one in user.status("attached")["exception_handlers"]] == ids
+
+
 def test_a_copy_that_is_gone_holds_no_wiretap(central: LocalCentral, legs: Module, user: Client) -> None:
     heard: list[int] = []
     first, enough_for_first = watcher(central, heard)
