@@ -66,7 +66,10 @@ def test_a_sync_that_fails_stops_the_next_turn(tmp_path: Path, monkeypatch: pyte
         journal.flush()
 
 
-def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read(tmp_path: Path) -> None:
+def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # compiled files would be cut off, for everybody
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # as if the disk were full; inherited
     try:

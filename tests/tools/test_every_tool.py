@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -54,9 +55,10 @@ def run(tmp_path: Path) -> Path:
 
 
 def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":
-    """``tca``, as a process of its own."""
+    """``tca``, as a process of its own. It leaves no compiled files: a limit on files would cut them off, for everybody."""
     command = [sys.executable, "-c", "from tca_tools.command_line import main; main()", *map(str, arguments)]
-    return subprocess.run(command, text=True, timeout=60, check=False, stderr=subprocess.PIPE, **options)
+    env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.run(command, text=True, timeout=60, check=False, stderr=subprocess.PIPE, env=env, **options)
 
 
 def leave_little_room() -> None:
@@ -112,8 +114,9 @@ def test_a_file_that_finds_no_room_leaves_no_half_of_it(run: Path, tmp_path: Pat
     done = process(*command.split(), run, "-o", output, preexec_fn=leave_little_room)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith(f"tca: {output}")
-    assert done.stderr.endswith("can't be written: File too large\n")
+    assert "can't be written: File too large" in done.stderr
+    if shutil.which("dot"):  # without it the library draws into a file of its own first, which finds no room either
+        assert done.stderr.startswith(f"tca: {output}")
     assert not output.is_file()
     assert not list(tmp_path.rglob("*.part"))
 
