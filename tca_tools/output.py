@@ -22,13 +22,21 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     """
     unfinished = path.with_name(f"{path.name}.part")
     try:
-        with unfinished.open("wb") as stream:
+        with made_for(path), unfinished.open("wb") as stream:
             yield stream
-        unfinished.replace(path)
-    except OSError as error:
-        raise ToolError(f"{path}: can't be written: {error.strerror}") from None
+        with made_for(path):
+            unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def made_for(path: Path) -> Iterator[None]:
+    """What is done here is done to write that file, such as drawing: ToolError says which can't be written."""
+    try:
+        yield
+    except OSError as error:
+        raise ToolError(f"{path}: can't be written: {error.strerror}") from None
 
 
 def make_folder(path: Path) -> None:

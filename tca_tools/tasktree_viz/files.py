@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import NoPicture
-from tca_tools.output import write_output
+from tca_tools.output import made_for, write_output
 from tca_tools.page import zoomed_page
 from tca_tools.pictures import converted
 from tca_tools.tasktree_viz.dot import dot_source
@@ -41,7 +41,9 @@ def write_tree(
             f"{len(rows)} tasks are too many for a picture: ask for a part with --task, --module, --from and --to,"
             " or for a .txt"
         )
-    write_output(output, _picture(kind[1:], then, rows, title, layout, with_data=with_data))
+    with made_for(output):  # without "dot" a library draws into a file of its own
+        picture = _picture(kind[1:], then, rows, title, layout, with_data=with_data)
+    write_output(output, picture)
 
 
 def is_figure(rows: list[Row]) -> bool:
