@@ -12,6 +12,7 @@ from tca_central.registry import Connection, Delivery, Module, ModuleResource
 from tca_central.resources import Claim, Resource
 from tca_central.state import State
 from tca_wire import facts, headers
+from tca_wire.failures import TIMEOUT
 from tca_wire.headers import Accepted, Answer, Refused, ToModule
 from tca_wire.vocabulary import Outcome, Refusal
 
@@ -107,7 +108,7 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 def on_time_out(central: State, claim: Claim[Connection]) -> None:
     """A claim has waited long enough."""
     text = f"{_who_is_in(claim.resource)} when the time was over"
-    _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, "timeout", text))
+    _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, TIMEOUT, text))
 
 
 def _who_is_in(resource: Resource[Connection, Delivery]) -> str:

@@ -11,6 +11,7 @@ from tca_central.registry import Connection, MessageType
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_wire import headers
+from tca_wire.failures import TIMEOUT
 from tca_wire.headers import Accepted
 from tca_wire.points import ROOT, Point, TaskId, describe_moments
 from tca_wire.vocabulary import MessageClass, Refusal, Role, Scope
@@ -174,7 +175,7 @@ def on_time_out(central: State, bound: Bound) -> None:
     del task.more.pending[bound]
     if bound.is_missed:
         what = describe_moments(bound.moment)[0]
-        raise_failure(central, task, Failure("timeout", f"{what} not reached within {bound.seconds:g} s"))
+        raise_failure(central, task, Failure(TIMEOUT, f"{what} not reached within {bound.seconds:g} s"))
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:

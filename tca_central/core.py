@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_central import (
+    attaching,
     availability,
     claims,
     control,
@@ -192,7 +193,7 @@ class Central(State):
             claims.end_with(self, task, "it has ended")
         if task.rare is not None:
             control.forget_pending(self, task)
-            failures.forget_task(self, task)
+            attaching.forget_task(self, task)
             taps.forget_task(self, task)
             keeping.ended(self, task)
         if task.role is Role.EXCEPTION:
@@ -223,8 +224,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.GiveUp: requests.on_give_up,
     headers.Kill: control.on_kill,
     headers.Ask: requests.on_ask,
-    headers.Attach: failures.on_attach,
-    headers.Remove: failures.on_remove,
+    headers.Attach: attaching.on_attach,
+    headers.Remove: attaching.on_remove,
     headers.Raise: failures.on_raise,
     headers.Retry: failures.on_retry,
     headers.Suspend: control.on_suspend,

@@ -21,11 +21,11 @@ from tca_central.resources import Claim
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_wire import facts
+from tca_wire.failures import DEADLOCK
 from tca_wire.headers import Refused
 from tca_wire.points import describe_moments
 from tca_wire.vocabulary import Refusal
 
-DEADLOCK = "deadlock"
 PATIENCE = 1000
 """Nodes that are looked at when a wait begins."""
 

@@ -4,7 +4,8 @@ Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). 
 and goes up to the root; on each task its own exception handlers come first, newest first, then those of its message.
 The one that is found runs as a goal under the failing task. While it decides, the failing task does not count as
 handled: if the handler returns the failure has been dealt with and what comes after goes on, or it retries the
-failing task or one above, kills, adds, or reissues the failure, which lets the search go on above it.
+failing task or one above, kills, adds, or reissues the failure, which lets the search go on above it. One that fails
+itself, not by choice and with nobody who helps, could not decide: the search goes on in the same way.
 """
 
 from collections.abc import Iterator
@@ -13,113 +14,35 @@ from tca_central import claims
 from tca_central.errors import RequestError
 from tca_central.intervals import KILLED, START_HANDLING
 from tca_central.making import make_task, suspend
-from tca_central.registry import Attached, Connection, MessageType
+from tca_central.registry import Attached, Connection
 from tca_central.state import Failure, Recovery, State
 from tca_central.taps import happened
-from tca_central.taps import remove as remove_tap
 from tca_central.task_tree import Task
 from tca_central.watching import stop
 from tca_wire import facts, headers
+from tca_wire.failures import NOT_BY_CHOICE
 from tca_wire.headers import Accepted, Cancelled
-from tca_wire.parts import Attachment
 from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
-from tca_wire.vocabulary import Limit, MessageClass, Refusal, Role
+from tca_wire.vocabulary import Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384
 """Characters of a failure's text that are kept: the last, where a traceback says what happened."""
 
-MOST_KINDS = 32
-MOST_ATTACHED = 1000
-"""Exception handlers of one task, or of one message."""
+LONGEST_REASON = 500
+"""Characters of why an exception handler could not decide that the failure it was called for tells of."""
 
+MOST_KINDS = 32
 MOST_NESTED = 8
 """How deep in handlers that one attachment called it may be called once more: a handler that fails with the failure
 that it handles would go on for ever."""
+
+NEWLINE = "\n"
 
 
 def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> Failure:
     """The failure that a header tells of, within bounds."""
     kinds = tuple(kind[: Limit.NAME] for kind in header.kinds[:MOST_KINDS])
     return Failure(header.failure[: Limit.NAME], header.text[-LONGEST_TEXT:], body, kinds)
-
-
-# --- attaching -------------------------------------------------------------------------------------------------------
-
-
-def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
-    """A module attaches an exception handler to a task, to all tasks of a message, or to the root."""
-    message = None
-    if header.message:
-        message = _task_message(central, header.message)
-    task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
-    if task is None:
-        text = f"task {header.task} has ended: no exception handler can be attached to it"
-        raise RequestError(Refusal.TOO_LATE, text)
-    attached = attach(central, header.attachment, message or task, connection.module.called)
-    central.send(connection, header.number, Accepted(header.number, attached.id))
-
-
-def _task_message(central: State, name: str) -> MessageType:
-    message = central.registry.messages.get(name)
-    if message is None or not message.message_class.is_task:
-        what = f"a {message.message_class}" if message else "not declared"
-        text = f"'{name}' is {what}: exception handlers are attached to tasks, or to the messages that become tasks"
-        raise RequestError(Refusal.UNKNOWN, text)
-    return message
-
-
-def check_attachments(central: State, wanted: list[Attachment]) -> None:
-    """Raises RequestError if one of them can't be attached."""
-    if len(wanted) > MOST_ATTACHED:
-        raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
-    for attachment in wanted:
-        handler = central.registry.messages.get(attachment.handler)
-        if handler is None or handler.message_class is not MessageClass.EXCEPTION:
-            what = f"a {handler.message_class}" if handler else "not declared"
-            raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
-
-
-def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> Attached:
-    """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
-    check_attachments(central, [wanted])
-    others = place.more.attached if isinstance(place, Task) else place.attached
-    for other in others:
-        if (other.failure, other.handler.name, other.by) == (wanted.failure, wanted.handler, by):
-            _remove(central, other)
-            break
-    if len(others) >= MOST_ATTACHED:
-        raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
-    handler = central.registry.messages[wanted.handler]
-    attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
-    others.append(attached)
-    central.attached[attached.id] = attached
-    task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
-    central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))
-    return attached
-
-
-def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module takes an exception handler or a wiretap away; one that is gone already is no error."""
-    if (attached := central.attached.get(header.id)) is not None:
-        _remove(central, attached)
-    elif (tap := central.taps.get(header.id)) is not None:
-        remove_tap(central, tap, connection.module)
-    elif not 0 < header.id <= central.tree.newest:
-        raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
-    central.send(connection, header.number, Accepted(header.number))
-
-
-def _remove(central: State, attached: Attached) -> None:
-    place = attached.place
-    (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
-    del central.attached[attached.id]
-    central.facts.append(facts.Removed(attached.id))
-
-
-def forget_task(central: State, task: Task) -> None:
-    """A task has ended, and what is attached to it is gone."""
-    for attached in task.rare.attached if task.rare else ():
-        del central.attached[attached.id]
 
 
 # --- raising ---------------------------------------------------------------------------------------------------------
@@ -157,37 +80,64 @@ def raise_failure(central: State, task: Task, failure: Failure) -> None:
     _search(central, task, failure)
 
 
-def _search(central: State, task: Task, failure: Failure, below: Recovery | None = None) -> Task | None:
-    """Let the nearest exception handler take care of a failure, the nearest after *below* where one could not; its
-    task. None if there is none: then the top-level task is killed, and whoever waits for it is told.
+def _search(central: State, task: Task, failure: Failure) -> Task | None:
+    """Let the nearest exception handler take care of a failure; its task. None if there is none: then whoever waits
+    is told.
     """
+    handler = _ask(central, task, failure)
+    if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
+        _search_on(central, undecided)
+    return handler
+
+
+def _search_on(central: State, handler: Task | None) -> None:
+    """The search for the failure that an exception handler was called for goes on after it: and so on, where that one
+    was called for the failure of another that now cannot decide, either.
+    """
+    while handler is not None:
+        trouble: Recovery = handler.context
+        failing = trouble.failing
+        if failing.killed or failing.again:
+            return
+        following = _ask(central, failing, trouble.failure, trouble)
+        if failing.more.recovering is handler:
+            failing.more.recovering = following
+            if following is None:
+                central.agenda.returned(failing)
+        handler = _unhandled(central, failing, trouble.failure) if following is None else None
+
+
+def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = None) -> Task | None:
+    """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
     task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
-    found = _find(central, task, failure, below)
-    if found is None:
-        _unhandled(central, task, failure)
+    around = _enclosing(task)
+    passed = around.context.passed if around is not None else below.passed if below is not None else {}
+    trouble = _find(central, task, failure, below, passed)
+    if trouble is None:
         return None
-    at, attached = found
+    at, attached = trouble.at, trouble.attached
     invocations = at.more.invocations
     invocations[attached.id] = invocations.get(attached.id, 0) + 1
-    trouble = Recovery(task, failure, at, attached)
     handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
     central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
     return handler
 
 
-def _find(central: State, task: Task, failure: Failure, below: Recovery | None) -> tuple[Task, Attached] | None:
+def _find(
+    central: State, task: Task, failure: Failure, below: Recovery | None, passed: dict[tuple[int, str], None]
+) -> Recovery | None:
     """The nearest exception handler that may be called, and the task that it holds for. One that nobody handles is
-    passed over.
+    passed over, and one that could not decide about a failure of that name before.
     """
     names = ("", failure.name, *failure.kinds)
     nested = _nested(task)
     for at, attached in _candidates(central, task, below):
-        if attached.failure not in names or not attached.handler.handlers:
+        if attached.failure not in names or not attached.handler.handlers or (attached.id, failure.name) in passed:
             continue
         calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
         is_exhausted = attached.maximum and calls >= attached.maximum
         if not is_exhausted and nested.get(attached.id, 0) < MOST_NESTED:
-            return at, attached
+            return Recovery(task, failure, at, attached, passed)
     return None
 
 
@@ -223,15 +173,48 @@ def _nested(task: Task) -> dict[int, int]:
     return found
 
 
-def _unhandled(central: State, task: Task, failure: Failure) -> None:
-    central.facts.append(facts.Unhandled(TaskId(task.id)))
+def _enclosing(task: Task) -> Task | None:
+    """The exception handler that a task is, or that is the nearest above it."""
+    return next((above for above in task.lineage() if above.role is Role.EXCEPTION), None)
+
+
+def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
+    """Nobody takes care of a failure. One that was not raised by choice keeps the exception handler around it from
+    deciding, which is killed: that handler, if somebody else is to be asked now. Any other ends the top-level task.
+    """
+    undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else _enclosing(task)
+    central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
+    why = f"failure '{failure.name}' of {task} was not handled"
+    if undecided is None:
+        _end_all(central, task, failure, why)
+        return None
+    had_decided, undecided.more.is_void = undecided.more.is_void, True
+    kill(central, undecided, why)
+    if had_decided:
+        return None
+    trouble: Recovery = undecided.context
+    trouble.passed[trouble.attached.id, trouble.failure.name] = None
+    trouble.failure = _also(trouble.failure, undecided, task, failure)
+    return undecided
+
+
+def _also(first: Failure, undecided: Task, task: Task, failure: Failure) -> Failure:
+    """A failure of which is said, where people look first, who could not decide about it, and why."""
+    where = f" in {task}" if task is not undecided else ""
+    why = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")[:LONGEST_REASON]
+    line, newline, rest = first.text.partition(NEWLINE)
+    told = f"{line}; exception handler {undecided} could not decide: {why}".removeprefix("; ")
+    return first._replace(text=f"{told}{newline}{rest}"[:LONGEST_TEXT])
+
+
+def _end_all(central: State, task: Task, failure: Failure, why: str) -> None:
+    """The top-level task ends, and its sender is told of the failure."""
     top = task.top_level()
     exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
     is_of_its_handler = any(one.parent is top for one in exceptions)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
         top.failure, top.is_dealt_with = (failure.name, text, failure.body), False
-    why = f"failure '{failure.name}' of {task} was not handled"
     kill(central, top, why)
     for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
         kill(central, exception, why)
@@ -284,19 +267,6 @@ def reissue(central: State, handler: Task) -> None:
     handler.more.is_void = True
     _search_on(central, handler)
     central.agenda.returned(handler)
-
-
-def _search_on(central: State, handler: Task) -> None:
-    trouble: Recovery = handler.context
-    failing = trouble.failing
-    if failing.killed or failing.again:
-        return
-    is_deciding = failing.more.recovering is handler
-    following = _search(central, failing, trouble.failure, trouble)
-    if is_deciding:
-        failing.more.recovering = following
-        if following is None:
-            central.agenda.returned(failing)
 
 
 def handler_ended(central: State, handler: Task) -> None:

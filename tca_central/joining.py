@@ -11,12 +11,11 @@ from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
+from tca_wire.failures import MODULE_LOST
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Cancelled
 from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
 from tca_wire.parts import HandlerFormat
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
-
-MODULE_LOST = "module lost"
 
 
 def hello(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:

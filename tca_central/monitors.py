@@ -17,6 +17,7 @@ from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_central.watching import Watch, end_watch, stop
 from tca_wire import facts, headers
+from tca_wire.failures import OVERLOAD
 from tca_wire.formats import NIL
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import MessageFormat
@@ -128,7 +129,7 @@ def _test(central: State, watch: Watch) -> None:
     if central.dispatcher.is_full(query):
         if task.message.message_class is MessageClass.POINT_MONITOR:  # it has no later test to wait for
             stop(central, watch, "its condition could not be asked")
-            fail_task(central, task, Failure("overload", f"too many messages wait for the handler of '{query.name}'"))
+            fail_task(central, task, Failure(OVERLOAD, f"too many messages wait for the handler of '{query.name}'"))
         return
     asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
     watch.condition = asked

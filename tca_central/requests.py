@@ -8,13 +8,14 @@ from typing import Any
 import msgspec
 
 from tca_central import status
+from tca_central.attaching import attach, check_attachments
 from tca_central.availability import HandledWait
 from tca_central.claims import end_with, give_up_claim, outlive
 from tca_central.clock import checked_seconds
 from tca_central.control import check_parting, keep_for_termination, set_deadline
 from tca_central.direct import tell_sender
 from tca_central.errors import RequestError
-from tca_central.failures import attach, check_attachments, fail_task, failure_of, kill, reissue
+from tca_central.failures import fail_task, failure_of, kill, reissue
 from tca_central.fan_out import copies, route_statement
 from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SENT, SUCCESS
 from tca_central.keeping import check_room, keep
@@ -29,6 +30,7 @@ from tca_central.waits import Wait
 from tca_central.watching import become_monitor, check_options, ends_by_itself
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
+from tca_wire.failures import OVERLOAD
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import WatchOptions
 from tca_wire.points import ROOT, Moment, TaskId
@@ -37,7 +39,6 @@ from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 MOST_CONSTRAINTS = 1000
 """In one request: so long must everybody else wait for it."""
 
-OVERLOAD = "overload"
 NIL = b"\xc0"  # None as MessagePack
 
 

@@ -41,10 +41,14 @@ class Failure(NamedTuple):
 class Recovery:
     """What an exception handler's task handles: the failure of a task, found at that task or above."""
 
-    __slots__ = ("at", "attached", "failing", "failure")
+    __slots__ = ("at", "attached", "failing", "failure", "passed")
 
-    def __init__(self, failing: Task, failure: Failure, at: Task, attached: Attached) -> None:
+    def __init__(
+        self, failing: Task, failure: Failure, at: Task, attached: Attached, passed: dict[tuple[int, str], None]
+    ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
+        #: Attachments, by id, that could not decide about failures of these names; of this failure and all below it.
+        self.passed = passed
 
     @property
     def header(self) -> Trouble:

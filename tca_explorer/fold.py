@@ -129,7 +129,9 @@ class Fold(Situation):
             self._change(fact.id, module="", failure=fact.failure, is_over=not self.seen[fact.id].is_task)
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
-        """The top-level task has failed, too."""
+        """The top-level task has failed, too; or an exception handler could not decide, and is killed."""
+        if fact.undecided:
+            return
         failing = top = self.seen[fact.task]
         while (parent := self.parent(top)) is not None:
             top = parent

@@ -13,11 +13,12 @@ from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
 from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
 from tca_module.connection import Connection
 from tca_module.errors import QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
-from tca_module.failing import BAD_DATA, HANDLER_ERROR, Reissued, failed
+from tca_module.failing import Reissued, failed
 from tca_module.sender import Sender
 from tca_module.task import Task as ModuleTask
 from tca_wire.declarations import FailureRaised, Message
 from tca_wire.errors import BadData
+from tca_wire.failures import BAD_DATA, HANDLER_ERROR
 from tca_wire.headers import Deliver
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal

@@ -10,12 +10,12 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
-from tca_module.failing import MODULE_LOST
 from tca_module.session import Request
 from tca_wire import direct, headers
 from tca_wire.codec import pack_item
 from tca_wire.direct import Direct, Greet, Greeting, Taken
 from tca_wire.errors import ProtocolError
+from tca_wire.failures import MODULE_LOST
 from tca_wire.headers import PROTOCOL_VERSION, Answer, Refused
 from tca_wire.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal

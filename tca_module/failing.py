@@ -8,14 +8,9 @@ import msgspec
 
 from tca_module.errors import Deadlock, QueryFailed, Stopped, TaskFailed, Timeout
 from tca_wire.declarations import FailureRaised
+from tca_wire.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, MODULE_LOST, TIMEOUT
 from tca_wire.headers import Fail
 
-HANDLER_ERROR = "handler error"
-BAD_DATA = "bad data"
-CANCELLED = "cancelled"
-DEADLOCK = "deadlock"
-MODULE_LOST = "module lost"
-TIMEOUT = "timeout"
 _TRACEBACK_LIMIT = 8000  # characters
 
 

@@ -5,8 +5,9 @@ from typing import Any, Generic
 
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError, Stopped
-from tca_module.failing import MODULE_LOST, failed
+from tca_module.failing import failed
 from tca_wire.declarations import NOTHING, Message, R
+from tca_wire.failures import MODULE_LOST
 from tca_wire.headers import Deliver, Fail, Reply
 
 

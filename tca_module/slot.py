@@ -11,12 +11,12 @@ from tca_module.client import CentralAddress, open_connection
 from tca_module.connection import Connection
 from tca_module.errors import Stopped
 from tca_module.event_loop import EventLoop
-from tca_module.failing import HANDLER_ERROR, MODULE_LOST
 from tca_module.handlers import Answer, Handler
 from tca_module.later import Later
 from tca_module.sender import Sender
 from tca_module.task import Task
 from tca_module.transport import wait
+from tca_wire.failures import HANDLER_ERROR, MODULE_LOST
 from tca_wire.headers import Deliver, Fail, Hello, Reply
 
 

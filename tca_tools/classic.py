@@ -183,7 +183,8 @@ class _Log:
         yield self._timed(self._start("  Failure", fact.id, printable(why)))
 
     def _unhandled(self, fact: facts.Unhandled) -> Iterator[str]:
-        yield f"Failure  *Top Level*: {self._name(fact.task)} was not handled"
+        if not fact.undecided:
+            yield f"Failure  *Top Level*: {self._name(fact.task)} was not handled"
 
     def _reached_moments(self, fact: facts.Reached) -> Iterator[str]:
         known = self._known.get(fact.task)

@@ -8,7 +8,7 @@ one handler; its id is the message's own, except that each receiver of a broadca
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.points import TaskId
+from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
@@ -232,9 +232,12 @@ class Reissued(_Fact, frozen=True, tag="reissued"):
 
 
 class Unhandled(_Fact, frozen=True, tag="unhandled"):
-    """No exception handler was found for the failure of a task."""
+    """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
 
     task: TaskId
+    undecided: TaskId = ROOT
+    """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
+    was called for goes on after it."""
 
 
 class Recovered(_Fact, frozen=True, tag="recovered"):

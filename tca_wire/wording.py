@@ -159,7 +159,11 @@ class Wording:
     def _of_handler(self, fact: facts.Reissued) -> str:
         return self._name(fact.handler)
 
-    def _of_task(self, fact: facts.Unhandled | facts.Recovered | facts.Retried) -> str:
+    def _unhandled(self, fact: facts.Unhandled) -> str:
+        undecided = f", so {self._name(fact.undecided)} could not decide" if fact.undecided else ""
+        return self._name(fact.task) + undecided
+
+    def _of_task(self, fact: facts.Recovered | facts.Retried) -> str:
         return self._name(fact.task)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> str:
@@ -245,7 +249,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.MonitorEnded: Wording._monitor_ended,
     facts.Caught: Wording._caught,
     facts.Reissued: Wording._of_handler,
-    facts.Unhandled: Wording._of_task,
+    facts.Unhandled: Wording._unhandled,
     facts.Recovered: Wording._of_task,
     facts.Retried: Wording._of_task,
     facts.SuspendedOrResumed: Wording._suspended,

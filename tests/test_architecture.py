@@ -82,6 +82,7 @@ CENTRAL: dict[str, set[str]] = {
     "direct": {"errors", "registry", "resources", "state"},
     "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree", "watching"},
     "watching": {"clock", "errors", "intervals", "making", "registry", "state", "task_tree"},
+    "attaching": {"errors", "registry", "state", "taps", "task_tree"},
     "failures": {"claims", "errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
     "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},
@@ -89,6 +90,7 @@ CENTRAL: dict[str, set[str]] = {
     "load": {"holds", "registry", "resources", "state", "task_tree"},
     "status": {"holds", "load", "registry", "state", "task_tree"},
     "requests": {
+        "attaching",
         "availability",
         "claims",
         "clock",
@@ -130,6 +132,7 @@ CENTRAL: dict[str, set[str]] = {
         "task_tree",
     },
     "core": {
+        "attaching",
         "availability",
         "claims",
         "clock",

@@ -14,6 +14,7 @@ from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, State, Task
+from tca_wire.failures import BAD_DATA, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
@@ -36,8 +37,8 @@ GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED)
 
 
 _RECEIVED, _START = attrgetter("received"), attrgetter("start")
-_OF_CENTRAL = frozenset(("timeout", "deadlock", "module lost", "overload"))
-"""Failures that central itself raises."""
+_OF_CENTRAL = NOT_BY_CHOICE - {HANDLER_ERROR, BAD_DATA}
+"""Failures that central itself raises, where no handler has failed with them."""
 
 
 @dataclass(slots=True)
@@ -107,7 +108,7 @@ def failures(past: Past) -> list[Kind]:
             continue
         for case in _cases(past, message):
             top = past.tasks.get(tops.get(message.id, 0))
-            if case.fate is Fate.KILLED and top and top.state is State.ACHIEVED:
+            if case.fate in (Fate.KILLED, Fate.NOT_HANDLED) and top and top.state is State.ACHIEVED:
                 case.fate = Fate.REPLACED
             key = (case.failure, message.name)
             kinds.setdefault(key, Kind(*key)).cases.append(case)

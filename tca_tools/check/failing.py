@@ -6,6 +6,7 @@ from tca_tools.check.records import Item
 from tca_tools.check.rules import CAUGHT, HANDLER, NUMBERS, RECOVERED
 from tca_tools.check.world import World
 from tca_wire import facts
+from tca_wire.failures import NOT_BY_CHOICE
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import MessageClass, Role
 
@@ -93,17 +94,40 @@ def _lineage(task: Item) -> Iterator[Item]:
 
 
 def unhandled(world: World, fact: facts.Unhandled) -> None:
-    """Nobody deals with it: the top-level task is killed."""
+    """Nobody deals with it: the top-level task is killed, or the exception handler that could not decide for that."""
     task = world.task(fact.task, "failed, unhandled,")
     if task is None:
         return
     after = _found(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
         task.deciding, task.returned = 0, True
+    if _must_pass_over(world, task, fact):
+        return
     *_, top = _lineage(task)
     top.failure = top.failure or task.failure
     world.touched[top] = None
     world.later.append(lambda: _check_top(world, task, top))
+
+
+def _must_pass_over(world: World, task: Item, fact: facts.Unhandled) -> bool:
+    """Whether it is an exception handler that ends, and not the top-level task; the nearest must, and is passed over."""
+    nearest = next((one for one in _lineage(task) if one.role is Role.EXCEPTION), None)
+    if fact.undecided:
+        if nearest is not None and nearest.id != fact.undecided:
+            what = f"{world.name(fact.undecided)} is said not to have decided for {task}, and {nearest} is nearer"
+            world.broken(CAUGHT, task.id, what)
+        handler = world.item(fact.undecided, "was said not to have decided")
+        if handler is not None:
+            world.later.append(lambda: _check_ended(world, task, handler))
+    elif nearest is not None and task.failure in NOT_BY_CHOICE:
+        what = f"{task} failed ({task.failure}), not by choice: {nearest} could not decide, and was not passed over"
+        world.broken(CAUGHT, task.id, what)
+    return bool(fact.undecided)
+
+
+def _check_ended(world: World, task: Item, handler: Item) -> None:
+    if not handler.is_killed:
+        world.broken(CAUGHT, handler.id, f"{handler} lives, and could not decide for the failure of {task}")
 
 
 def _check_top(world: World, task: Item, top: Item) -> None:

@@ -349,6 +349,8 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'}"
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
+        case facts.Unhandled(undecided=undecided) if undecided:
+            return f"{fact.task} unhandled: {undecided} could not decide"
         case facts.Unhandled() | facts.Recovered() | facts.Retried():
             return f"{fact.task} {kind_of(fact)}"
         case facts.TapAdded():

@@ -143,12 +143,13 @@ class Life:
             assert delivery.slot
             self.player.reply(delivery.slot.id.decode(), delivery.given_as, value=a)
 
-    def fail_(self, a: int, b: int, *_: int) -> None:
+    def fail_(self, a: int, b: int, c: int, *_: int) -> None:
         attended = list(self.central.dispatcher.attended.values())
         if attended:
             delivery = attended[a % len(attended)]
             assert delivery.slot
-            failure, kinds = FAILURES[b % 2], [FAILURES[1]] * (b % 3 == 0)
+            failure, kinds = FAILURES[b % 2], [FAILURES[1]] * (b % 3 == 0) + ["handler error"] * (c % 5 == 0)
+            failure = "handler error" if c % 5 == 1 else failure
             name = delivery.slot.id.decode()
             self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=b % 4 == 3)
 

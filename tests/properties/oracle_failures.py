@@ -8,6 +8,7 @@ from properties.oracle_records import SH, Attachment, Ending, Node, Trouble, Wor
 from tca_wire.vocabulary import Condition, Role, Scope
 
 MOST_NESTED = 8  # calls of one attachment inside one another
+FAILED_OTHERWISE = {"module lost", "handler error", "bad data", "timeout", "overload", "deadlock"}  # than by choice
 
 
 # --- kill ------------------------------------------------------------------------------------------------------------
@@ -103,22 +104,43 @@ def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
 
 
 def _search(world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None) -> Node | None:
-    """The task of the exception handler that is called; None, and the top-level task is killed, if there is none."""
+    """The task of the exception handler that is called; None, and somebody is killed, if there is none."""
+    around = _around(node)
+    known = around.failing if around else after
+    passed = known.passed if known else set()
     for at, attachment in _candidates(world, node, after):
         fits = attachment.failure in ("", *names) and world.handlers.get(attachment.handler)
         exhausted = attachment.maximum and at.calls.get(attachment.id, 0) >= attachment.maximum
         nested = sum(above.failing is not None and above.failing.attachment is attachment for above in node.lineage())
-        if fits and not exhausted and nested < MOST_NESTED:
+        if fits and not exhausted and nested < MOST_NESTED and (attachment, names[0]) not in passed:
             at.calls[attachment.id] = at.calls.get(attachment.id, 0) + 1
             handler = oracle_rules.make(world, attachment.handler, Role.EXCEPTION, node, node)
-            handler.failing = Trouble(node, names, at, attachment)
+            handler.failing = Trouble(node, names, at, attachment, passed)
             return handler
+    if around and set(names) & FAILED_OTHERWISE:
+        _pass_over(world, around)
+        return None
     lineage = node.lineage()
     kill(world, lineage[-1])
     for above in reversed(lineage):
         if above.role is Role.EXCEPTION:
             kill(world, above)
     return None
+
+
+def _around(node: Node) -> Node | None:
+    """The nearest exception handler from a task up."""
+    return next((above for above in node.lineage() if above.role is Role.EXCEPTION), None)
+
+
+def _pass_over(world: World, handler: Node) -> None:
+    """An exception handler could not decide: who comes after it is asked, unless it had decided before."""
+    assert handler.failing is not None
+    had_decided, handler.void = handler.void, True
+    kill(world, handler)
+    if not had_decided:
+        handler.failing.passed.add((handler.failing.attachment, handler.failing.names[0]))
+        _search_on(world, handler)
 
 
 def _candidates(world: World, node: Node, after: Trouble | None) -> Iterator[tuple[Node, Attachment]]:

@@ -158,6 +158,7 @@ class Trouble:
     names: tuple[str, ...]
     at: Node
     attachment: Attachment
+    passed: set[tuple[Attachment, str]]  # that could not decide about failures so named, of this one and all below
 
     @property
     def is_own(self) -> bool:

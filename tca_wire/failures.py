@@ -1,0 +1,20 @@
+"""Failures that nobody has to declare: central raises them, or the module library where a handler went wrong."""
+
+MODULE_LOST = "module lost"
+"""The module that handled a message is gone."""
+
+HANDLER_ERROR = "handler error"
+"""A handler let an error pass. What failed elsewhere, and it let pass, is a kind of this."""
+
+BAD_DATA = "bad data"
+"""What a handler was given, or returned, does not fit the declaration."""
+
+TIMEOUT = "timeout"
+OVERLOAD = "overload"
+DEADLOCK = "deadlock"
+
+CANCELLED = "cancelled"
+"""An asynchronous handler was cancelled: a kind of "handler error"."""
+
+NOT_BY_CHOICE = frozenset((MODULE_LOST, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK))
+"""An exception handler that fails with one of these, or a kind of them, has decided nothing."""
