@@ -91,6 +91,12 @@ _WHILE = {
 }
 """Their listeners die with the tapped task; those that are monitors watch until this moment of it."""
 
+_PLANNED_BY = {
+    Condition.BEFORE_PLANNING: "'before handling' holds a goal's planning, too, until it is handled",
+    Condition.WHEN_PLANNED: "'after planned' sends it then, too",
+}
+"""Conditions that hold a goal until the listener is planned, and what to do with one that has nothing to plan."""
+
 _LISTENERS = _TASKS - {MessageClass.EXCEPTION} | {MessageClass.INFORM, MessageClass.BROADCAST}
 
 
@@ -146,6 +152,9 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         what = "notice" if listener.is_notice else listener.message_class
         text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, text)
+    if condition in _PLANNED_BY and listener.message_class in _TASKS - _GOALS:
+        text = f"{listener.message_class} '{listener.name}' has nothing to plan: '{condition}' it would not hold any planning"
+        raise RequestError(Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}")
     heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
     if difference:

@@ -101,7 +101,7 @@ def unhandled(world: World, fact: facts.Unhandled) -> None:
     after = _found(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
         task.deciding, task.returned = 0, True
-    if _must_pass_over(world, task, fact):
+    if _must_pass_over(world, task, fact, is_new=after <= 0):
         return
     *_, top = _lineage(task)
     top.failure = top.failure or task.failure
@@ -109,8 +109,10 @@ def unhandled(world: World, fact: facts.Unhandled) -> None:
     world.later.append(lambda: _check_top(world, task, top))
 
 
-def _must_pass_over(world: World, task: Item, fact: facts.Unhandled) -> bool:
-    """Whether it is an exception handler that ends, and not the top-level task; the nearest must, and is passed over."""
+def _must_pass_over(world: World, task: Item, fact: facts.Unhandled, *, is_new: bool) -> bool:
+    """Whether it is an exception handler that ends, and not the top-level task. It is the nearest; it must be one where
+    the failure *is_new*, so that its name is known.
+    """
     nearest = next((one for one in _lineage(task) if one.role is Role.EXCEPTION), None)
     if fact.undecided:
         if nearest is not None and nearest.id != fact.undecided:
@@ -119,7 +121,7 @@ def _must_pass_over(world: World, task: Item, fact: facts.Unhandled) -> bool:
         handler = world.item(fact.undecided, "was said not to have decided")
         if handler is not None:
             world.later.append(lambda: _check_ended(world, task, handler))
-    elif nearest is not None and task.failure in NOT_BY_CHOICE:
+    elif is_new and nearest is not None and task.failure in NOT_BY_CHOICE:
         what = f"{task} failed ({task.failure}), not by choice: {nearest} could not decide, and was not passed over"
         world.broken(CAUGHT, task.id, what)
     return bool(fact.undecided)
