@@ -153,7 +153,8 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, text)
     if condition in _PLANNED_BY and listener.message_class in _TASKS - _GOALS:
-        text = f"{listener.message_class} '{listener.name}' has nothing to plan: '{condition}' it would not hold any planning"
+        who = f"{listener.message_class} '{listener.name}'"
+        text = f"{who} has nothing to plan: '{condition}' it would not hold any planning"
         raise RequestError(Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}")
     heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""

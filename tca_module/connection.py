@@ -54,9 +54,8 @@ class Connection:
         self.direct = direct or Direct(session)  #: what goes without central
         self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.outside: Any = None  #: the Sender with which callbacks send
-        self.callbacks: deque[Callable[[], None]] = (
-            deque()
-        )  #: users' functions that are due; called one after the other
+        #: Users' functions that are due; called one after the other.
+        self.callbacks: deque[Callable[[], None]] = deque()
         self.hear: Callable[[Request], Generator[Any, None, None]] | None = None  #: awaits news of a request in asyncio
         self.patience = patience
         self._clock = clock
@@ -366,13 +365,15 @@ it listens"
         self.session.complaints.clear()
 
     def _flush(self, wait_seconds: float = _SEND_WAIT) -> None:
-        """Send what the session has to say."""
+        """Send what the session has to say. What has left has left, also if the rest of it can't."""
         if self.session.outgoing:
             outgoing, self.session.outgoing = self.session.outgoing, []
-            if not all(self.transport.send(packet, wait_seconds) for packet in packets(outgoing)):
-                self.direct.unsent(outgoing)
-                self.session.outgoing = outgoing
-                self.session.break_off()
+            for before, packet in packets(outgoing):
+                if not self.transport.send(packet, wait_seconds):
+                    self.session.outgoing = outgoing[before:]
+                    self.direct.unsent(self.session.outgoing)
+                    self.session.break_off()
+                    return
 
     def _check_thread(self) -> None:
         """Before the lock is taken: a thread that serves keeps it for ever."""

@@ -112,12 +112,12 @@ class Control(Knowledge):
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
         *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
         *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
-        something is done to a task ends by itself, when that is over. A
-        listener that nobody handles at that moment is passed over, and holds nothing. Refused are commands and monitors
-        that are to hold a goal's *planning* (BEFORE_PLANNING, WHEN_PLANNED): they have none; goals have. What several modules tap alike is
-        fired once, until each of them has removed it. What one module taps alike twice (the same condition and
-        *listener*) is one wiretap, and ``remove()`` of either ends both; with other *options* the newer one takes the
-        place of the older. Raises Refused ("too late") where that is past of a task: what is done already is watched
+        something is done to a task ends by itself, when that is over. A listener that nobody handles at that moment is
+        passed over, and holds nothing. Raises Refused, too, for a command or monitor that is to hold a goal's planning
+        (BEFORE_PLANNING, WHEN_PLANNED): only goals plan. What several modules tap alike is fired once, until each of
+        them has removed it. What one module taps alike twice (the same condition and *listener*) is one wiretap, and
+        ``remove()`` of either ends both; with other *options* the newer one takes the place of the older. Raises
+        Refused ("too late") where that is past of a task: what is done already is watched
         with ``under(task).monitor()``.
         """
         check_condition(condition)

@@ -33,18 +33,19 @@ def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
     return b"".join(pack_item(header, body) for header, body in items)
 
 
-def packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[bytes]:
-    """Items in as few packets as their size allows."""
+def packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """Items in as few packets as their size allows, each with the number of items in those before it."""
     packed: list[bytes] = []
-    size = 0
+    before = size = 0
     for header, body in items:
         item = pack_item(header, body)
         if packed and size + len(item) > Limit.BODY:
-            yield b"".join(packed)
+            yield before, b"".join(packed)
+            before += len(packed)
             packed, size = [], 0
         packed.append(item)
         size += len(item)
-    yield b"".join(packed)
+    yield before, b"".join(packed)
 
 
 def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:

@@ -46,7 +46,7 @@ def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCent
     walkers = (*planners, controller.make_module(robot, None), make_task_manager(lambda _: None, lambda _: None))
     for program in (gait_planner, perception, error_recovery):
         monkeypatch.setattr(program, "memory", program.Memory())
-    with LocalCentral() as local, ExitStack() as stack:
+    with LocalCentral(check=True) as local, ExitStack() as stack:
         for module in (*walkers, monitoring.monitoring, error_recovery.recovery):
             monkeypatch.setattr(module, "central", local)
             stack.enter_context(module.running())

@@ -97,7 +97,7 @@ def orders(world: World) -> Orders:
 def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
     """The orders of a walk of three steps by the real modules; the third is planned while the first is walked."""
     robot, fold, found = make_robot("kinematic"), Fold(), set()
-    with LocalCentral() as central, ExitStack() as stack:
+    with LocalCentral(check=True) as central, ExitStack() as stack:
         move_leg = robot.move_leg
 
         def move_when_planned(*arguments: Any, **options: Any) -> Any:

@@ -11,7 +11,7 @@ from tca_module.testing import LocalCentral
 
 @pytest.fixture
 def central() -> Iterator[LocalCentral]:
-    with LocalCentral() as central:
+    with LocalCentral(check=True) as central:
         yield central
 
 

@@ -50,6 +50,7 @@ class ScriptedCentral:
         self.heard: list[ToCentral] = []
         self.packets: list[tuple[float, bytes]] = []
         self.is_there = True
+        self.room = -1  # packets that it takes before it is gone
         self.is_closed = False
 
     def say(self, *headers: ToModule, at: float = 0.0) -> None:
@@ -57,6 +58,7 @@ class ScriptedCentral:
         self.packets.append((at, pack((header, b"") for header in headers)))
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
+        self.is_there, self.room = self.is_there and self.room != 0, self.room - 1
         if not self.is_there:
             self.now += wait_seconds
             return False
@@ -306,6 +308,32 @@ def test_big_messages_leave_in_several_packets() -> None:
     central.is_there = True
     assert not connection.wait(requests[0], 0.3, "goal")
     assert [header.message for header in central.heard if isinstance(header, Send)] == ["0", "1", "2"]
+
+
+def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
+    connection, central = connected()
+    central.is_there = False
+    requests = [connection.request(Send(0, f"{number}"), bytes(6 << 20), wants_answer=True) for number in range(3)]
+    central.is_there, central.room = True, 2
+    assert not connection.wait(requests[2], 0.3, "query")
+    assert [getattr(header, "message", "") for header in central.heard] == ["", "0"]  # Hello, and the first of them
+    central.is_there, central.room = True, -1
+    central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
+    assert not connection.wait(requests[2], 0.3, "query")
+    assert [getattr(header, "message", "") for header in central.heard][2:] == ["", "1", "2"]
+    assert requests[0].lost
+    assert not requests[1].lost
+
+
+def test_what_has_left_is_not_counted_as_lost_though_the_rest_could_not_leave() -> None:
+    connection, central = connected()
+    central.room = 1
+    session = connection.session
+    for name in ("position", "stance"):
+        session.post(Send(0, name), bytes(6 << 20))
+    connection.post(Send(0, "speed"), b"")
+    assert [header.message for header in central.heard if isinstance(header, Send)] == ["position"]
+    assert session.dropped == 2
 
 
 def test_a_connection_belongs_to_one_thread() -> None:

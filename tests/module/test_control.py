@@ -77,7 +77,7 @@ class Robot:
 
 @pytest.fixture
 def robot() -> Iterator[tuple[Robot, Client]]:
-    with LocalCentral() as central:
+    with LocalCentral(check=True) as central:
         robot = Robot(central)
         with robot.legs.running(), robot.expert.running(), connect("user", central) as user:
             yield robot, user

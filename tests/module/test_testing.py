@@ -8,12 +8,21 @@ from tca_module.testing import LocalCentral
 from tca_wire.facts import kind_of
 
 
-def test_the_invariants_of_central_are_checked_after_every_event(central: LocalCentral, user: Client) -> None:
+def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_wanted(
+    central: LocalCentral, user: Client
+) -> None:
     user.goal(REST)
     central.core.tree.tasks[1].held = 1
     with pytest.raises(AssertionError):
         user.goal(REST)
     central.core.tree.tasks[1].held = 0
+
+
+def test_checks_are_only_made_for_those_who_want_them() -> None:
+    with LocalCentral() as central, connect("user", central) as user:
+        user.goal(REST)
+        central.core.tree.tasks[1].held = 1
+        user.goal(REST)
 
 
 def test_the_journal_is_there_to_be_looked_at(central: LocalCentral, user: Client) -> None:

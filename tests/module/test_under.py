@@ -73,7 +73,7 @@ class Robot:
 
 @pytest.fixture
 def robot() -> Iterator[Robot]:
-    with LocalCentral() as central:
+    with LocalCentral(check=True) as central:
         robot = Robot(central)
         with robot.planner.running(), robot.legs.running(), robot.watcher.running():
             yield robot

@@ -123,7 +123,7 @@ def test_a_folder_that_is_too_deep_costs_the_direct_way_only(tmp_path: Path, cap
 
 
 def test_with_a_local_central_all_goes_through_its_core() -> None:
-    with LocalCentral() as central, connect("user", central) as user:
+    with LocalCentral(check=True) as central, connect("user", central) as user:
         module = Module("map", central)
         module.handles(HEIGHT, direct=True)(lambda _, x: -x)
         with module.running():
