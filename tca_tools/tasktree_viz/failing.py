@@ -103,7 +103,7 @@ def _is_named(cause: Message, failed: Message) -> bool:
 
 
 def _culprits(past: Past, task: Task) -> list[Task]:
-    """Whose failure, not dealt with, killed the tree that a task was in: the last one before."""
+    """Whose failure, not dealt with, killed the tree that a task was in: who is named as why, or the last one before."""
     top = lineage(past, TaskId(task.id))[-1]
     killed = _changed(task, "killed")
     found = [
@@ -114,4 +114,6 @@ def _culprits(past: Past, task: Task) -> list[Task]:
         and not past.tasks[number].is_dealt_with
         and past.tasks[number].reached.get(Moment.END_ACHIEVING, inf) >= killed
     ]
-    return [max(found, key=lambda one: (one[0], one[1].id))[1]] if found and "failure" in (task.killed or "") else []
+    why = task.killed or ""
+    named = [one for one in found if f" of task {one[1].id} " in why]
+    return [max(named or found, key=lambda one: (one[0], one[1].id))[1]] if found and "failure" in why else []

@@ -7,7 +7,8 @@ from tca_central import dispatcher, keeping, registry
 from tca_central.invariants import check_invariants
 from tca_wire import headers
 from tca_wire.constraints import Flags
-from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.facts import Killed
+from tca_wire.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal, Scope
 
@@ -187,4 +188,28 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
     player.reply("legs/1")
     assert not player.central.clock.pending()
     assert player.central.tree.tasks.keys() == {other}
+    check_invariants(player.central)
+
+
+@pytest.mark.parametrize("number", [1, 5, 40])
+def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -> None:
+    """However many there are, and however deep in one another."""
+    player = Player(check=False)
+    player.module("legs", "command move")
+    player.module("expert", *(f"exception handler recover {one}" for one in range(number)), capacity=8 * number + 1)
+    player.module("user")
+    player.declare("user", "command move")
+    for one in range(number):
+        attachment = Attachment("", f"recover {one}")
+        player.receive("user", headers.Attach(player.number("user"), attachment, TaskId(0), "move"))
+    task = player.task("user", "move")
+    player.fail("legs/1", "slip")
+    calls = 0
+    while player.central.dispatcher.attended:
+        (delivery,) = player.central.dispatcher.attended.values()
+        calls += 1
+        assert calls <= 10 * number
+        player.fail(delivery.slot.id.decode(), "handler error", delivery.given_as)
+    assert calls == 9 * number - 1
+    assert player.facts(Killed)[-1].why == f"failure 'slip' of task {task} 'move' was not handled"
     check_invariants(player.central)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer.recoveries import BATTERY, HIGHER, RECHARGE, ladder, late, polling, suspending, tapped
+from explorer.recoveries import BATTERY, HIGHER, RECHARGE, REPLAN, ladder, late, polling, suspending, tapped
 from explorer.scenarios import REST, SLIPPED, STEP, WALK
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
@@ -28,6 +28,7 @@ from tca_explorer import (
     eventually,
     explore,
     fired,
+    killed,
     never,
     never_stuck,
     report,
@@ -77,17 +78,21 @@ def attempts_are_not_told(patch: Patch) -> None:
 
 
 def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:
-    real = failures._search
-    patch.setattr(failures, "_search", lambda central, task, failure, _below=None: real(central, task, failure))
+    real = failures._ask
+    patch.setattr(failures, "_ask", lambda central, task, failure, _below=None: real(central, task, failure))
+
+
+def one_that_could_not_decide_is_the_last_that_is_asked(patch: Patch) -> None:
+    patch.setattr(failures, "NOT_BY_CHOICE", frozenset())
 
 
 def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
     real = failures._find
 
-    def find(central: Any, task: Any, failure: Any, below: Any) -> Any:
+    def find(central: Any, task: Any, *others: Any) -> Any:
         for at in task.lineage():
             at.more.invocations.clear()
-        return real(central, task, failure, below)
+        return real(central, task, *others)
 
     patch.setattr(failures, "_find", find)
 
@@ -152,6 +157,22 @@ def once(*properties: Any, retries: bool = True) -> Scenario:
     return scenario
 
 
+def mortal(*properties: Any) -> Scenario:
+    """An exception handler whose module may die, and another one further out."""
+    scenario = Scenario("mortal", *properties)
+    scenario.module("legs").handles(STEP)(slips)
+    scenario.module("expert", may_be_lost=1).handles(HIGHER)(lambda _: None)
+    scenario.module("office").handles(REPLAN)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.on_failure(SLIPPED, REPLAN)
+        me.on_failure(SLIPPED, HIGHER, of=STEP)
+        me.command(STEP)
+
+    return scenario
+
+
 def slips(_: object) -> None:
     raise SLIPPED(text="ice")
 
@@ -188,6 +209,7 @@ BROKEN: dict[Callable[[Patch], None], Callable[[], Result]] = {
     suspended_tasks_are_started: lambda: explore(suspending()),
     attempts_are_not_told: lambda: explore(ladder(at_most_in_all(2, retried(STEP)))),
     a_reissued_failure_is_searched_from_the_start: lambda: explore(ladder(at_most_in_all(4, sent(HIGHER)))),
+    one_that_could_not_decide_is_the_last_that_is_asked: lambda: explore(mortal(never(killed(STEP)))),
     calls_of_a_handler_are_not_counted: lambda: explore(once()),
     what_was_dealt_with_goes_on_for_ever: lambda: explore(once(never_stuck(), retries=False)),
     a_deadline_takes_the_task_from_its_handler: lambda: explore(late(never_stuck(), handled=True)),
