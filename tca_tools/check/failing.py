@@ -128,7 +128,7 @@ def _must_pass_over(world: World, task: Item, fact: facts.Unhandled, *, is_new: 
 
 
 def _check_ended(world: World, task: Item, handler: Item) -> None:
-    if not handler.is_killed:
+    if not (handler.is_killed or handler.is_stranger):
         world.broken(CAUGHT, handler.id, f"{handler} lives, and could not decide for the failure of {task}")
 
 

@@ -12,6 +12,7 @@ from tca_module import (
     CentralLost,
     Client,
     Command,
+    ExceptionHandler,
     Failure,
     MisuseError,
     Outcome,
@@ -97,6 +98,34 @@ def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
         assert failed.value.failure == "bad data"
         with pytest.raises(TaskFailed, match="the handler of goal 'rest' must return None"):
             user.goal(REST).result(SOON)
+
+
+def test_an_exception_handler_with_an_error_is_passed_over_and_in_the_end_its_error_is_told(
+    robot: Robot, user: Client
+) -> None:
+    raise_leg, stop_safely = ExceptionHandler("raise leg"), ExceptionHandler("stop safely")
+
+    @robot.planner.handles(REST)
+    def rest(task: Task) -> None:
+        raise EXHAUSTED(text="no charge")
+
+    @robot.legs.handles(raise_leg)
+    def raise_the_leg(task: Task) -> None:
+        _ = 1 / 0
+
+    @robot.legs.handles(stop_safely)
+    def stop(task: Task) -> None:
+        robot.done.append(task.trouble.text)
+
+    could_not = r"exhausted: no charge; exception handler task \d+ 'raise leg' could not decide: handler error: Zero"
+    with robot.running():
+        user.on_failure(EXHAUSTED, raise_leg, of=REST)
+        with pytest.raises(TaskFailed, match=could_not):
+            user.goal(REST).result(SOON)
+        user.on_failure(EXHAUSTED, stop_safely)
+        assert user.goal(REST).wait(SOON) is Outcome.DONE
+    (told,) = robot.done
+    assert told.endswith("could not decide: handler error: ZeroDivisionError: division by zero")
 
 
 def test_a_failure_of_a_child_reaches_a_handler_that_waits(robot: Robot, user: Client) -> None:
