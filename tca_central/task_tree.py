@@ -31,7 +31,7 @@ class Rare:
         self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: what it is doing
-        self.is_void = False  #: of an exception handler's task: it decides nothing: it reissued its failure, or was killed
+        self.is_void = False  #: of an exception handler's task: it has reissued its failure, or was killed
         self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
         self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go

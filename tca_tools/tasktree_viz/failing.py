@@ -103,7 +103,7 @@ def _is_named(cause: Message, failed: Message) -> bool:
 
 
 def _culprits(past: Past, task: Task) -> list[Task]:
-    """Whose failure, not dealt with, killed the tree that a task was in: who is named as why, or the last one before."""
+    """Whose failure, not dealt with, killed the tree that a task was in: who is named there, or the last one before."""
     top = lineage(past, TaskId(task.id))[-1]
     killed = _changed(task, "killed")
     found = [

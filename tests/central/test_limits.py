@@ -209,6 +209,7 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
         (delivery,) = player.central.dispatcher.attended.values()
         calls += 1
         assert calls <= 10 * number
+        assert delivery.slot
         player.fail(delivery.slot.id.decode(), "handler error", delivery.given_as)
     assert calls == 9 * number - 1
     assert player.facts(Killed)[-1].why == f"failure 'slip' of task {task} 'move' was not handled"
