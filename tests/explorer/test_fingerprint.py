@@ -281,7 +281,7 @@ def test_the_tables_name_what_there_is() -> None:
         Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, ""),
-        Recovery(*[None] * 4),  # type: ignore[arg-type]
+        Recovery(*[None] * 5),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)
