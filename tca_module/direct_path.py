@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
 from tca_module.failing import MODULE_LOST
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire import direct, headers
 from tca_wire.codec import pack_item
 from tca_wire.direct import Direct, Greet, Greeting, Taken

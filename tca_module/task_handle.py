@@ -24,7 +24,7 @@ from tca_module.arguments import (
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
 from tca_wire.headers import Answer, Attach, Deadline, Inspect, Keep, Kill, Raise, Remove, Retry, Send, Suspend, WaitFor
