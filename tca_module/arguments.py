@@ -21,7 +21,8 @@ from tca_wire.declarations import (
     Query,
     Variable,
 )
-from tca_wire.formats import NO_DATA, first_misfit
+from tca_wire.fitting import first_misfit
+from tca_wire.formats import NO_DATA
 from tca_wire.points import Point
 from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope
 
@@ -92,8 +93,9 @@ def name_wanted(message: Any) -> str:
 def check_handles(failure: Any, handler: Any) -> None:
     """Raise MisuseError for what can't take care of a failure: it would be found out when the failure is there.
 
-    An exception handler gets the failure's data, or none. One for any failure (None) must take None: what central
-    raises, such as "timeout", has no data. What it makes of other data than it wants is its own affair.
+    An exception handler gets the failure's data, which must fit what it wants, or none. One for any failure (None) must
+    take None: what central raises, such as "timeout", has no data. What it makes of other data than it wants is its own
+    affair.
     """
     if not isinstance(handler, ExceptionHandler):
         msg = f"{handler!r:.60} is no ExceptionHandler: declare the message as one"
@@ -109,9 +111,9 @@ data, as all of central's: declare it without data, or with {handler.data} | Non
     if not isinstance(failure, Failure):
         msg = f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision', Contact), or None"
         raise MisuseError(msg)
-    if handler.data.kind is not type(None) and handler.data.schema != failure.data.schema:
+    if handler.data.kind is not type(None) and (misfit := first_misfit(failure.data.schema, handler.data.schema)):
         msg = f"{name_of(handler)} wants data of type {handler.data}, and failure '{failure.name}' has {failure.data}: \
-declare both with the same type, or the exception handler without data"
+declare both with the same type, or the exception handler without data ({misfit})"
         raise MisuseError(msg)
 
 

@@ -191,9 +191,9 @@ class TaskHandle(Intervals):
         at most (None: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ, or if it
-        is for any failure and can't do without data. The same *failure* and *handler*, attached once more by this
-        module, take the place of the first.
+        gets the failure's data, or none if it is declared without. Raises MisuseError if it can't take them: it may
+        want the same type, a union with it, or a dataclass with fewer fields; and one for any failure must do without
+        data. The same *failure* and *handler*, attached once more by this module, take the place of the first.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)

@@ -13,7 +13,8 @@ import msgspec
 
 from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, Query
 from tca_wire.errors import BadFormat
-from tca_wire.formats import NIL, NO_DATA, alternatives, first_misfit, schema_text
+from tca_wire.fitting import alternatives, first_misfit
+from tca_wire.formats import NIL, NO_DATA, schema_text
 from tca_wire.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass
 
