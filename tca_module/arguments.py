@@ -81,10 +81,15 @@ def name_wanted(message: Any) -> str:
     if message is not None and not isinstance(message, str):
         msg = f"{message!r:.60} is no message: give the declaration, its name, or None for all"
         raise MisuseError(msg)
-    if not _can_be_sent(message or ""):
+    if message is None:
+        return ""
+    if not message:
+        msg = f"{message!r} names no message: give the declaration, its name, or None for all"
+        raise MisuseError(msg)
+    if not _can_be_sent(message):
         msg = f"{message!r:.60} is no text that can be sent"
         raise MisuseError(msg)
-    return message or ""
+    return message
 
 
 # --- failures --------------------------------------------------------------------------------------------------------
@@ -180,10 +185,27 @@ def _can_be_sent(text: str) -> bool:
     return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
 
 
+def _is_name(name: Any) -> TypeGuard[str]:
+    return isinstance(name, str) and bool(name.strip()) and name.isprintable() and len(name) <= Limit.NAME
+
+
 def checked_name(what: str, name: Any) -> str:
     """*name*, if modules and resources may be called so. Raises MisuseError."""
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > Limit.NAME:
+    if not _is_name(name):
         msg = f"{name!r:.60} is no {what} name: 1 to {Limit.NAME:d} printable characters are"
+        raise MisuseError(msg)
+    return name
+
+
+def name_or_none(what: str, **names: Any) -> str:
+    """The one name that is given, as central is told of it: None is "". Raises MisuseError for what is no name: an
+    empty one, or 0, is some mistake, and does not mean that none is given.
+    """
+    ((option, name),) = names.items()
+    if name is None:
+        return ""
+    if not _is_name(name):
+        msg = f"{what}: {option}={name!r:.60} is no name: give 1 to {Limit.NAME:d} printable characters, or None"
         raise MisuseError(msg)
     return name
 
@@ -339,7 +361,7 @@ def check_central(central: Any) -> None:
     """Raise MisuseError for what is no place where central could be."""
     if central is None or hasattr(central, "transport"):
         return
-    if not isinstance(central, str):
+    if not isinstance(central, str) or not central:
         msg = f"central={central!r:.60} is no address: give one such as 'tcp://rover:7400', a LocalCentral, or None"
         raise MisuseError(msg)
     check_text("where central is", central=central)

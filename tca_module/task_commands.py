@@ -115,9 +115,9 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
 
 @click.command()
 @click.argument("resource")
-@click.option("--module", metavar="NAME", default="", help="Whose resource it is, if several have one of that name.")
+@click.option("--module", metavar="NAME", help="Whose resource it is, if several have one of that name.")
 @central_option
-def unlock(resource: str, module: str, central: str | None) -> None:
+def unlock(resource: str, module: str | None, central: str | None) -> None:
     """Take a lock or reservation of RESOURCE from whoever has it.
 
     Who has it is not told, and may still count on it: look at 'tca modules' first.
