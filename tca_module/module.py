@@ -341,9 +341,8 @@ class Module(Sender):
 
 
 def _checked_messages(module: str, messages: Iterable[Any]) -> list[Message[Any, Any]]:
-    required: list[Any] = (
-        list(messages) if isinstance(messages, Iterable) and not isinstance(messages, str) else [messages]
-    )
+    are_several = isinstance(messages, Iterable) and not isinstance(messages, str)
+    required: list[Any] = list(messages) if are_several else [messages]
     for message in required:
         if not isinstance(message, Message):
             msg = f"module '{module}' can't require {message!r}: requires= takes messages (Goal, Query, ...)"

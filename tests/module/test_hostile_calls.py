@@ -210,7 +210,7 @@ def test_what_cannot_be_handled(legs: Module) -> None:
         legs.resource("")
 
 
-NO_NAMES = (0, [], "", " ", "a\nb", b"legs", False)
+NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)
 
 
 @pytest.mark.parametrize("wrong", NO_NAMES)
