@@ -56,7 +56,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
         central.ignore(connection, header.number, f"{ended}: no failure can be raised on it")
         return
     raise_failure(central, task, failure_of(header, body))
-    central.send(connection, header.number, Accepted(header.number))
+    central.send(connection, header.number, Accepted(header.number, header.task))
 
 
 def fail_task(central: State, task: Task, failure: Failure) -> None:

@@ -26,6 +26,15 @@ def checked_name(name: Any, what: str) -> str:
     return name
 
 
+def name_or_none(name: Any, what: str) -> str:
+    """The value of an option that is a name; None is "". Raises ScenarioError for what is none, an empty one, too."""
+    if name is None:
+        return ""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise ScenarioError(f"{what} can't be {name!r:.60}: give a name, or None")
+    return name
+
+
 def nearest(name: str, known: Collection[str]) -> str:
     """The names that somebody may have meant, for the end of a message."""
     near = ", ".join(f"'{one}'" for one in get_close_matches(name, sorted(known)))

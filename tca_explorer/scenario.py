@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from itertools import combinations
 from typing import Any, NoReturn
 
-from tca_explorer.checks import MOST, checked_flag, checked_name, checked_number
+from tca_explorer.checks import MOST, checked_flag, checked_name, checked_number, name_or_none
 from tca_explorer.errors import ScenarioError
 from tca_explorer.properties import Property, checked_properties
 from tca_explorer.script import Program
@@ -53,8 +53,8 @@ class ScenarioModule:
         return name
 
     def handles(
-        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None,
-        direct: bool = False,
+        self, message: Message[Any, Any], *, resource: str | None = None, pool: str | None = None,
+        pending: int | None = None, direct: bool = False,
     ) -> Callable[[Function], Function]:  # fmt: skip
         """Declare the decorated function as this module's handler of *message*, as the module library's ``handles``
         does. Messages that come *direct* are not explored.
@@ -68,16 +68,16 @@ class ScenarioModule:
         if direct:
             raise ScenarioError(f"direct=True of '{message.name}' in module '{self.name}' is not explored: leave it "
                                 "out, and each goes through central, which happens on the robot, too")  # fmt: skip
+        whose = f"'{message.name}' in module '{self.name}'"
         if pending is not None:
-            checked_number(pending, f"pending= of '{message.name}' in module '{self.name}'", least=1)
-        if not isinstance(pool, str):
-            raise ScenarioError(f"pool= of '{message.name}' in module '{self.name}' can't be {pool!r:.60}: a name")
-        if resource and resource not in self._capacities:
-            raise ScenarioError(f"module '{self.name}' has no resource '{resource}': declare it with resource()")
+            checked_number(pending, f"pending= of {whose}", least=1)
+        shared, where = name_or_none(pool, f"pool= of {whose}"), name_or_none(resource, f"resource= of {whose}")
+        if where and where not in self._capacities:
+            raise ScenarioError(f"module '{self.name}' has no resource '{where}': declare it with resource()")
 
         def declare(function: Function) -> Function:
             self.handlers[message.name] = Program(f"'{message.name}' in {self.name}", function, message)
-            self.formats.append(HandlerFormat(message.name, resource or self.name, pool, pending or 0))
+            self.formats.append(HandlerFormat(message.name, where or self.name, shared, pending or 0))
             return function
 
         return declare

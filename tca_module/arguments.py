@@ -21,7 +21,8 @@ from tca_wire.declarations import (
     Query,
     Variable,
 )
-from tca_wire.formats import NO_DATA, first_misfit
+from tca_wire.fitting import first_misfit
+from tca_wire.formats import NO_DATA
 from tca_wire.points import Point
 from tca_wire.vocabulary import LONGEST_TIME, Condition, Limit, Scope
 
@@ -80,10 +81,15 @@ def name_wanted(message: Any) -> str:
     if message is not None and not isinstance(message, str):
         msg = f"{message!r:.60} is no message: give the declaration, its name, or None for all"
         raise MisuseError(msg)
-    if not _can_be_sent(message or ""):
+    if message is None:
+        return ""
+    if not message:
+        msg = f"{message!r} names no message: give the declaration, its name, or None for all"
+        raise MisuseError(msg)
+    if not _can_be_sent(message):
         msg = f"{message!r:.60} is no text that can be sent"
         raise MisuseError(msg)
-    return message or ""
+    return message
 
 
 # --- failures --------------------------------------------------------------------------------------------------------
@@ -92,8 +98,9 @@ def name_wanted(message: Any) -> str:
 def check_handles(failure: Any, handler: Any) -> None:
     """Raise MisuseError for what can't take care of a failure: it would be found out when the failure is there.
 
-    An exception handler gets the failure's data, or none. One for any failure (None) must take None: what central
-    raises, such as "timeout", has no data. What it makes of other data than it wants is its own affair.
+    An exception handler gets the failure's data, which must fit what it wants, or none. One for any failure (None) must
+    take None: what central raises, such as "timeout", has no data. What it makes of other data than it wants is its own
+    affair.
     """
     if not isinstance(handler, ExceptionHandler):
         msg = f"{handler!r:.60} is no ExceptionHandler: declare the message as one"
@@ -109,9 +116,9 @@ data, as all of central's: declare it without data, or with {handler.data} | Non
     if not isinstance(failure, Failure):
         msg = f"{failure!r:.60} is no failure: give the declaration, such as Failure('collision', Contact), or None"
         raise MisuseError(msg)
-    if handler.data.kind is not type(None) and handler.data.schema != failure.data.schema:
+    if handler.data.kind is not type(None) and (misfit := first_misfit(failure.data.schema, handler.data.schema)):
         msg = f"{name_of(handler)} wants data of type {handler.data}, and failure '{failure.name}' has {failure.data}: \
-declare both with the same type, or the exception handler without data"
+declare both with the same type, or the exception handler without data ({misfit})"
         raise MisuseError(msg)
 
 
@@ -178,10 +185,27 @@ def _can_be_sent(text: str) -> bool:
     return text.isascii() or not any("\ud800" <= character <= "\udfff" for character in text)
 
 
+def _is_name(name: Any) -> TypeGuard[str]:
+    return isinstance(name, str) and bool(name.strip()) and name.isprintable() and len(name) <= Limit.NAME
+
+
 def checked_name(what: str, name: Any) -> str:
     """*name*, if modules and resources may be called so. Raises MisuseError."""
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > Limit.NAME:
+    if not _is_name(name):
         msg = f"{name!r:.60} is no {what} name: 1 to {Limit.NAME:d} printable characters are"
+        raise MisuseError(msg)
+    return name
+
+
+def name_or_none(what: str, **names: Any) -> str:
+    """The one name that is given, as central is told of it: None is "". Raises MisuseError for what is no name: an
+    empty one, or 0, is some mistake, and does not mean that none is given.
+    """
+    ((option, name),) = names.items()
+    if name is None:
+        return ""
+    if not _is_name(name):
+        msg = f"{what}: {option}={name!r:.60} is no name: give 1 to {Limit.NAME:d} printable characters, or None"
         raise MisuseError(msg)
     return name
 
@@ -337,7 +361,7 @@ def check_central(central: Any) -> None:
     """Raise MisuseError for what is no place where central could be."""
     if central is None or hasattr(central, "transport"):
         return
-    if not isinstance(central, str):
+    if not isinstance(central, str) or not central:
         msg = f"central={central!r:.60} is no address: give one such as 'tcp://rover:7400', a LocalCentral, or None"
         raise MisuseError(msg)
     check_text("where central is", central=central)

@@ -45,7 +45,8 @@ def open_connection(
     """
     check_central(central)
     if central is None or isinstance(central, str):
-        connection = _connection_by_socket(central or default_endpoint(), hello, patience, list(direct))
+        address = default_endpoint() if central is None else central
+        connection = _connection_by_socket(address, hello, patience, list(direct))
     else:
         connection = Connection(central.transport(), Session(hello), patience=patience)
     try:

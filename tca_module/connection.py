@@ -15,7 +15,8 @@ from typing import Any
 from tca_module.arguments import check_message, check_timeout
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
-from tca_module.session import Request, Session, refers_to_tasks
+from tca_module.request import Request, refers_to_tasks
+from tca_module.session import Session
 from tca_module.transport import Transport
 from tca_wire.codec import packets, unpack_to_module
 from tca_wire.declarations import Message

@@ -84,8 +84,9 @@ class Control(Knowledge):
         It is called at most *maximum* times (None: any number) for each task that it is attached to. The search goes
         from the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
         message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
-        or none if it is declared without. Raises MisuseError if their types differ. For any failure (None) it must be
-        declared without data, or take None, too: what central raises ("timeout", "module lost", ...) has no data.
+        or none if it is declared without. Raises MisuseError if it can't take them: it may want the same type, a union
+        with it, or a dataclass with fewer fields. For any failure (None) it must be declared without data, or take
+        None, too: what central raises ("timeout", "module lost", ...) has no data.
         Where a failure has others than it wants, it fails with "bad data" when it is called. The same *failure* and
         *handler*, attached to the same place once more by this module, take the place of the first, as the newest; to
         remove the first then does nothing.

@@ -13,7 +13,8 @@ from tca_module.direct_inbox import Inbox
 from tca_module.direct_routes import DirectRoutes
 from tca_module.direct_sockets import EntranceSocket, PathSocket
 from tca_module.notes import FAR, Notes
-from tca_module.session import Request, Session
+from tca_module.request import Request
+from tca_module.session import Session
 from tca_module.transport import DealerTransport
 from tca_wire.declarations import Message
 from tca_wire.headers import Deliver, Send, ToCentral

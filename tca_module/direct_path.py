@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire import direct, headers
 from tca_wire.codec import pack_item
 from tca_wire.direct import Direct, Greet, Greeting, Taken

@@ -12,7 +12,8 @@ from typing import Protocol
 
 from tca_module.direct_path import Path, Socket
 from tca_module.notes import Notes
-from tca_module.session import Request, Session
+from tca_module.request import Request
+from tca_module.session import Session
 from tca_wire.headers import Send, Welcome
 from tca_wire.routes import Entrance, EntranceGone, Route, WatchEntrance
 

@@ -115,9 +115,15 @@ NIL = b"\xc0"
 class QueryFailed(_Failed):
     """The handler of a query failed: ``failure`` is the failure's name."""
 
+    def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
+        super().__init__(what, failure, text, body)
+
 
 class TaskFailed(_Failed):
     """A goal or command failed: ``failure`` is the failure's name."""
+
+    def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
+        super().__init__(what, failure, text, body)
 
 
 class TaskKilled(TcaError):

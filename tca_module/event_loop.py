@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from tca_module.connection import STALL, STEP, Connection
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire.headers import Deliver
 
 T = TypeVar("T")

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
-from tca_module.arguments import check_flags, check_text, checked_name, is_whole, name_of
+from tca_module.arguments import check_flags, checked_name, is_whole, name_of
 from tca_module.errors import NIL, MisuseError, TaskKilled
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
@@ -74,7 +74,6 @@ class Handler:
         if isinstance(message, Monitor):
             msg = f"{name_of(message)} can't be handled: central carries it out; handle the messages that it sends"
             raise MisuseError(msg)
-        check_text(name_of(message), pool=pool)
         self.message = message
         self.function = function
         self.resource = checked_name("resource", resource)

@@ -6,7 +6,15 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
-from tca_module.arguments import blocks, check_flags, check_priority, check_seconds, check_text
+from tca_module.arguments import (
+    blocks,
+    check_flags,
+    check_priority,
+    check_seconds,
+    check_text,
+    checked_name,
+    name_or_none,
+)
 from tca_module.claim import Claim
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
@@ -91,7 +99,9 @@ class Knowledge:
 
     # --- resources -------------------------------------------------------------------------------------------------
 
-    def lock(self, resource: str, module: str = "", *, timeout: float | None = None, priority: int = 0) -> Claim:
+    def lock(
+        self, resource: str, module: str | None = None, *, timeout: float | None = None, priority: int = 0
+    ) -> Claim:
         """Let nobody into a resource, this module neither; returns when nobody is in it (TCA 8.5: LockResource).
 
         ::
@@ -107,26 +117,32 @@ class Knowledge:
         """
         return self._claim(resource, module, timeout, priority, reserve=False)
 
-    def reserve(self, resource: str, module: str = "", *, timeout: float | None = None, priority: int = 0) -> Claim:
+    def reserve(
+        self, resource: str, module: str | None = None, *, timeout: float | None = None, priority: int = 0
+    ) -> Claim:
         """Let nothing into a resource but what this module sends (TCA 8.5: ReserveResource); else as ``lock``."""
         return self._claim(resource, module, timeout, priority, reserve=True)
 
-    def unlock(self, resource: str, module: str = "") -> bool:
+    def unlock(self, resource: str, module: str | None = None) -> bool:
         """Take a lock or reservation of a resource from whoever has it; whether anybody had it.
 
         For operators: a handler releases what it has itself. Who had it is not told (TCA 8.5: ``unlock``).
         """
-        check_text("unlock()", resource=resource, module=module)
-        return bool(self._connection().call(Unlock(0, resource, module), f"unlocking resource '{resource}'"))
+        whose = name_or_none("unlock()", module=module)
+        checked_name("resource", resource)
+        return bool(self._connection().call(Unlock(0, resource, whose), f"unlocking resource '{resource}'"))
 
-    def _claim(self, resource: str, module: str, timeout: float | None, priority: int, *, reserve: bool) -> Claim:
+    def _claim(
+        self, resource: str, module: str | None, timeout: float | None, priority: int, *, reserve: bool
+    ) -> Claim:
         call = "reserve()" if reserve else "lock()"
-        check_text(call, resource=resource, module=module)
+        whose = name_or_none(call, module=module)
+        checked_name("resource", resource)
         check_priority(call, priority)
         blocking = blocks(timeout)
         check_seconds(call, timeout=timeout or 0)
         seconds = -1 if timeout is None else timeout
-        header = Lock(0, resource, module, reserve, self._origin, seconds, priority, blocking)
+        header = Lock(0, resource, whose, reserve, self._origin, seconds, priority, blocking)
         claim = Claim(self._connection(), header)
         claim.wait(timeout)
         return claim

@@ -9,7 +9,15 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
-from tca_module.arguments import check_central, check_flags, check_function, check_patience, checked_name, is_whole
+from tca_module.arguments import (
+    check_central,
+    check_flags,
+    check_function,
+    check_patience,
+    checked_name,
+    is_whole,
+    name_or_none,
+)
 from tca_module.callbacks import Callback, Callbacks, HasFileno
 from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.connection import PATIENCE, Connection
@@ -83,17 +91,17 @@ class Module(Sender):
 
     @overload
     def handles(
-        self, message: Message[None, R], *, resource: str = "", pool: str = "", pending: int | None = None,
-        direct: bool = False,
+        self, message: Message[None, R], *, resource: str | None = None, pool: str | None = None,
+        pending: int | None = None, direct: bool = False,
     ) -> DeclareWithoutData[R]: ...  # fmt: skip
     @overload
     def handles(
-        self, message: Message[D, R], *, resource: str = "", pool: str = "", pending: int | None = None,
-        direct: bool = False,
+        self, message: Message[D, R], *, resource: str | None = None, pool: str | None = None,
+        pending: int | None = None, direct: bool = False,
     ) -> Declare[D, R]: ...  # fmt: skip
     def handles(
-        self, message: Message[Any, Any], *, resource: str = "", pool: str = "", pending: int | None = None,
-        direct: bool = False,
+        self, message: Message[Any, Any], *, resource: str | None = None, pool: str | None = None,
+        pending: int | None = None, direct: bool = False,
     ) -> Any:  # fmt: skip
         """Declare the decorated function, plain or ``async def``, as this module's handler of *message*.
 
@@ -105,9 +113,11 @@ class Module(Sender):
         the journal as a note without data. It goes through central while a wiretap or another handler wants to see it.
         """
         self._check_not_running("handles()")
+        where = name_or_none("handles()", resource=resource) or self.name
+        shared = name_or_none("handles()", pool=pool)
 
         def declare(function: Callable[..., Any]) -> Callable[..., Any]:
-            handler = Handler(message, function, resource or self.name, pool, pending, direct=direct)
+            handler = Handler(message, function, where, shared, pending, direct=direct)
             if known := self._handlers.get(message.name):
                 msg = f"module '{self.name}' handles '{message.name}' already, in {known.name}: one handler a message"
                 raise MisuseError(msg)
@@ -130,48 +140,53 @@ class Module(Sender):
 
     # --- callbacks -------------------------------------------------------------------------------------------------
 
-    def every(self, period: float, *, resource: str = "") -> Callable[[F], F]:
+    def every(self, period: float, *, resource: str | None = None) -> Callable[[F], F]:
         """Have the decorated function called every *period* seconds, first one period after the module began.
 
         Calls come at multiples of the period, without drift; those that are missed because the thread was busy are left
         out. The function may take the Callback, to send with and to ``cancel()``, or nothing. The thread of *resource*
         calls it between messages; by default one that only calls callbacks. Errors in it are logged.
         """
+        name_or_none("every()", resource=resource)
 
         def declare(function: F) -> F:
-            self._called_by(resource).every(period, function)
+            self._called_by("every()", resource).every(period, function)
             return function
 
         return declare
 
     def after(
-        self, delay: float, function: Callable[[Callback], object] | Callable[[], object], *, resource: str = ""
+        self,
+        delay: float,
+        function: Callable[[Callback], object] | Callable[[], object],
+        *,
+        resource: str | None = None,
     ) -> Callback:
         """Have a function called once, *delay* seconds from now or from when the module begins; see ``every``.
 
         May be called at any time, from any thread.
         """
-        return self._called_by(resource).after(delay, function)
+        return self._called_by("after()", resource).after(delay, function)
 
     def on_readable(
         self,
         source: int | HasFileno,
         function: Callable[[Callback], object] | Callable[[], object],
         *,
-        resource: str = "",
+        resource: str | None = None,
     ) -> Callback:
         """Have a function called whenever a socket, pipe or other file (or its number) has something to read.
 
         The function reads it, or is called again at once. At the end of the file it should ``cancel()``, and so should
         whoever closes the file. See ``every``; may be called at any time, from any thread.
         """
-        return self._called_by(resource).on_readable(source, function)
+        return self._called_by("on_readable()", resource).on_readable(source, function)
 
-    def _called_by(self, resource: str) -> Callbacks:
-        checked_name("resource", resource or CALLBACKS)
+    def _called_by(self, call: str, resource: str | None) -> Callbacks:
+        named = name_or_none(call, resource=resource) or CALLBACKS
         if self._link is None:
-            self._resources.setdefault(resource or CALLBACKS, 1)
-        return self._slots.callbacks(resource or CALLBACKS)
+            self._resources.setdefault(named, 1)
+        return self._slots.callbacks(named)
 
     def _check_not_running(self, call: str) -> None:
         if self._link is not None:
@@ -326,7 +341,8 @@ class Module(Sender):
 
 
 def _checked_messages(module: str, messages: Iterable[Any]) -> list[Message[Any, Any]]:
-    required = list(messages) if isinstance(messages, Iterable) else [messages]
+    are_several = isinstance(messages, Iterable) and not isinstance(messages, str)
+    required: list[Any] = list(messages) if are_several else [messages]
     for message in required:
         if not isinstance(message, Message):
             msg = f"module '{module}' can't require {message!r}: requires= takes messages (Goal, Query, ...)"

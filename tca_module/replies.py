@@ -8,7 +8,7 @@ from typing import Any, Generic, Self
 from tca_module.arguments import name_of
 from tca_module.connection import Connection
 from tca_module.errors import BadData, MisuseError, QueryFailed, TcaError, Timeout
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire.declarations import Message, MultiQuery, Query, R
 from tca_wire.headers import Answer
 from tca_wire.vocabulary import Outcome

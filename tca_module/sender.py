@@ -23,7 +23,7 @@ from tca_module.errors import MisuseError
 from tca_module.options import TaskOptions, check_options, flags_of
 from tca_module.ordering import Ordering
 from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_module.task_handle import TaskHandle, attachment
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint, Flags, not_before

@@ -15,9 +15,8 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from tca_module.errors import MisuseError
+from tca_module.request import Request, check_fields, may_be_asked_again, refers_to_tasks, waits_for_others
 from tca_wire import headers
-from tca_wire.codec import misfit
 from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import ROOT
@@ -39,51 +38,7 @@ _ARE_YOU_THERE = Register(0, [], [])
 _REPLIES_KEPT = 8
 """Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
 
-_ASKED_AGAIN = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
-"""What may be asked twice without harm."""
-
-_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
-"""What central answers when others have done something."""
-
-_WITHOUT_TASKS = (
-    Register
-    | headers.Unregister
-    | headers.Ask
-    | headers.GetVariable
-    | SetVariable
-    | headers.WaitUntilHandled
-    | headers.Unlock
-)
-"""What any central understands, whatever it remembers."""
-
 Item = tuple[ToCentral, bytes]
-
-
-class Request:
-    """A numbered request and what has come back.
-
-    It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
-    was refused (*refused*), or it was lost with central's memory (*lost* says how). A query is accepted with id 0 if it
-    was to be sent only if somebody handles it, and nobody does.
-    """
-
-    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path", "refused",
-                 "repeated", "wants_answer", "was_sent")  # fmt: skip
-
-    def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
-        self.header = header
-        self.body = body
-        self.wants_answer = wants_answer  #: Accepted is not the end of it
-        self.was_sent = False  #: central may have got it
-        self.repeated = False  #: was sent more than once
-        self.is_over = False
-        self.accepted: int | None = None  #: the id of the task or message that it became
-        self.answers: deque[tuple[headers.Answer, bytes]] = deque()
-        self.refused: headers.Refused | None = None
-        self.lost = ""
-        self.path: Any = None  #: the way that it went directly, under that way's *number*
-        self.number = 0
-        self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
 
 
 class Session:
@@ -117,7 +72,7 @@ class Session:
 
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
         """Ask central for something; the header's number is put in. Raises MisuseError if central could not read it."""
-        _check_fields(header)
+        check_fields(header)
         request = Request(header, body, wants_answer=wants_answer)
         self._number(request)
         if self.is_welcome:
@@ -142,7 +97,7 @@ class Session:
 
     def post(self, header: ToCentral, body: bytes = b"") -> bool:
         """Say something that has no answer; False if it is lost because central is not there."""
-        _check_fields(header)
+        check_fields(header)
         if not self.is_welcome:
             self.dropped += isinstance(header, Send | SetVariable)
             return False
@@ -210,7 +165,7 @@ class Session:
 
     def is_interrupted(self, request: Request) -> bool:
         """Whether what waits for others is to be told that the module ends: of a handler (not of callbacks) once."""
-        if not request.wants_answer or not isinstance(request.header, _WAITS_FOR_OTHERS) or not self.is_ending():
+        if not request.wants_answer or not waits_for_others(request.header) or not self.is_ending():
             return False
         origin = getattr(request.header, "origin", 0)
         return not origin or not (origin in self._told or self.is_killed(origin))
@@ -293,7 +248,7 @@ class Session:
 
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
-        if isinstance(request.header, _ASKED_AGAIN):
+        if may_be_asked_again(request.header):
             del self._requests[request.header.number]
             self._number(request)
             self._send(request)
@@ -376,24 +331,3 @@ class Session:
         EntranceGone: _on_routing,
     }
     """One row per message from central."""
-
-
-def refers_to_tasks(header: Any) -> bool:
-    """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
-    if isinstance(header, Send):
-        return bool(header.parent or header.origin or header.constraints)
-    if isinstance(header, headers.Lock):
-        return bool(header.origin)
-    return not isinstance(header, _WITHOUT_TASKS)
-
-
-def _check_fields(header: ToCentral) -> None:
-    """A wrong type in an option is found here: central could not even say whom it answers."""
-    try:
-        wrong = misfit(header)
-    except UnicodeEncodeError as error:
-        msg = f"{error.object!r:.60} is no text that can be sent"
-        raise MisuseError(msg) from None
-    if wrong:
-        msg = f"what was given can't be sent: {wrong}"
-        raise MisuseError(msg)

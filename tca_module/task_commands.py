@@ -40,7 +40,8 @@ def kill(task: str, delay: float, why: str, central: str | None, *, descendants:
     scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
     with talking("kill", central) as client:
         handle = find_task(client, task)
-        handle.kill(why, delay=delay, scope=scope)
+        if not handle.kill(why, delay=delay, scope=scope):
+            raise _too_late(handle, "killed")
         click.echo(f"{_whom(handle, scope)}: {_killed(handle, scope, delay)}")
 
 
@@ -80,13 +81,14 @@ def resume(task: str, central: str | None) -> None:
 
 
 def _switch(
-    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskHandle], None]
+    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskHandle], bool]
 ) -> None:
     with talking(verb, central) as client:
         handle = find_task(client, task)
         info = handle.info()
         is_idle = info is not None and is_so(info)
-        switch(handle)
+        if not switch(handle):
+            raise _too_late(handle, "suspended" if verb == "suspend" else "resumed")
         state = "suspended" if verb == "suspend" else "not suspended" if is_idle else "resumed"
         click.echo(f"{handle}: {state}{' already' if is_idle and verb == 'suspend' else ''}")
 
@@ -106,15 +108,16 @@ def raise_failure(task: str, failure: str, text: str, data: str | None, central:
     """
     with talking("raise", central) as client:
         handle = find_task(client, task)
-        handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text))
+        if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
+            raise _too_late(handle, "failed")
         click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
 
 
 @click.command()
 @click.argument("resource")
-@click.option("--module", metavar="NAME", default="", help="Whose resource it is, if several have one of that name.")
+@click.option("--module", metavar="NAME", help="Whose resource it is, if several have one of that name.")
 @central_option
-def unlock(resource: str, module: str, central: str | None) -> None:
+def unlock(resource: str, module: str | None, central: str | None) -> None:
     """Take a lock or reservation of RESOURCE from whoever has it.
 
     Who has it is not told, and may still count on it: look at 'tca modules' first.
@@ -122,6 +125,13 @@ def unlock(resource: str, module: str, central: str | None) -> None:
     with talking("unlock", central) as client:
         was_held = client.unlock(resource, module)
         click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
+
+
+def _too_late(handle: TaskHandle, what: str) -> click.ClickException:
+    """Central has done nothing: between the question and the request the task has ended."""
+    is_over = handle.info() is None
+    state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
+    return click.ClickException(f"{printable(str(handle))} {state}: it can't be {what} any more")
 
 
 def find_task(client: Client, named: str) -> TaskHandle:

@@ -24,7 +24,7 @@ from tca_module.arguments import (
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
 from tca_wire.headers import Answer, Attach, Deadline, Inspect, Keep, Kill, Raise, Remove, Retry, Send, Suspend, WaitFor
@@ -90,7 +90,12 @@ def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], max
 
 
 class TaskHandle(Intervals):
-    """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives."""
+    """A task of the tree: wait for it, kill, suspend or retry it, raise a failure on it, look at its relatives.
+
+    Who steers a task can't know whether it has just ended. What changes it (kill, deadline, fail, retry, suspend,
+    resume) returns when central has done it: True, or False if the task had ended and nothing was done. What promises
+    something for later (on_failure, on_termination, keep) raises Refused ("too late") then.
+    """
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int = 0) -> None:
         super().__init__(task_id)
@@ -147,9 +152,11 @@ class TaskHandle(Intervals):
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
 
-    def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> None:
+    def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
         """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
         and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
+
+        False if the task had ended; one that was killed, and whose handler still runs, has not.
         """
         what = f"killing {self}"
         check_text(what, why=why)
@@ -157,7 +164,7 @@ class TaskHandle(Intervals):
         check_scope(scope)
         if after is not None:
             check_point(after)
-        self._call(Kill(0, self.id, why, scope, after, delay), what)
+        return self._steer(Kill(0, self.id, why, scope, after, delay), what)
 
     def on_termination(self, message: Goal[D] | Command[D, Any], data: D = NOTHING) -> None:
         """Send *message* when the task is killed after it was started: to leave things safe (TDL: ON TERMINATE).
@@ -172,15 +179,17 @@ class TaskHandle(Intervals):
         self._connection.declare(message)
         self._call(Send(0, message.name, self.id, self._origin, when_killed=True), f"on termination of {self}", body)
 
-    def deadline(self, seconds: float, point: Point | None = None) -> None:
+    def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now,
         which are more than 0: for "at once" there are ``fail`` and ``kill``.
+
+        A point that is reached already is in time. False if the point's task had ended, or been killed.
         """
         what = f"a deadline of {self}"
         check_lasting(what, seconds=seconds)
         if point is not None:
             check_point(point)
-        self._call(Deadline(0, point or self.achieving.end, seconds), what)
+        return self._steer(Deadline(0, point or self.achieving.end, seconds), what)
 
     # --- failures --------------------------------------------------------------------------------------------------
 
@@ -191,9 +200,9 @@ class TaskHandle(Intervals):
         at most (None: any number).
 
         Of several on one task the newest is called first; then those of its message, then those of the task above. It
-        gets the failure's data, or none if it is declared without. Raises MisuseError if their types differ, or if it
-        is for any failure and can't do without data. The same *failure* and *handler*, attached once more by this
-        module, take the place of the first.
+        gets the failure's data, or none if it is declared without. Raises MisuseError if it can't take them: it may
+        want the same type, a union with it, or a dataclass with fewer fields; and one for any failure must do without
+        data. The same *failure* and *handler*, attached once more by this module, take the place of the first.
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
@@ -201,15 +210,20 @@ class TaskHandle(Intervals):
             self._connection, self._call(Attach(0, wanted, self.id), f"attaching '{handler.name}' to {self}")
         )
 
-    def fail(self, failure: FailureRaised) -> None:
-        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on."""
+    def fail(self, failure: FailureRaised) -> bool:
+        """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on.
+
+        False if the task had ended, or been killed.
+        """
         check_raised(failure)
         header = Raise(0, self.id, failure.name, failure.text, failure.kinds)
-        self._call(header, f"raising '{failure.name}' on {self}", failure.body)
+        return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
-    def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> None:
+    def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
         """Kill what is under the task, and let it be handled again when that, and the exception handler that asks for
         it, has ended. With *message*, which it is, it gets new *data*.
+
+        False if the task had ended, or been killed.
         """
         if message is not None:
             check_message(message)
@@ -220,30 +234,41 @@ class TaskHandle(Intervals):
             msg = f"{self} can't be retried with data of '{message.name}'"
             raise MisuseError(msg)
         body = message.encode_data(data) if message is not None else b""
-        self._call(Retry(0, self.id, message is not None), f"a retry of {self}", body)
+        return self._steer(Retry(0, self.id, message is not None), f"a retry of {self}", body)
 
     # --- suspending ------------------------------------------------------------------------------------------------
 
-    def suspend(self) -> None:
-        """Start nothing of the task and what is under it from now on; handlers that run are told."""
-        self._call(Suspend(0, self.id), f"suspending {self}")
+    def suspend(self) -> bool:
+        """Start nothing of the task and what is under it from now on; handlers that run are told. False if the task had
+        ended.
+        """
+        return self._steer(Suspend(0, self.id), f"suspending {self}")
 
-    def resume(self) -> None:
-        """Let it go on."""
-        self._call(Suspend(0, self.id, resume=True), f"resuming {self}")
+    def resume(self) -> bool:
+        """Let it go on, also one that was not suspended. False if the task had ended."""
+        return self._steer(Suspend(0, self.id, resume=True), f"resuming {self}")
 
     # --- what is remembered ----------------------------------------------------------------------------------------
 
     def keep(self) -> None:
-        """Have the task remembered after its end: data, outcome and place in the tree (TCM: SetPersistence).
+        """Have the task remembered after its end (TCM: SetPersistence; TDL: PERSISTENT).
 
-        Until ``release()``, until this module leaves, or until the task above it ends without being kept. Each module
-        keeps for itself. Raises Refused if it has ended already, or too many are kept.
+        What is kept: its message, its data, its outcome with the result or the failure's text and data, and what it
+        hung under; not its constraints, and not the tasks under it, each of which is kept for itself. So ``info()``,
+        ``data()``, ``wait()`` and ``parent()`` go on to answer, and ``kept()`` of the task above lists it.
+
+        Until when: until ``release()`` or until this module leaves (each module keeps for itself, twice is once); at
+        the latest until the task above it ends without being kept, or is forgotten. A top-level task has none above.
+
+        What it costs: nothing per event; in central's memory the bytes of data, result and failure, from the end on.
+        At most 10 000 tasks may be kept by all modules together, living ones too. Raises Refused ("overload") for one
+        more, and ("too late") if the task has ended already. Of records that hold more than 64 MiB the oldest are
+        forgotten, with all under them.
         """
         self._call(Keep(0, self.id), f"keeping {self}")
 
     def release(self) -> None:
-        """Have it remembered no longer, as far as this module is concerned."""
+        """Have it remembered no longer, as far as this module is concerned; nothing happens if it was not kept."""
         self._call(Keep(0, self.id, release=True), f"releasing {self}")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
@@ -295,6 +320,10 @@ class TaskHandle(Intervals):
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             info = TaskInfo(*(row[key] for key in _ROW))
             yield info, TaskHandle(self._connection, info.message, info.id, self._origin)
+
+    def _steer(self, header: Any, what: str, body: bytes = b"") -> bool:
+        """Whether it was done: central accepts with id 0 where it changed nothing."""
+        return bool(self._call(header, what, body))
 
     def _call(self, header: Any, what: str, body: bytes = b"") -> int:
         self._check_epoch()

@@ -13,7 +13,8 @@ import msgspec
 
 from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, Query
 from tca_wire.errors import BadFormat
-from tca_wire.formats import NIL, NO_DATA, alternatives, first_misfit, schema_text
+from tca_wire.fitting import alternatives, first_misfit
+from tca_wire.formats import NIL, NO_DATA, schema_text
 from tca_wire.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass
 
@@ -75,20 +76,11 @@ _NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_t
 class _Conditional(Monitor[D]):
     """A monitor that asks a query: None and False say that the condition does not hold; any other reply is the data of
     the action, except True, for which the action gets the monitor's own data. A part that is declared without data gets
-    none. Raises BadFormat for one that can't take what it would get.
+    none. Raises BadFormat for one that can't take what it would get. The subclasses say what they are made of, so that
+    Python's errors name them.
     """
 
-    @overload
-    def __init__(
-        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
-    ) -> None: ...
-    @overload
-    def __init__(
-        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
-    ) -> None: ...
-    def __init__(
-        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
-    ) -> None:
+    def __init__(self, name: str, data: Any, condition: Query[Any, Any], action: Action | None) -> None:
         super().__init__(name, data, [condition, action])
         self._check("condition", condition, (Query,))
         self._check("action", action, _OPTIONAL)
@@ -105,11 +97,37 @@ class PointMonitor(_Conditional[D]):
 
     message_class = MessageClass.POINT_MONITOR
 
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
+        super().__init__(name, data, condition, action)
+
 
 class PollingMonitor(_Conditional[D]):
     """Tests its condition every period (TCA 8.5: RegisterPollingMonitor)."""
 
     message_class = MessageClass.POLLING_MONITOR
+
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
+        super().__init__(name, data, condition, action)
 
 
 class DemonMonitor(Monitor[D]):

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar, overload
 
 from tca_wire.errors import BadData, BadFormat
+from tca_wire.fitting import first_misfit
 from tca_wire.formats import Format
 from tca_wire.parts import MessageFormat
 from tca_wire.vocabulary import Limit, MessageClass
@@ -203,7 +204,7 @@ class Failure(Generic[D]):
     """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``.
 
     Of a failure that is a *kind_of* another the exception handlers of that other one take care, too. They get its data:
-    so these must be of the same type as the other one's, unless that has none. Raises BadFormat if not.
+    so these must be of the same type as the other one's, or fit it, unless that has none. Raises BadFormat if not.
     """
 
     @overload
@@ -225,11 +226,12 @@ class Failure(Generic[D]):
         if kind_of is not None and not isinstance(kind_of, Failure):
             msg = f"failure '{self.name}' can't be a kind of {kind_of!r:.60}: give the declaration of a Failure"
             raise BadFormat(msg)
-        if kind_of is None or kind_of.data.kind is type(None) or kind_of.data.schema == self.data.schema:
+        if kind_of is None or kind_of.data.kind is type(None):
             return
-        msg = f"failure '{self.name}' has data of type {self.data}, and '{kind_of.name}', of which it is a kind, \
-{kind_of.data}, which its exception handlers want: declare both with the same type, or '{kind_of.name}' without data"
-        raise BadFormat(msg)
+        if misfit := first_misfit(self.data.schema, kind_of.data.schema):
+            text = f"failure '{self.name}' has data of type {self.data}, and '{kind_of.name}', of which it is a kind,"
+            advice = f"declare both with the same type, or '{kind_of.name}' without data ({misfit})"
+            raise BadFormat(f"{text} {kind_of.data}, which its exception handlers want: {advice}")
 
     def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":
         """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is none."""

@@ -3,15 +3,39 @@
 A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every message accepted by
 central has an *id* from one counter; a goal's or command's id is its task. A *delivery* is one message on its way to
 one handler; its id is the message's own, except that each receiver of a broadcast or multi-query has one of its own.
+What failures, wiretaps and monitors leave in the journal is in facts_of_watching.py.
 """
 
 import msgspec
 
 from tca_wire.constraints import Constraint
-from tca_wire.points import ROOT, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Role
+from tca_wire.facts_of_watching import (
+    Attached,
+    Caught,
+    Failed,
+    MonitorEnded,
+    MonitorTested,
+    Recovered,
+    Reissued,
+    Removed,
+    Retried,
+    TapAdded,
+    TapFired,
+    Unhandled,
+)  # fmt: skip
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
+
+__all__ = [
+    "JOURNAL_VERSION", "Answered", "Attached", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
+    "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly", "HandlerAdded",
+    "HandlerRemoved", "Ignored", "Kept", "Killed", "LostDirectly", "ModuleJoined", "ModuleLeft", "MonitorEnded",
+    "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued", "Released", "Removed",
+    "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed", "TapAdded", "TapFired",
+    "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
+]  # fmt: skip
 
 
 class _Fact(msgspec.Struct, frozen=True, array_like=True):
@@ -149,108 +173,11 @@ class Reached(_Fact, frozen=True, tag="reached"):
     moments: int
 
 
-class Failed(_Fact, frozen=True, tag="failed"):
-    """A failure was raised on a task or message. Of a module that was lost no handler returns: this ends its part; but
-    a failure that is raised *beside* the handler changes nothing for the one that has the task.
-    """
-
-    id: int
-    failure: str
-    text: str
-    is_beside: bool = False
-
-
 class Killed(_Fact, frozen=True, tag="killed"):
     """A task was killed. It ends when its handler, if one runs, has returned."""
 
     task: TaskId
     why: str
-
-
-class Attached(_Fact, frozen=True, tag="attached"):
-    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a message."""
-
-    id: int
-    failure: str
-    handler: str
-    task: TaskId
-    message: str
-    maximum: int
-
-
-class Removed(_Fact, frozen=True, tag="removed"):
-    """An exception handler or wiretap was taken away."""
-
-    id: int
-
-
-class TapAdded(_Fact, frozen=True, tag="tap"):
-    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task."""
-
-    id: int
-    condition: Condition
-    listener: str
-    message: str
-    task: TaskId
-
-
-class TapFired(_Fact, frozen=True, tag="tapped"):
-    """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was sent)."""
-
-    tap: int
-    tapped: int
-    listener: int
-
-
-class MonitorTested(_Fact, frozen=True, tag="tested"):
-    """The condition of a monitor was asked; whether it holds."""
-
-    monitor: TaskId
-    holds: bool
-
-
-class MonitorEnded(_Fact, frozen=True, tag="monitor ended"):
-    """A monitor watches no longer."""
-
-    monitor: TaskId
-    why: str
-
-
-class Caught(_Fact, frozen=True, tag="caught"):
-    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment* of task *at*."""
-
-    task: TaskId
-    handler: TaskId
-    at: TaskId
-    attachment: int
-
-
-class Reissued(_Fact, frozen=True, tag="reissued"):
-    """An exception handler could not deal with its failure; the search goes on."""
-
-    handler: TaskId
-
-
-class Unhandled(_Fact, frozen=True, tag="unhandled"):
-    """No exception handler was found for the failure of a task: its top-level task is killed, or *undecided*."""
-
-    task: TaskId
-    undecided: TaskId = ROOT
-    """The exception handler that could not decide because of it: it is killed, and the search for the failure that it
-    was called for goes on after it."""
-
-
-class Recovered(_Fact, frozen=True, tag="recovered"):
-    """The failure of a task has been dealt with; the task counts as handled."""
-
-    task: TaskId
-
-
-class Retried(_Fact, frozen=True, tag="retried"):
-    """A task will be handled again when all under it has ended, with the body as its data if there is one."""
-
-    task: TaskId
-    body: bytes
 
 
 class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):

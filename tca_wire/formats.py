@@ -146,25 +146,6 @@ def first_difference(one: str, other: str) -> str | None:
         return "$: one of the two is no JSON Schema"
 
 
-def first_misfit(sent: str, wanted: str) -> str | None:
-    """Which values of the format *sent* are none of the format *wanted*, as ``first_difference`` says it ("here" is
-    what is wanted); None if all are, as far as formats tell: of anything it may be.
-    """
-    for one in alternatives(sent):
-        found = [first_difference(other, one) if "{}" not in (one, other) else None for other in alternatives(wanted)]
-        if None not in found:
-            return found[0]
-    return None
-
-
-def alternatives(schema: str) -> list[str]:
-    """The schemas of which a value must fit one: several where a type is a union."""
-    whole = json.loads(schema)
-    shared = {name: whole[name] for name in ("$defs",) if name in whole}
-    texts = [(one, json.dumps(one)) for one in whole.get("anyOf", [whole])]
-    return [json.dumps(one | shared) if "$ref" in text else text for one, text in texts]
-
-
 class _Comparison:
     """Walks two schemas side by side, following references; recursive types end where a pair is met again."""
 

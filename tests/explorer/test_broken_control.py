@@ -21,6 +21,7 @@ from tca_explorer import (
     Scenario,
     Script,
     Seen,
+    Task,
     World,
     achieved,
     at_most_in_all,
@@ -146,8 +147,11 @@ def once(*properties: Any, retries: bool = True) -> Scenario:
     """An exception handler that is called once, however often the step slips."""
     scenario = Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
     scenario.module("legs").handles(STEP)(slips)
-    higher = (lambda task: task.trouble.failing.retry()) if retries else (lambda _: None)
-    scenario.module("expert").handles(HIGHER)(higher)
+
+    @scenario.module("expert").handles(HIGHER)
+    def higher(task: Task) -> None:
+        if retries:
+            task.trouble.failing.retry()
 
     @scenario.module("user").does
     def story(me: Script) -> None:

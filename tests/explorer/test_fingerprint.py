@@ -83,11 +83,15 @@ def killing() -> Scenario:
     return scenario
 
 
+def tries_again(task: Task) -> None:
+    task.trouble.failing.retry()
+
+
 def watched() -> Scenario:
     """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits that end in time."""
     scenario = Scenario("watched")
     planner, feet = scenario.module("planner"), scenario.module("legs", may_be_lost=1, comes_back=True)
-    scenario.module("expert").handles(HIGHER)(lambda task: task.trouble.failing.retry())
+    scenario.module("expert").handles(HIGHER)(tries_again)
     scenario.module("safety", capacity=2).handles(CHECK)(lambda _: None)
     scenario.module("battery").handles(IS_LOW)(lambda task: task.choose(False, True))
     scenario.module("dock").handles(RECHARGE)(lambda _: None)

@@ -255,6 +255,8 @@ def test_a_lock_of_what_is_there_is_good() -> None:
             "pending= of 'note' in module 'm' can't be 0: 1 or",
         ),
         (lambda: Scenario("s").module("m").handles(NOTE, pool=1), "pool= of 'note' in module 'm' can't be 1"),  # type: ignore[arg-type]
+        (lambda: Scenario("s").module("m").handles(NOTE, pool=""), "pool= of 'note' in module 'm' can't be ''"),
+        (lambda: Scenario("s").module("m").handles(NOTE, resource=""), "resource= of 'note' in module 'm' can't be ''"),
         (
             lambda: Scenario("s").module("m").handles(NOTE, direct=True),
             "direct=True of 'note' in module 'm' is not explo",

@@ -150,7 +150,10 @@ def test_a_retried_task_is_never_handled_twice_at_once() -> None:
 def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
     scenario = Scenario("raised from outside")
     scenario.module("legs").handles(STEP)(lambda _: None)
-    scenario.module("expert").handles(HIGHER)(lambda task: task.trouble.failing.kill())
+
+    @scenario.module("expert").handles(HIGHER)
+    def higher(task: Task) -> None:
+        task.trouble.failing.kill()
 
     @scenario.module("user").does
     def story(me: Script) -> None:

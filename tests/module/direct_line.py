@@ -6,7 +6,7 @@ from collections import deque
 from tca_module.direct_inbox import Inbox
 from tca_module.direct_path import Path
 from tca_module.notes import Notes
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire.headers import Reply, Send
 from tca_wire.routes import Entrance
 

@@ -229,19 +229,6 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
-def test_what_comes_too_late_for_a_task_is_no_error(robot: tuple[Robot, Client]) -> None:
-    _, user = robot
-    ref = user.command(MOVE, 0.5)
-    ref.result(timeout=5)
-    ref.suspend()
-    ref.resume()
-    ref.fail(COLLISION(0.1))
-    ref.retry()
-    ref.deadline(1.0)
-    ref.kill()
-    assert ref.result(timeout=5) == 0.5
-
-
 def test_monitors_listen_to_wiretaps(robot: tuple[Robot, Client]) -> None:
     them, user = robot
     asked = threading.Semaphore(0)

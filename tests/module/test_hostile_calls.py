@@ -70,9 +70,9 @@ CALLS: dict[str, dict[str, Any]] = {
     "set_variable": {"variable": HEAT, "value": 1.0, "wait": True},
     "get_variable": {"variable": HEAT, "default": None},
     "swap_variable": {"variable": HEAT, "value": 1.0},
-    "lock": {"resource": "legs", "module": "", "timeout": SOON, "priority": 0},
-    "reserve": {"resource": "legs", "module": "", "timeout": SOON, "priority": 0},
-    "unlock": {"resource": "legs", "module": ""},
+    "lock": {"resource": "legs", "module": None, "timeout": SOON, "priority": 0},
+    "reserve": {"resource": "legs", "module": None, "timeout": SOON, "priority": 0},
+    "unlock": {"resource": "legs", "module": None},
     "handlers": {"message": SAY},
     "declared": {"name": "say"},
     "status": {"topic": "status", "timeout": SOON},
@@ -208,3 +208,57 @@ def test_what_cannot_be_handled(legs: Module) -> None:
         legs.handles(REST)(5)  # type: ignore[call-overload]
     with pytest.raises(MisuseError, match="'' is no resource name: 1 to 128 printable characters are"):
         legs.resource("")
+
+
+NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)
+
+
+@pytest.mark.parametrize("wrong", NO_NAMES)
+def test_what_is_no_name_does_not_count_as_none_given(legs: Module, user: Client, wrong: Any) -> None:
+    idle = Module("idle", legs.central)
+    calls: list[tuple[str, Callable[[], object]]] = [
+        ("resource", lambda: idle.handles(REST, resource=wrong)),
+        ("pool", lambda: idle.handles(REST, pool=wrong)),
+        ("resource", lambda: idle.every(1.0, resource=wrong)),
+        ("resource", lambda: idle.after(1.0, nothing, resource=wrong)),
+        ("resource", lambda: idle.on_readable(0, nothing, resource=wrong)),
+        ("module", lambda: user.lock("legs", wrong, timeout=0)),
+        ("module", lambda: user.reserve("legs", module=wrong, timeout=0)),
+        ("module", lambda: user.unlock("legs", wrong)),
+    ]
+    for option, call in calls:
+        with pytest.raises(MisuseError) as refused:
+            call()
+        assert f"{option}={wrong!r} is no name: give 1 to 128 printable characters, or None" in str(refused.value)
+
+
+@pytest.mark.parametrize("wrong", NO_NAMES)
+def test_a_resource_that_must_be_named_is(user: Client, wrong: Any) -> None:
+    for call in (user.lock, user.reserve, user.unlock):
+        with pytest.raises(MisuseError, match="is no resource name: 1 to 128 printable characters are"):
+            call(wrong)
+
+
+@pytest.mark.parametrize("wrong", [0, [], "", False])
+def test_nor_do_other_things_that_are_none(central: LocalCentral, user: Client, wrong: Any) -> None:
+    for call in (lambda: connect("user", wrong), lambda: Module("legs", wrong)):
+        with pytest.raises(MisuseError, match="is no address: give one such as"):
+            call()
+    for ask in (user.tasks, user.command(REST).children):
+        with pytest.raises(MisuseError, match="give the declaration, its name, or None for all"):
+            ask(wrong)
+    if wrong != []:
+        with pytest.raises(MisuseError, match="can't require"):
+            Module("legs", central, requires=wrong)
+
+
+def test_none_is_none_given(central: LocalCentral, user: Client) -> None:
+    """A program that passes its own options on need not leave them out."""
+    arms = Module("arms", central)
+    arms.handles(Command("grip"), resource=None, pool=None)(nothing)
+    arms.every(60.0, resource=None)(nothing)
+    with arms.running():
+        with user.lock("arms", None):
+            pass
+        assert not user.unlock("arms", None)
+        assert user.tasks(None) == []

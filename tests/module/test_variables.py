@@ -8,7 +8,8 @@ import pytest
 from module.gait_messages import POSITION, Arc
 
 from tca_module import BadData, Client, MisuseError, Module, Task, Variable, VariableNotSet, connect
-from tca_module.session import Session, refers_to_tasks
+from tca_module.request import refers_to_tasks
+from tca_module.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire import headers
 from tca_wire.facts import Received

@@ -12,7 +12,7 @@ from tca_module import direct_path
 from tca_module.direct_inbox import MOST_SENDERS
 from tca_module.direct_path import MOST_UNDER_WAY
 from tca_module.notes import FAR
-from tca_module.session import Request
+from tca_module.request import Request
 from tca_wire.codec import pack_item
 from tca_wire.direct import Direct, Greet, unpack_from_entrance
 from tca_wire.headers import PROTOCOL_VERSION, Fail, Refused, Reply, Send, Unknown

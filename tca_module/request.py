@@ -1,0 +1,88 @@
+"""What a connection asks of central: one request and what came back, and what kinds of requests there are.
+
+Knows no socket, clock or thread, and nothing of the other requests: they are kept by session.py.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from tca_module.errors import MisuseError
+from tca_wire import headers
+from tca_wire.codec import misfit
+from tca_wire.headers import Register, Send, SetVariable, ToCentral
+
+_HARMLESS = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
+"""What changes nothing that a second time could change again."""
+
+_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
+"""What central answers when others have done something."""
+
+_WITHOUT_TASKS = (
+    Register
+    | headers.Unregister
+    | headers.Ask
+    | headers.GetVariable
+    | SetVariable
+    | headers.WaitUntilHandled
+    | headers.Unlock
+)
+"""What any central understands, whatever it remembers."""
+
+
+class Request:
+    """A numbered request and what has come back.
+
+    It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
+    was refused (*refused*), or it was lost with central's memory (*lost* says how). A query is accepted with id 0 if it
+    was to be sent only if somebody handles it, and nobody does.
+    """
+
+    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path", "refused",
+                 "repeated", "wants_answer", "was_sent")  # fmt: skip
+
+    def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
+        self.header = header
+        self.body = body
+        self.wants_answer = wants_answer  #: Accepted is not the end of it
+        self.was_sent = False  #: central may have got it
+        self.repeated = False  #: was sent more than once
+        self.is_over = False
+        self.accepted: int | None = None  #: the id of the task or message that it became
+        self.answers: deque[tuple[headers.Answer, bytes]] = deque()
+        self.refused: headers.Refused | None = None
+        self.lost = ""
+        self.path: Any = None  #: the way that it went directly, under that way's *number*
+        self.number = 0
+        self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
+
+
+def may_be_asked_again(header: Any) -> bool:
+    """Whether a request can be made twice without harm, where nobody knows what became of the first."""
+    return isinstance(header, _HARMLESS)
+
+
+def waits_for_others(header: Any) -> bool:
+    """Whether central answers a request only when others have done something."""
+    return isinstance(header, _WAITS_FOR_OTHERS)
+
+
+def refers_to_tasks(header: Any) -> bool:
+    """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
+    if isinstance(header, Send):
+        return bool(header.parent or header.origin or header.constraints)
+    if isinstance(header, headers.Lock):
+        return bool(header.origin)
+    return not isinstance(header, _WITHOUT_TASKS)
+
+
+def check_fields(header: ToCentral) -> None:
+    """Raise MisuseError for a wrong type in an option: central could not even say whom it answers."""
+    try:
+        wrong = misfit(header)
+    except UnicodeEncodeError as error:
+        msg = f"{error.object!r:.60} is no text that can be sent"
+        raise MisuseError(msg) from None
+    if wrong:
+        msg = f"what was given can't be sent: {wrong}"
+        raise MisuseError(msg)

@@ -1,0 +1,262 @@
+"""What the formats say of which data fit is what happens when the data come."""
+
+import itertools
+import json
+import uuid
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Annotated, Any, Literal, NamedTuple, TypedDict
+
+import msgspec
+import numpy as np
+import pytest
+
+from tca_wire.errors import BadData
+from tca_wire.fitting import first_misfit
+from tca_wire.formats import Format, schema_text
+
+
+class Side(Enum):
+    LEFT = "left"
+    RIGHT = "right"
+
+
+class Gait(IntEnum):
+    TRIPOD = 1
+    WAVE = 2
+
+
+@dataclass
+class Contact:
+    leg: int
+    height: float
+
+
+@dataclass
+class Scraped(Contact):
+    """A subclass with a field more."""
+
+    side: Side
+
+
+@dataclass
+class Touch:
+    """Another name, the same fields."""
+
+    leg: int
+    height: float
+
+
+@dataclass
+class Nested:
+    contact: Contact
+    before: list[Contact]
+
+
+@dataclass
+class NestedScraped:
+    contact: Scraped
+    before: list[Scraped]
+
+
+@dataclass
+class Named:
+    leg: str
+    height: float
+
+
+class Exact(msgspec.Struct, forbid_unknown_fields=True):
+    leg: int
+    height: float
+
+
+class Slip(msgspec.Struct, tag="slip"):
+    by: float
+
+
+class Fall(msgspec.Struct, tag="fall"):
+    height: float
+
+
+class Pair(NamedTuple):
+    leg: int
+    height: float
+
+
+class Row(msgspec.Struct, array_like=True):
+    leg: int
+    height: float
+
+
+class Sparse(TypedDict, total=False):
+    leg: int
+
+
+class Leg(msgspec.Struct):
+    leg: int
+
+
+@dataclass
+class Tree:
+    value: int
+    children: "list[Tree]"
+
+
+@dataclass
+class Branch:
+    value: float
+    children: "list[Branch]"
+    tag: str | None = None
+
+
+@dataclass
+class TextTree:
+    value: str
+    children: "list[TextTree]"
+
+
+CONTACT, SCRAPED = Contact(1, 0.5), Scraped(2, 0.25, Side.LEFT)
+
+# Of each type a value for each of its alternatives; so what fits all of these fits the type.
+TYPES: list[tuple[Any, list[Any]]] = [
+    (None, [None]),
+    (int, [1, -50, 50]),
+    (float, [0.5]),
+    (bool, [True]),
+    (str, ["rock"]),
+    (bytes, [b"rock"]),
+    (uuid.UUID, [uuid.UUID(int=7)]),
+    (int | None, [1, -50, 50, None]),
+    (float | None, [0.5, None]),
+    (int | str, [1, -50, "rock"]),
+    (int | str | None, [1, "rock", None]),
+    (Side, [Side.LEFT, Side.RIGHT]),
+    (Gait, [Gait.TRIPOD, Gait.WAVE]),
+    (Literal["left"], ["left"]),
+    (Literal["left", 1], ["left", 1]),
+    (Literal["left", "right", "both"], ["left", "right", "both"]),
+    (Literal["left", "up"] | float, ["left", "up", 0.5]),
+    (Annotated[int, msgspec.Meta(ge=0)], [0, 50]),
+    (Annotated[int, msgspec.Meta(ge=-7, le=9)], [-7, 9]),
+    (Annotated[str, msgspec.Meta(min_length=50)], ["rock" * 20]),
+    (Contact, [CONTACT]),
+    (Scraped, [SCRAPED]),
+    (Touch, [Touch(1, 0.5)]),
+    (Named, [Named("one", 0.5)]),
+    (Exact, [Exact(1, 0.5)]),
+    (Contact | None, [CONTACT, None]),
+    (Scraped | None, [SCRAPED, None]),
+    (Slip | Fall, [Slip(0.1), Fall(2.0)]),
+    (Fall, [Fall(2.0)]),
+    (Nested, [Nested(CONTACT, [CONTACT])]),
+    (NestedScraped, [NestedScraped(SCRAPED, [SCRAPED])]),
+    (Tree, [Tree(1, [Tree(2, [])])]),
+    (Branch, [Branch(0.5, [Branch(1.5, [], "twig")])]),
+    (TextTree, [TextTree("a", [])]),
+    (Sparse, [{}, {"leg": 1}]),
+    (dict[str, int], [{"hip": 1}, {"leg": 1}, {}]),
+    (dict[str, float | None], [{"hip": 0.5}, {"leg": None}, {}]),
+    (list[int], [[], [1], [1, 2, 3]]),
+    (list[float], [[], [0.5], [1.5, 2.5, 3.5]]),
+    (list[int | None], [[], [None], [1, None, 3]]),
+    (set[int], [set(), {1, 2, 3}]),
+    (tuple[int, float], [(1, 0.5)]),
+    (tuple[int, str], [(1, "rock")]),
+    (tuple[int, ...], [(), (1,), (1, 2, 3)]),
+    (tuple[int, int], [(1, 2)]),
+    (Pair, [Pair(1, 0.5)]),
+    (Row, [Row(1, 0.5)]),
+    (list[Contact], [[CONTACT]]),
+    (list[Scraped], [[SCRAPED], []]),
+    (list[Contact | None], [[CONTACT], [None]]),
+    (np.ndarray, [np.zeros(3)]),
+]  # fmt: skip
+
+
+def reads(values: list[Any], sent: Any, wanted: Any) -> bool:
+    """Whether all these can be read, as when a message is delivered."""
+    try:
+        for value in values:
+            Format[Any](wanted).decode(Format[Any](sent).encode(value))
+    except BadData:
+        return False
+    return True
+
+
+def kind(one: Any) -> Any:
+    return type(None) if one is None else one
+
+
+@pytest.mark.parametrize(("sent", "values"), TYPES, ids=str)
+def test_what_fits_by_its_format_can_be_read_and_nothing_else(sent: Any, values: list[Any]) -> None:
+    for wanted, _ in TYPES:
+        if wanted is Fall and sent is not Fall:
+            continue  # its tag is made up where none comes, and what has one is declared with it
+        misfit = first_misfit(schema_text(kind(sent)), schema_text(kind(wanted)))
+        assert (misfit is None) == reads(values, kind(sent), kind(wanted)), f"{sent} to {wanted}: {misfit}"
+
+
+@pytest.mark.parametrize(("one", "_values"), TYPES, ids=str)
+def test_of_anything_nobody_can_tell_and_anything_takes_all(one: Any, _values: list[Any]) -> None:
+    for each in itertools.permutations((schema_text(kind(one)), schema_text(Any))):
+        assert first_misfit(*each) is None
+    assert first_misfit(schema_text(list[Any]), schema_text(list[int])) is None
+    assert first_misfit(schema_text(dict[str, Any]), schema_text(dict[str, int])) is None
+
+
+@pytest.mark.parametrize(
+    ("sent", "wanted", "misfit"),
+    [
+        (str, int, "$: integer here, string there"),
+        (None, int, "$: integer here, null there"),
+        (int | None, int, "$: integer here, null there"),
+        (str, int | None, "$: integer or null here, string there"),
+        (Contact, Scraped, "$.side: a field here, none there"),
+        (Scraped, Exact, "$.side: no field here, one there"),
+        (Contact, Named, "$.leg: string here, integer there"),
+        (Nested, NestedScraped, "$.before[...].side: a field here, none there"),
+        (Tree, TextTree, "$.value: string here, integer there"),
+        (Sparse, dict[str, str], "$.leg: string here, integer there"),
+        (dict[str, int], dict[str, str], "$[...]: string here, integer there"),
+        (dict[str, int], Contact, "$.height: a field here, none there"),
+        (list[float], list[int], "$[...]: integer here, number there"),
+        (list[int], tuple[int, int], "$: minItems 2 here, 0 there"),
+        (tuple[int, str], tuple[int, float], "$[...]: number here, string there"),
+        (int, Annotated[int, msgspec.Meta(ge=0)], "$: minimum 0 here, none there"),
+        (Literal["left", "up"], Side, '$: one of "left", "right" here, one of "up" there'),
+    ],
+)
+def test_a_misfit_says_where_and_what_is_wanted(sent: Any, wanted: Any, misfit: str) -> None:
+    assert first_misfit(schema_text(kind(sent)), schema_text(kind(wanted))) == misfit
+
+
+def test_what_may_be_left_out_does_not_fit_where_it_is_needed() -> None:
+    """Whether it is left out a format does not tell: of a dataclass with a default it never is."""
+    assert first_misfit(schema_text(Sparse), schema_text(Leg)) == "$.leg: required here, optional there"
+
+
+def a_type(**fields: str) -> dict[str, Any]:
+    of = {name: {"$ref": f"#/$defs/{kind}"} if kind.isupper() else {"type": kind} for name, kind in fields.items()}
+    return {"type": "object", "properties": of, "required": list(fields)}
+
+
+def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believed_in_the_next() -> None:
+    """U fits V if T fits X, which it does not: so T does not fit W either."""
+    sent = {"$ref": "#/$defs/T", "$defs": {"T": a_type(a="U", z="string"), "U": a_type(b="T")}}
+    defs: dict[str, Any] = {"X": a_type(a="V", z="integer"), "V": a_type(b="X"), "W": a_type(a="V", z="string")}
+    for names in itertools.permutations("XW"):
+        wanted = {"anyOf": [{"$ref": f"#/$defs/{name}"} for name in names], "$defs": defs}
+        assert first_misfit(json.dumps(sent), json.dumps(wanted)) == "$: X or W here, object there".replace(
+            "X or W", " or ".join(names)
+        )
+    defs["V"] = a_type(b="W")
+    assert first_misfit(json.dumps(sent), json.dumps({"$ref": "#/$defs/W", "$defs": defs})) is None
+
+
+@pytest.mark.parametrize(
+    "nonsense", ["", "{", "5", "[]", '{"anyOf":5}', '{"$ref":"#/$defs/A"}', '{"type":"array","prefixItems":5}']
+)
+def test_no_text_at_all_breaks_the_comparison(nonsense: str) -> None:
+    for other in (schema_text(tuple[int, int]), '{"items":' * 2000 + "1" + "}" * 2000):
+        for one in itertools.permutations((nonsense, other)):
+            first_misfit(*one)
