@@ -3,7 +3,7 @@
 from tca_tools.check.asking import must_answer
 from tca_tools.check.births import not_startable
 from tca_tools.check.failing import failed as failed_task
-from tca_tools.check.records import START_ACHIEVING, START_HANDLING, START_PLANNING, Item, Place
+from tca_tools.check.records import Item, Place
 from tca_tools.check.rules import (
     ANSWERED,
     CAPACITY,
@@ -22,6 +22,7 @@ from tca_tools.check.rules import (
 from tca_tools.check.taps import answered as condition_answered
 from tca_tools.check.world import World, said
 from tca_wire import facts
+from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 
