@@ -203,13 +203,13 @@ class Log:
         """The entries of a segment, until another run, or the same anew, begins in it."""
         for entry in reader:
             facts = entry.facts
-            if facts and isinstance(facts[0], Opened) and self._is_another(facts[0], reader, segment):
+            if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
                 return
-            self._has_entries = True
             yield entry
 
     def _is_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
         """Whether, in the midst of a file, something begins that does not go on with what comes before it."""
+        self._has_entries = True  # each segment begins so
         last = self._opened if reader.offset else None
         if last is None or (opened.epoch == last.epoch and opened.segment > last.segment):
             self._opened = opened
