@@ -30,7 +30,8 @@ def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterato
     yield ""
     for sentence in story(past, number):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
-        yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text, width)
+        so_far = f", {past.time - sentence.time:.3f} s so far" if sentence.is_open else ""
+        yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
     chain = failure_chain(past, number)
     if chain:
         yield ""
