@@ -5,6 +5,8 @@ central has an *id* from one counter; a goal's or command's id is its task. A *d
 one handler; its id is the message's own, except that each receiver of a broadcast or multi-query has one of its own.
 """
 
+from typing import Annotated
+
 import msgspec
 
 from tca_wire.constraints import Constraint
@@ -12,6 +14,9 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
+
+LONGEST_TIME = 1e12
+"""Seconds: an entry that claims to be later than that, 30 000 years after its run began, is none."""
 
 
 class _Fact(msgspec.Struct, frozen=True, array_like=True):
@@ -388,7 +393,7 @@ class Entry(msgspec.Struct, frozen=True, array_like=True):
     """All facts that one event caused. *time* is in seconds since the epoch began, on a clock that never jumps."""
 
     number: int
-    time: float
+    time: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
     facts: list[Fact]
 
 
