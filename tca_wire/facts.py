@@ -14,9 +14,7 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
-
-LONGEST_TIME = 1e12
-"""Seconds: an entry that claims to be later than that, 30 000 years after its run began, is none."""
+LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 
 
 class _Fact(msgspec.Struct, frozen=True, array_like=True):
