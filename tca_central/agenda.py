@@ -14,16 +14,10 @@ from tca_central.clock import Clock
 from tca_central.errors import RequestError
 from tca_central.holds import Holds, Release, from_flags, is_held, resolve
 from tca_central.intervals import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
     KILLED,
     MUST_FOLLOW_IN_COMMAND,
     MUST_FOLLOW_IN_GOAL,
     REACHED_AT_BIRTH_BY_COMMAND,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
     STARTS,
     STARTS_OF_COMMAND,
     STARTS_OF_GOAL,
@@ -33,7 +27,16 @@ from tca_central.registry import Delivery, Tap
 from tca_central.task_tree import Task, TaskTree, taps_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Killed, Reached, TimedOut
-from tca_wire.points import ALL_MOMENTS, TaskId
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    TaskId,
+)
 
 
 class Agenda:

@@ -8,17 +8,9 @@ order within a task, and the parent/child rules: a parent starts before, and end
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from tca_central.intervals import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-    predecessors_within,
-    successors_within,
-)
+from tca_central.intervals import predecessors_within, successors_within
 from tca_central.task_tree import Task, TaskTree
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
 
 
 class Place(NamedTuple):

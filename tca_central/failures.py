@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from tca_central import claims
 from tca_central.errors import RequestError
-from tca_central.intervals import KILLED, START_HANDLING
+from tca_central.intervals import KILLED
 from tca_central.making import make_task, suspend
 from tca_central.registry import Attached, Connection
 from tca_central.state import Failure, Recovery, State
@@ -22,7 +22,7 @@ from tca_central.watching import stop
 from tca_wire import facts, headers
 from tca_wire.failures import NOT_BY_CHOICE
 from tca_wire.headers import Accepted, Cancelled
-from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
+from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
 from tca_wire.vocabulary import Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384

@@ -10,15 +10,7 @@ from typing import NamedTuple
 from tca_central.clock import Clock, Due, checked_seconds
 from tca_central.cycles import Place, find_path
 from tca_central.errors import RequestError
-from tca_central.intervals import (
-    END_HANDLING,
-    SINGLE_MOMENTS,
-    START_ACHIEVING,
-    START_PLANNING,
-    STARTS,
-    comes_after,
-    unified,
-)
+from tca_central.intervals import SINGLE_MOMENTS, STARTS, comes_after, unified
 from tca_central.task_tree import Task, TaskTree
 from tca_wire.constraints import (
     Constraint,
@@ -29,7 +21,17 @@ from tca_wire.constraints import (
     sequential_planning,
 )
 from tca_wire.facts import Constrained
-from tca_wire.points import ALL_MOMENTS, ROOT, THIS, Moment, Point, TaskId
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_HANDLING,
+    ROOT,
+    START_ACHIEVING,
+    START_PLANNING,
+    THIS,
+    Moment,
+    Point,
+    TaskId,
+)
 from tca_wire.vocabulary import Refusal
 
 _SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)

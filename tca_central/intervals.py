@@ -10,12 +10,15 @@ MUST_FOLLOW is an order that cannot happen: the start moments that are missing a
     command   start handling = start achieving ─► end handling ─► end achieving
 """
 
-from tca_wire.points import Moment
-
-# Plain integers: combining members of an IntFlag costs a microsecond each.
-START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
-START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
-START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
+from tca_wire.points import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    Moment,
+)
 
 DELIVERED, RETURNED, SENT, SUCCESS, FAILURE, REPLIED, KILLED = (64 << i for i in range(7))
 """What happens to a message beside its moments, as further bits: a wiretap may be fired by it."""

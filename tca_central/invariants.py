@@ -11,21 +11,21 @@ from tca_central.clock import Due
 from tca_central.control import Ending
 from tca_central.direct import route_of
 from tca_central.holds import Release, held_counts
-from tca_central.intervals import (
-    END_ACHIEVING,
-    END_PLANNING,
-    MUST_FOLLOW_IN_COMMAND,
-    MUST_FOLLOW_IN_GOAL,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-    delivered_at,
-)
+from tca_central.intervals import MUST_FOLLOW_IN_COMMAND, MUST_FOLLOW_IN_GOAL, delivered_at
 from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_central.watching import Watch
-from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_PLANNING,
+    ROOT,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    TaskId,
+)
 from tca_wire.vocabulary import MessageClass
 
 

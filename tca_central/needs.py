@@ -9,21 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from tca_central.cycles import Place, predecessors
-from tca_central.intervals import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-    STARTS,
-    delivered_at,
-)
+from tca_central.intervals import STARTS, delivered_at
 from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.resources import Claim
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import MessageClass
 
 

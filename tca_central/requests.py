@@ -17,7 +17,7 @@ from tca_central.direct import tell_sender
 from tca_central.errors import RequestError
 from tca_central.failures import fail_task, failure_of, kill, reissue
 from tca_central.fan_out import copies, route_statement
-from tca_central.intervals import END_ACHIEVING, FAILURE, REPLIED, RETURNED, SENT, SUCCESS
+from tca_central.intervals import FAILURE, REPLIED, RETURNED, SENT, SUCCESS
 from tca_central.keeping import check_room, keep
 from tca_central.making import at_birth
 from tca_central.monitors import tested
@@ -33,7 +33,7 @@ from tca_wire.constraints import Constraint
 from tca_wire.failures import OVERLOAD
 from tca_wire.headers import Accepted, Answer
 from tca_wire.parts import WatchOptions
-from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.points import END_ACHIEVING, ROOT, Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 
 MOST_CONSTRAINTS = 1000

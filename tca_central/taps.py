@@ -12,22 +12,7 @@ from msgspec.structs import replace
 
 from tca_central import direct
 from tca_central.errors import RequestError
-from tca_central.intervals import (
-    DELIVERED,
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
-    FAILURE,
-    KILLED,
-    REPLIED,
-    RETURNED,
-    SENT,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-    SUCCESS,
-    delivered_at,
-)
+from tca_central.intervals import DELIVERED, FAILURE, KILLED, REPLIED, RETURNED, SENT, SUCCESS, delivered_at
 from tca_central.making import data_for, make_statement, make_task
 from tca_central.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.state import State, involved
@@ -37,7 +22,19 @@ from tca_wire import facts, headers
 from tca_wire.formats import NO_DATA, first_difference
 from tca_wire.headers import Accepted
 from tca_wire.parts import Tapped, WatchOptions
-from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    ROOT,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    Moment,
+    Point,
+    TaskId,
+)
 from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
 MOST_TAPS = 1000

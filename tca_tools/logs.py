@@ -2,7 +2,7 @@
 
 import fcntl
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from tca_tools.segments import Folder, listed, segments_in
 from tca_tools.terminal import printable
 from tca_wire.endpoint import default_journals
 from tca_wire.errors import JournalDamaged
-from tca_wire.facts import Entry
+from tca_wire.facts import Entry, Opened
 from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
 
 _POLL_SECONDS = 0.2
@@ -49,7 +49,7 @@ class Place(NamedTuple):
 
 class Log:
     """One journal: a directory of segments, or one segment. Of a directory with segments of several runs it is the run
-    that began last.
+    that began last; of a file in which one run follows another, the first.
 
     Iterating ends quietly where damage begins, so that what is good can be shown; ``check`` then tells of it.
     """
@@ -57,10 +57,13 @@ class Log:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._damage = ""
-        self._entries = 0
+        self._has_entries = False
         self._torn: tuple[Path, int, int] | None = None
         self._folder = Folder(path) if path.is_dir() else None
         self._said: set[str] = set()
+        self._opened: Opened | None = None
+        self._followed_by = ""
+        """What begins in a file behind what is read of it."""
 
     @property
     def name(self) -> str:
@@ -77,11 +80,11 @@ class Log:
         for segment in self.segments():
             with self._excused(), segment.open("rb") as stream:
                 reader = JournalReader(stream, str(segment))
-                yield from self._counted(reader)
+                yield from self._counted(reader, segment)
                 self._note_end(segment, reader)
             if self._damage:
                 return
-        if not self._entries:
+        if not self._has_entries:
             raise UnusableLog(f"{self.path}: empty, central has written nothing to it yet: {_WAITING}")
 
     def follow(self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)) -> Iterator[Entry]:
@@ -93,7 +96,7 @@ class Log:
     ) -> Iterator[tuple[Entry, Place]]:
         """The same, with where each entry stands."""
         followed: set[Path] = set()
-        while not self._damage:
+        while not self._damage and not (self._followed_by and self._folder is None):
             segment = next((one for one in self.segments() if one not in followed), None)
             if segment is not None:
                 yield from self._follow_segment(segment, wait)
@@ -148,8 +151,11 @@ class Log:
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of its folder, a line each: other runs lie there, or segments are missing."""
-        return [*self._folder.others, *self._folder.missing] if self._folder is not None else []
+        """What there is to say of its folder, a line each: other runs lie there, or segments are missing; and of what
+        follows in a file.
+        """
+        folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
+        return [*folder, *filter(None, [self._followed_by])]
 
     def tell(self, *, of_missing: bool = True) -> None:
         """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
@@ -166,6 +172,8 @@ class Log:
         Of a journal that is cut only the end is missing, as after a power cut: a line on the standard error says so.
         """
         self.tell(of_missing=of_missing)
+        if self._followed_by:
+            self._say(self._followed_by)
         if self._damage:
             raise DamagedLog(f"{self._damage}; what comes before it is shown")
         if cut := self.cut:
@@ -181,20 +189,37 @@ class Log:
             reader = JournalReader(stream, str(segment))
             while True:
                 is_last = self.segments()[-1] == segment  # asked first: after that nothing is added to it
-                for entry in self._counted(reader):
+                for entry in self._counted(reader, segment):
                     yield entry, Place(segment, reader.offset)
                 self._note_end(segment, reader)
-                if not is_last:
+                if not is_last or self._followed_by:
                     return
                 wait()
 
     def _note_end(self, segment: Path, reader: JournalReader) -> None:
         self._torn = (segment, reader.offset, reader.torn) if reader.torn else None
 
-    def _counted(self, entries: Iterable[Entry]) -> Iterator[Entry]:
-        for entry in entries:
-            self._entries += 1
+    def _counted(self, reader: JournalReader, segment: Path) -> Iterator[Entry]:
+        """The entries of a segment, until another run, or the same anew, begins in it."""
+        for entry in reader:
+            facts = entry.facts
+            if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
+                return
             yield entry
+
+    def _is_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
+        """Whether, in the midst of a file, something begins that does not go on with what comes before it."""
+        self._has_entries = True  # each segment begins so
+        last = self._opened if reader.offset else None
+        if last is None or (opened.epoch == last.epoch and opened.segment > last.segment):
+            self._opened = opened
+            return False
+        what = "another run" if opened.epoch != last.epoch else f"segment {opened.segment} of this run, once more,"
+        self._followed_by = (
+            f"{segment}, byte {reader.offset}: {what} begins here; only what comes before it is shown: to see the rest,"
+            f" take it out of the file ('tail -c +{reader.offset + 1}')"
+        )
+        return True
 
     @contextmanager
     def _excused(self) -> Iterator[None]:
@@ -205,7 +230,7 @@ class Log:
             self._damage = str(error)
         except OSError as error:
             self._damage = f"{error.filename or self.path}: can't be read: {error.strerror}"
-        if self._damage and not self._entries:
+        if self._damage and not self._has_entries:
             raise UnusableLog(self._damage)
 
 

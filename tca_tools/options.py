@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from tca_tools.terminal import printable
+from tca_wire.facts import LONGEST_TIME
 
 
 class _Moment(click.ParamType):  # type: ignore[type-arg]
@@ -22,7 +23,7 @@ class _Moment(click.ParamType):  # type: ignore[type-arg]
             seconds = float(value)
         except ValueError:
             seconds = math.nan
-        if not math.isfinite(seconds):
+        if not abs(seconds) <= LONGEST_TIME:  # nor is nan
             self.fail(f"{value!r} is no time: give seconds, such as 12.5", param, ctx)
         return seconds
 

@@ -1,7 +1,7 @@
 """Where a tool's result goes when it has a file name: the file, or one line that says why not."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,7 +27,8 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
         with made_for(path):
             unfinished.replace(path)
     finally:
-        unfinished.unlink(missing_ok=True)
+        with suppress(OSError):  # there is none where it could not be made
+            unfinished.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -16,6 +16,8 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
 _NO_TIME = 1e-6
+_SHORTEST = 0.0005
+"""Seconds: of what has just begun no length is said."""
 _OVER = {State.ACHIEVED, State.FAILED, State.KILLED}
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
@@ -27,6 +29,17 @@ class Sentence(NamedTuple):
     time: float
     text: str
     seconds: float | None = None
+    is_open: bool = False
+    """Whether it goes on when the journal ends."""
+    ending: str = ""
+    """The end of the text, if it tells how it ended: not known before."""
+
+    def by(self, moment: float, time: float) -> str:
+        """What was known of it at a moment, when the clock showed *time*: with how long it took, or has so far."""
+        if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
+            lasts = f", {time - self.time:.3f} s so far" if time - self.time >= _SHORTEST else ""
+            return self.text.removesuffix(self.ending) + lasts
+        return self.text + (f", {self.seconds:.3f} s" if self.seconds is not None else "")
 
 
 def story(past: Past, message_id: int) -> list[Sentence]:
@@ -68,7 +81,7 @@ def _waits_in_queues(past: Past, message: Message) -> Iterator[Sentence]:
         if where := place(queueing.module, queueing.resource):
             why = _kept_busy(past, queueing, message.sender)
             text = f"queued for {where}" + (f", {why}" if why else "")
-        yield Sentence(queueing.start, text, _length(queueing))
+        yield _spanning(queueing, text)
 
 
 def _kept_busy(past: Past, queueing: Queueing, sender: str) -> str:
@@ -83,9 +96,9 @@ def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
     where = place(handling.module, handling.resource)
-    yield Sentence(handling.start, f"handled by {where}{how}", _length(handling))
+    yield _spanning(handling, f"handled by {where}", how)
     for wait in handling.waits:
-        yield Sentence(wait.start, f"its handler waits {awaited(past, wait)}", _length(wait))
+        yield _spanning(wait, f"its handler waits {awaited(past, wait)}")
 
 
 def awaited(past: Past, wait: Wait) -> str:
@@ -127,7 +140,7 @@ def _tests(past: Past, monitor: Task) -> Iterator[Sentence]:
         first, *more = [time for time, _ in tests]
         text = "its condition holds" if holds else "its condition does not hold"
         often = f", {1 + len(more)} times" if more else ""
-        yield Sentence(first, text + often, more[-1] - first if more else None)
+        yield Sentence(first, text + often, more[-1] - first if more else None, ending=often)
 
 
 def _states(past: Past, task: Task) -> Iterator[Sentence]:
@@ -142,7 +155,7 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
         last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
         reasons = why_waiting(Then(past, last), TaskId(task.id)) if state is not State.PLANNING else []
         why = f", {' and '.join(reasons)}" if reasons else ""
-        yield Sentence(time, f"{state}{why}", None if after is None else after - time)
+        yield Sentence(time, f"{state}{why}", None if after is None else after - time, after is None)
 
 
 def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
@@ -153,16 +166,18 @@ def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
             text += f", until {cause} is resumed"
         elif suspension.cause != task.id:
             text += f" with {cause}"
-        yield Sentence(suspension.start, text, _length(suspension))
+        yield _spanning(suspension, text)
         for run in suspension.still:
             took = None if run.end is None else run.end - suspension.start
             if run.message_id == task.id:
-                yield Sentence(suspension.start, "its handler still runs", took)
+                yield Sentence(suspension.start, "its handler still runs", took, took is None)
             elif suspension.cause == task.id:
-                yield Sentence(suspension.start, f"{past.describe(run.message_id)} under it still runs", took)
+                who = past.describe(run.message_id)
+                yield Sentence(suspension.start, f"{who} under it still runs", took, took is None)
         if suspension.is_resumed and suspension.end is not None:
             yield Sentence(suspension.end, "resumed")
 
 
-def _length(span: Queueing | Handling | Wait | Suspension) -> float | None:
-    return None if span.end is None else span.end - span.start
+def _spanning(span: Queueing | Handling | Wait | Suspension, text: str, ending: str = "") -> Sentence:
+    took = None if span.end is None else span.end - span.start
+    return Sentence(span.start, text + ending, took, took is None, ending)

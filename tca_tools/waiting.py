@@ -18,6 +18,13 @@ _CLAUSES = {
 }
 _OF_FAMILY = (Moment.START_PLANNING, Moment.START_ACHIEVING)
 """The moments that a task reaches only after its parent has."""
+_NEXT = {
+    State.HELD: (Moment.START_HANDLING,),
+    State.PLANNED: (Moment.START_ACHIEVING,),
+    State.PLANNING: (Moment.END_HANDLING, Moment.END_PLANNING),
+    State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
+}
+"""The moments that a task may be kept from."""
 _NAMED = 3
 """How many subtasks a reason names."""
 
@@ -75,13 +82,9 @@ def _busy(then: Then, module: str, resource: str) -> str:
     return _listed([then.describe(handling.message_id) for handling in then.running(module, resource)])
 
 
-def _of_held(then: Then, task: TaskThen) -> Iterator[str]:
-    first = Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING
-    return _held_back(then, task, [Moment.START_HANDLING, first])
-
-
-def _of_planned(then: Then, task: TaskThen) -> Iterator[str]:
-    return _held_back(then, task, [Moment.START_ACHIEVING])
+def _of_held_back(then: Then, task: TaskThen) -> Iterator[str]:
+    for blocker in blockers(then, task):
+        yield of_blocker(then, task, blocker)
 
 
 def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
@@ -106,12 +109,14 @@ def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
 
 def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
     if task.handling:
-        return _of_handled(then, task)
-    return _of_children(then, task, Moment.END_PLANNING)
+        yield from _of_handled(then, task)
+        return
+    yield from _of_held_back(then, task)
+    yield from _of_children(then, task, Moment.END_PLANNING)
 
 
 def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
-    yield from _held_back(then, task, [Moment.END_PLANNING, Moment.END_ACHIEVING])
+    yield from _of_held_back(then, task)
     yield from _of_children(then, task, Moment.END_ACHIEVING)
 
 
@@ -121,23 +126,36 @@ def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
         yield f"until {_listed(open_ones)} {'are' if len(open_ones) > 1 else 'is'} {_CLAUSES[moment][3:]}"
 
 
-def _held_back(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[str]:
-    """What must happen before the task can reach these moments; a wait for one of its own leads on to that one's."""
+def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
+    """What keeps a task that no handler has from what it would reach next: constraints that are not met yet, and
+    moments that its parent has to reach first. A wait for a moment of its own leads on to what keeps it from that.
+    """
+    moments = list(_NEXT.get(task.state, ()))
+    if task.state is State.HELD:
+        moments.append(Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING)
     for moment in moments:  # grows while it is walked
         for hold in task.holds:
-            constraint, before = hold.constraint, hold.constraint.before
-            if constraint.after.moment != moment or _is_met(then, task, hold):
+            before = hold.constraint.before
+            if hold.constraint.after.moment != moment or _is_met(then, task, hold):
                 continue
-            if before.task == ROOT:
-                yield f"until {constraint.delay:g} s"
-            elif constraint.delay and then.has_reached(before):
-                yield f"until {constraint.delay:g} s after {then.describe(before.task)} {_CLAUSES[before.moment]}"
-            elif before.task != task.id:
-                yield _until(then, before)
+            if before.task != task.id or (hold.constraint.delay and then.has_reached(before)):
+                yield hold
             elif before.moment not in moments:
                 moments.append(before.moment)
         if moment in _OF_FAMILY and not then.has_reached(Point(task.parent, moment)):
-            yield f"until its parent {then.describe(task.parent)} {_CLAUSES[moment]}"
+            yield moment
+
+
+def of_blocker(then: Then, task: TaskThen, blocker: Hold | Moment) -> str:
+    """One of them in words: ``until move {4} is achieved``."""
+    if isinstance(blocker, Moment):
+        return f"until its parent {then.describe(task.parent)} {_CLAUSES[blocker]}"
+    before, delay = blocker.constraint.before, blocker.constraint.delay
+    if before.task == ROOT:
+        return f"until {round(delay, 3):.12g} s"
+    if delay and then.has_reached(before):
+        return f"until {delay:g} s after {then.describe(before.task)} {_CLAUSES[before.moment]}"
+    return _until(then, before)
 
 
 def _is_met(then: Then, task: TaskThen, hold: Hold) -> bool:
@@ -167,12 +185,12 @@ def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
 
 
 _REASONS = {
-    State.HELD: _of_held,
+    State.HELD: _of_held_back,
     State.SUSPENDED: _of_suspended,
     State.RECOVERING: _of_recovering,
     State.QUEUED: _of_queued,
     State.PLANNING: _of_planning,
-    State.PLANNED: _of_planned,
+    State.PLANNED: _of_held_back,
     State.HANDLING: _of_handled,
     State.ACHIEVING: _of_achieving,
 }

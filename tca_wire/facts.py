@@ -6,6 +6,8 @@ one handler; its id is the message's own, except that each receiver of a broadca
 What failures, wiretaps and monitors leave in the journal is in facts_of_watching.py.
 """
 
+from typing import Annotated
+
 import msgspec
 
 from tca_wire.constraints import Constraint
@@ -27,6 +29,7 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
 
 JOURNAL_VERSION = 1
+LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 
 __all__ = [
     "JOURNAL_VERSION", "Answered", "Attached", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
@@ -318,7 +321,7 @@ class Entry(msgspec.Struct, frozen=True, array_like=True):
     """All facts that one event caused. *time* is in seconds since the epoch began, on a clock that never jumps."""
 
     number: int
-    time: float
+    time: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
     facts: list[Fact]
 
 

@@ -40,6 +40,11 @@ class Moment(IntFlag):
     END_ACHIEVING = 32
 
 
+START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
+START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
+START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
+"""The same as plain integers, for sets of moments: combining members of an IntFlag costs a microsecond each."""
+
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63
 

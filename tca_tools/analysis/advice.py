@@ -13,6 +13,7 @@ from tca_tools.analysis.causes import Doing, Step
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.failures import GOOD_FATES, Kind
+from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import span_of
@@ -92,9 +93,12 @@ def advice(
     """All advice that bears on at least so many seconds; first what shortens the critical path most."""
     found = [_on_overlap(past, path, overlap) for overlap in overlaps]
     found += _on_standing(past, path)
+    on_path: list[Advice] = []
     if path:
         found += [_on_failures(path, kind) for kind in kinds]
-        found += _on_path(past, path, uses)
+        on_path += _on_path(past, path, uses)
+    queues = [_on_queue(queue, on_path) for queue in growing(past, *span_of(past))]
+    found += [*queues, *(one for one in on_path if one.title not in {queue.title for queue in queues})]
     worth = [one for one in found if one.saving >= at_least]
     return sorted(worth, key=lambda one: (-one.on_path, -one.saving))
 
@@ -236,6 +240,30 @@ _WORDS = {
         "shorten the delay, if what it waits for allows that",
     ),
 }
+
+
+def _on_queue(queue: Growing, on_path: list[Advice]) -> Advice:
+    """A queue that only grows; instead of what there is to say of the waits in it that lie on the path."""
+    where = place(*queue.key)
+    title = _WORDS[Topic.CAPACITY].title.format(name=where)
+    waits = next((one for one in on_path if one.title == title), None)
+    drain = queue.length / queue.rate_out
+    text = (
+        f"More comes for {where} than it handles: {queue.rate_in:.3g} messages a second come, {queue.rate_out:.3g} are "
+        f"handled. From {moment(queue.start)} to {moment(queue.end)} its queue grew to {queue.length:,}, most of them "
+        f"'{queue.message}'; who came last would have to wait for {seconds(drain)}, and whoever comes later longer"
+    )
+    remedy = (
+        f"let it handle {queue.needed:,} at a time instead of {queue.capacity:,} (capacity=), if its handlers do not "
+        "get in each other's way, let a second module share its messages in a pool, handle each faster, send fewer, or "
+        "let only the newest wait (pending=)"
+    )
+    example = f"the oldest of the queue had waited {seconds(queue.longest)} at {moment(queue.end)}"
+    saving = max(queue.longest, waits.saving if waits else 0.0)
+    seconds_on_path = waits.on_path if waits else 0.0
+    return Advice(
+        Topic.CAPACITY, title, text, saving, seconds_on_path, queue.length, example, remedy, (queue.start, queue.end)
+    )
 
 
 # --- what nobody could work on, on the critical path or beside it ---------------------------------------------------

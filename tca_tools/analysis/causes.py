@@ -30,6 +30,7 @@ class Doing(StrEnum):
     LOCKED = "locked"  # a resource was locked from outside of any handler
     SUSPENDED = "suspended"  # and nothing under it ran on any more
     KILLED = "killed"  # it went on until it was killed, or a failure was raised on it, from outside
+    HELD = "held"  # by a constraint, or its parent
     WATCHING = "watching"  # a monitor, until it looked again or its condition held
     UNKNOWN = "unknown"  # the journal does not say what was waited for
 
@@ -189,10 +190,9 @@ class Causes:
 
     def _delayed(self, task: Task, before: int, moment: Moment, added: float, time: float) -> tuple[Step, _At]:
         """Back to the point after which the delay counts; counted from the time that it was asked for, to that."""
-        other = self._past.tasks.get(before) if before != ROOT else None
-        start = other.reached.get(moment, added) if other else added
+        start, cause = delay_of(self._past, task, before, moment, added)
         start = start if start < time else min(added, time)
-        return Step(start, time, Doing.DELAY, task.id, ""), _At(start, other.id if other else task.id)
+        return Step(start, time, Doing.DELAY, task.id, ""), _At(start, cause)
 
     def _monitored(self, message: Message, time: float) -> tuple[Step | None, _At | None]:
         """Central asks a monitor's condition, or sends its action, when the time has come: back to its start."""
@@ -203,6 +203,12 @@ class Causes:
         if start >= time:
             return None, _At(time, monitor.id)
         return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
+
+
+def delay_of(past: Past, task: Task, before: int, moment: Moment, added: float) -> tuple[float, int]:
+    """When a delay of a task began that counts from a moment of task *before*; and the message with which it did."""
+    other = past.tasks.get(before) if before != ROOT else None
+    return (other.reached.get(moment, added), other.id) if other else (added, task.id)
 
 
 def _waited(start: float, end: float, doing: Doing, message: int, where: Queueing | None = None) -> tuple[Step, _At]:

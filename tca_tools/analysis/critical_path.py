@@ -4,20 +4,19 @@ The path has no gaps, so its steps add up to the time from its first to its last
 only way to end sooner, and it helps until another path is the longest.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nextafter
-from operator import attrgetter
 
 from tca_tools.analysis.causes import Causes, Doing, Step
+from tca_tools.analysis.standing import going_on
 from tca_tools.analysis.summary import is_over
 from tca_tools.analysis.words import moment, seconds
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Queueing, Suspension, Task
+from tca_tools.records import Message, Queueing, Suspension, Task
 from tca_tools.story import awaited
 from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
-from tca_wire.points import Moment, TaskId
+from tca_tools.waiting import kept_busy, of_blocker, why_waiting
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.wording import place
 
 
@@ -30,6 +29,8 @@ class CriticalPath:
     """Whether the task had not ended: then it leads to what went on last."""
     steps: list[Step]
     """Oldest first; each begins when the one before ends."""
+    because: list[str] = field(default_factory=list)
+    """Of an open one that leads to something outside of its task: the waits that lead there, in words."""
 
     @property
     def start(self) -> float:
@@ -79,16 +80,10 @@ def critical_path(past: Past, causes: Causes, task: Task) -> CriticalPath:
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])
-    running = _running_under(past, task)
-    if running:
-        steps = list(causes.back_from(past.time, running.message_id, running))
-        return CriticalPath(task, True, steps[::-1])
-    if standing := _standing_under(past, task):
-        steps = [standing, *causes.back_from(standing.start, standing.message_id)]
-        return CriticalPath(task, True, steps[::-1])
-    last = _last_change_under(past, task)
-    steps = [Step(last, past.time, Doing.UNKNOWN, task.id, "")] if past.time > last else []
-    return CriticalPath(task, True, [*steps, *causes.back_from(last, task.id)][::-1])
+    found = going_on(past, task)
+    steps = [found.standing] if found.standing else []
+    steps += causes.back_from(found.time, found.message_id, found.handling)
+    return CriticalPath(task, True, steps[::-1], found.because)
 
 
 def shares(past: Past, path: CriticalPath) -> list[Share]:
@@ -120,7 +115,10 @@ def queueing_before(past: Past, step: Step) -> Queueing | None:
 
 
 def why_then(past: Past, step: Step) -> str:
-    """Why a step did not begin sooner, in words; "" if nothing is known that held it back."""
+    """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is known."""
+    message = past.messages.get(step.message_id)
+    if message and step.doing in _WHY and (why := _WHY[step.doing](past, message, step)):
+        return why
     if step.resumed:
         return (
             f"its sender waited {awaited(past, step.resumed)}"
@@ -129,15 +127,34 @@ def why_then(past: Past, step: Step) -> str:
         )
     if queueing := queueing_before(past, step):
         return f"{seconds(step.start - queueing.start)} in the queue for {place(queueing.module, queueing.resource)}"
-    message = past.messages.get(step.message_id)
     if message is None or message.received == step.start:
         return f"{message.role} for {past.describe(message.about)}" if message and message.role else ""
     if isinstance(message, Task):
-        if step.doing is Doing.SUSPENDED:
-            return next((f"suspended at {moment(one.start)}" for one in message.suspensions if _stands(one, step)), "")
         reasons = why_waiting(Then(past, nextafter(step.start, 0.0)), TaskId(message.id))
         return f"it waited {' and '.join(reasons)}" if reasons else ""
     return ""
+
+
+def _why_delayed(past: Past, message: Message, step: Step) -> str:
+    """Which delay it was; of one that is not over, until when it lasts."""
+    for hold in message.holds if isinstance(message, Task) else ():
+        over = past.time if hold.over is None else hold.over
+        if hold.constraint.delay and over == step.end:
+            then = Then(past, step.start)
+            words = of_blocker(then, then.tasks[message.id], hold)
+            if hold.over is not None:
+                return f"it waited {words}"
+            is_absolute = hold.constraint.before.task == ROOT
+            due = hold.constraint.delay + (0.0 if is_absolute else step.start)
+            at = "" if is_absolute else f": that is at {moment(due)}"
+            later = f", {seconds(due - past.time)} after the journal ends" if due > past.time else ""
+            return f"it waits {words}{at}{later}"
+    return ""
+
+
+def _why_suspended(_past: Past, message: Message, step: Step) -> str:
+    suspensions = message.suspensions if isinstance(message, Task) else []
+    return next((f"suspended at {moment(one.start)}" for one in suspensions if _stands(one, step)), "")
 
 
 def _stands(suspension: Suspension, step: Step) -> bool:
@@ -145,52 +162,30 @@ def _stands(suspension: Suspension, step: Step) -> bool:
     return suspension.start < step.start and (suspension.end is None or suspension.end >= step.end)
 
 
+def _why_queued(past: Past, message: Message, step: Step) -> str:
+    why = kept_busy(Then(past, nextafter(step.end, 0.0)), step.module, step.resource, message.sender)
+    return f"for {place(step.module, step.resource)}, {why}" if why else ""
+
+
+def _why_held(past: Past, message: Message, _step: Step) -> str:
+    return f"it waits {' and '.join(why_waiting(Then(past), TaskId(message.id)))}"
+
+
+def _why_locked(past: Past, message: Message, _step: Step) -> str:
+    waits = message.handling.waits if message.handling else []
+    return f"its handler waits {awaited(past, waits[-1])}" if waits else ""
+
+
+_WHY = {
+    Doing.DELAY: _why_delayed,
+    Doing.SUSPENDED: _why_suspended,
+    Doing.QUEUED: _why_queued,
+    Doing.HELD: _why_held,
+    Doing.LOCKED: _why_locked,
+}
+"""What there is to say of steps in which nothing was done."""
+
+
 def _end_of(task: Task) -> float:
     end = task.reached.get(Moment.END_ACHIEVING)
     return end if end is not None else (task.states[-1][0] if task.states else task.received)
-
-
-def _running_under(past: Past, task: Task) -> Handling | None:
-    """The handler under a task that has run longest and waits for nothing; replies that are waited for are followed."""
-    for one in past.under(task):
-        last = _awaited_last(past, one)
-        if last.handling and not _blocks(last.handling):
-            return last.handling
-    return None
-
-
-def _standing_under(past: Past, task: Task) -> Step | None:
-    """What has stood longest under a task of which nothing runs: it is suspended, in a queue, or nobody handles it."""
-    found = [step for one in past.under(task) for step in _standing(past, one) if step.seconds > 0]
-    return min(found, key=attrgetter("start"), default=None)
-
-
-def _standing(past: Past, task: Task) -> Iterator[Step]:
-    suspension = task.suspension
-    if suspension and suspension.cause == task.id and (since := suspension.standstill) is not None:
-        yield Step(since, past.time, Doing.SUSPENDED, task.id, "")
-    last = _awaited_last(past, task)
-    if last.is_queued:
-        queueing = last.queueings[-1]
-        doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
-        yield Step(queueing.start, past.time, doing, last.id, queueing.module, queueing.resource)
-
-
-def _awaited_last(past: Past, task: Task) -> Message:
-    """What the handler of a task waits for; if the handler of that waits, what that waits for; and so on."""
-    message: Message = task
-    while message.handling and _blocks(message.handling):
-        awaited = past.messages.get(message.handling.waits[-1].awaited)
-        if awaited is None or awaited.id <= message.id:
-            break
-        message = awaited
-    return message
-
-
-def _blocks(handling: Handling) -> bool:
-    return bool(handling.waits) and handling.waits[-1].end is None
-
-
-def _last_change_under(past: Past, task: Task) -> float:
-    """When something last happened under a task."""
-    return max((one.states[-1][0] for one in past.under(task) if one.states), default=task.received)

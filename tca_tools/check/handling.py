@@ -1,9 +1,11 @@
 """Messages on their way: queued, given to one handler, returned. A resource takes so many, and those it may."""
 
+from itertools import islice
+
 from tca_tools.check.asking import must_answer
 from tca_tools.check.births import not_startable
 from tca_tools.check.failing import failed as failed_task
-from tca_tools.check.records import START_ACHIEVING, START_HANDLING, START_PLANNING, Item, Place
+from tca_tools.check.records import Item, Place
 from tca_tools.check.rules import (
     ANSWERED,
     CAPACITY,
@@ -22,7 +24,11 @@ from tca_tools.check.rules import (
 from tca_tools.check.taps import answered as condition_answered
 from tca_tools.check.world import World, said
 from tca_wire import facts
+from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import MessageClass, Outcome, Role
+
+_NAMED = 6
+"""Messages that a resource has and that a line names."""
 
 
 def queued(world: World, fact: facts.Queued) -> None:
@@ -231,7 +237,8 @@ def check_places(world: World) -> None:
 
 def _check_capacity(world: World, place: Place, capacity: int) -> None:
     if len(place.runs) > capacity:
-        names = ", ".join(map(str, place.runs.values()))
+        names = ", ".join(map(str, islice(place.runs.values(), _NAMED)))
+        names += f" and {len(place.runs) - _NAMED} more" if len(place.runs) > _NAMED else ""
         last = next(reversed(place.runs.values()))
         world.broken(CAPACITY, last.id, f"{said(place)} takes {capacity} at a time, and has {len(place.runs)}: {names}")
     is_empty = bool(capacity) and not (place.waiting or place.runs or place.nested)

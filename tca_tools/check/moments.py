@@ -5,15 +5,7 @@ from collections.abc import Iterable
 from tca_tools.check.asking import check_waits
 from tca_tools.check.births import AT_BIRTH, not_met
 from tca_tools.check.failing import handler_ended
-from tca_tools.check.records import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-    Item,
-)
+from tca_tools.check.records import Item
 from tca_tools.check.rules import (
     COMMAND,
     CONSTRAINT,
@@ -29,7 +21,16 @@ from tca_tools.check.rules import (
 from tca_tools.check.taps import check_fired, forget_task
 from tca_tools.check.world import World
 from tca_wire import facts
-from tca_wire.points import ALL_MOMENTS, describe_moments
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    describe_moments,
+)
 from tca_wire.vocabulary import Role
 
 _ORDER = {

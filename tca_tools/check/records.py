@@ -9,16 +9,12 @@ from typing import Any
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.formats import decode_untyped
-from tca_wire.points import ALL_MOMENTS, Moment
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_PLANNING, START_ACHIEVING
 from tca_wire.vocabulary import MessageClass, Role
 
 FAN_OUT = frozenset((MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE))
 """What goes to all who handle it, in a copy for each."""
 _FIRES = (Role.LISTENER, Role.ACTION)
-
-START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
-START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
-START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
 
 
 class Hold:

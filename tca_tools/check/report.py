@@ -28,12 +28,9 @@ def _story(violation: Violation, past: Past, width: int | None) -> Iterator[str]
     told = [sentence for sentence in story(past, violation.message) if sentence.time <= until]
     if not told:
         return
-    yield f"  the story of {printable(past.describe(violation.message))} until then:"
+    of = cut(printable(past.describe(violation.message)), None if width is None else width - 28)
+    yield f"  the story of {of} until then:"
     if len(told) > _LONGEST_STORY:
         yield f"     ... {len(told) - _LONGEST_STORY} sentences ..."
     for sentence in told[-_LONGEST_STORY:]:
-        ends = None if sentence.seconds is None else sentence.time + sentence.seconds
-        lasted = (
-            f", {sentence.seconds:.3f} s" if sentence.seconds is not None and ends is not None and ends <= until else ""
-        )
-        yield cut(f"  {sentence.time:10.3f}  {printable(sentence.text)}{lasted}", width)
+        yield cut(f"  {sentence.time:10.3f}  {printable(sentence.by(until, until))}", width)

@@ -2,18 +2,18 @@
 
 from tca_tools.check.births import is_delayed, not_met, not_startable
 from tca_tools.check.presence import check_claims
-from tca_tools.check.records import (
+from tca_tools.check.records import Item
+from tca_tools.check.rules import SETTLED
+from tca_tools.check.world import World
+from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,
     END_PLANNING,
     START_ACHIEVING,
     START_HANDLING,
     START_PLANNING,
-    Item,
+    describe_moments,
 )
-from tca_tools.check.rules import SETTLED
-from tca_tools.check.world import World
-from tca_wire.points import describe_moments
 
 
 def check_settled(world: World) -> None:

@@ -1,20 +1,22 @@
 """Wiretaps and monitors: what they hold, when they send what."""
 
-from tca_tools.check.records import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
-    START_ACHIEVING,
-    START_HANDLING,
-    START_PLANNING,
-    Hold,
-    Item,
-)
+from tca_tools.check.records import Hold, Item
 from tca_tools.check.rules import MONITOR, NUMBERS, TAPPED
 from tca_tools.check.world import World
 from tca_wire import facts
 from tca_wire.constraints import Constraint
-from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.points import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    ROOT,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    Moment,
+    Point,
+    TaskId,
+)
 from tca_wire.vocabulary import Condition, Role
 
 _FIRED_BEFORE = {

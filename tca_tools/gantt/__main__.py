@@ -27,7 +27,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
     check_output(output, KINDS)
-    if asked.task and story:
+    if asked.task is not None and story:
         raise click.UsageError("--task and --story exclude each other: ask for one of them")
     journal = open_log(asked.log_path)
     history = History.until(journal, asked.at)
@@ -36,7 +36,13 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))
-    what = f", task {printable(asked.task)}" if asked.task else f", story of {printable(story)}" if story else ""
+    what = (
+        f", task {printable(asked.task)}"
+        if asked.task is not None
+        else f", story of {printable(story)}"
+        if story
+        else ""
+    )
     title = f"{printable(journal.name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s"
     blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE))) else UNICODE
     if output is None:
@@ -55,7 +61,7 @@ def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
         one = one_task(past, story)
         wanted = messages_of(past, subtree(past, [one]))
         return Pick(rows, wanted, waited_for(past, one, wanted), past.tasks[one].received)
-    if asked.task:
+    if asked.task is not None:
         return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
     return Pick(rows)
 

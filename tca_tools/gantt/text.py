@@ -9,7 +9,7 @@ import click
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.bars import Bar, Chart, Row
 from tca_tools.gantt.blocks import queue_lengths
-from tca_tools.terminal import columns_of, padded, printable
+from tca_tools.terminal import columns_of, cut, padded, printable
 
 _WIDEST_LABEL = 32
 _MOST_LANES = 8
@@ -76,11 +76,11 @@ def chart_lines(chart: Chart, width: int, blocks: Blocks = UNICODE) -> Iterator[
         for number, cells in enumerate(_row_cells(row, chart, columns, blocks, colours)):
             yield f"{padded('' if number else label, label_width)}  {cells.line()}".rstrip()
     yield ""
-    yield _legend(chart, blocks)
+    yield from _legend(chart, width, blocks)
 
 
-def _legend(chart: Chart, blocks: Blocks) -> str:
-    """What the characters that may be seen mean."""
+def _legend(chart: Chart, width: int, blocks: Blocks) -> Iterator[str]:
+    """What the characters that may be seen mean, in lines of at most *width* columns."""
     queued = [bar for row in chart.rows for bar in row.queued]
     held = [one for row in chart.rows for one in row.held]
     items = [(blocks.handled, "handling"), (blocks.waiting, "waiting for a reply, task or lock")]
@@ -89,9 +89,15 @@ def _legend(chart: Chart, blocks: Blocks) -> str:
     items += [(blocks.locked, "locked")] * any(not one.is_reserved for one in held)
     items += [(blocks.reserved, "reserved")] * any(one.is_reserved for one in held)
     items += [(blocks.connected, "connected")] * any(map(_is_idle, chart.rows))
-    words = "  ".join(f"{character * 2} {meaning}" for character, meaning in items)
-    has_failed = any(bar.has_failed for row in chart.rows for bar in row.handled)
-    return words + (f"  {blocks.handled}{_FAILED} failed" if has_failed else "")
+    words = [f"{character * 2} {meaning}" for character, meaning in items]
+    words += [f"{blocks.handled}{_FAILED} failed"] * any(bar.has_failed for row in chart.rows for bar in row.handled)
+    line = ""
+    for word in words:
+        if line and len(line) + 2 + len(word) > width:
+            yield line
+            line = ""
+        line += ("  " if line else "") + cut(word, width)
+    yield line
 
 
 def _axis(chart: Chart, label_width: int, columns: int, blocks: Blocks) -> Iterator[str]:

@@ -7,10 +7,13 @@ import click
 from tca_tools.replay.recording import Recording
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
-from tca_tools.terminal import cut
+from tca_tools.terminal import columns_of, cut
 from tca_tools.then import Then
 
 _DEEPEST = 12
+_SHORTEST_STATE = 12
+"""Columns that are kept for a state."""
+_SHORTEST_NAME = 8
 
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
@@ -27,7 +30,12 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         task, state = then.tasks[number], past.tasks[number].states[order][1]
         depth = recording.depths[number]
         indent = "  " * depth if depth <= _DEEPEST else f"{'  ' * _DEEPEST}[{depth}] "
-        line = f"{clock:10.3f}  {' ' if order else '+'} {indent}{words.called(task)}: "
+        start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
+        room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
+        line = f"{start_of_line}{cut(words.called(task), room)}: "
         note = words.note(then, task)
-        rest = cut(f"{state}" + (f", {note}" if note else ""), None if width is None else max(width - len(line), 8))
+        rest = cut(
+            f"{state}" + (f", {note}" if note else ""),
+            None if width is None else max(width - columns_of(line), _SHORTEST_STATE - 2),
+        )
         yield line + click.style(rest[: len(state)], fg=COLOURS[state]) + rest[len(state) :]

@@ -24,7 +24,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut, printable
 from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import waits_since, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import TaskId
 
@@ -180,18 +180,17 @@ class StoryPane(Widget):
         if data := words.data(task):
             lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
         if reasons := why_waiting(then, TaskId(self._shown)):
-            lines.append(Text.assemble((printable(f"waits {', and '.join(reasons)}"), "yellow")))
+            waits = f"waits {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
+            lines.append(Text.assemble((printable(waits), "yellow")))
         told = [sentence for sentence in self._told if sentence.time <= then.moment]
         room = max(self.size.height - 2 * len(lines), 1)
         return Text("\n").join([*lines, Text(), *(self._sentence(sentence, then) for sentence in told[-room:])])
 
     def _sentence(self, sentence: Sentence, then: Then) -> Text:
         clock = self._recording.time(self._recording.place_of_record(sentence.time))
-        text, seconds = printable(sentence.text), sentence.seconds
-        is_over = seconds is not None and sentence.time + seconds <= then.moment
-        lasted = f", {seconds:.3f} s" if is_over else ""
+        text = printable(sentence.by(then.moment, then.time))
         style = "red" if text.startswith(("failed", "killed")) else ""
-        return Text.assemble((f"{clock:9.3f}  ", "dim"), (text + lasted, style))
+        return Text.assemble((f"{clock:9.3f}  ", "dim"), (text, style))
 
 
 class TimeBar(Widget):

@@ -57,6 +57,7 @@ _DOING = {
     Doing.LOCKED: "a lock",
     Doing.SUSPENDED: "suspended",
     Doing.KILLED: "until it was killed or its time was over",
+    Doing.HELD: "held back",
     Doing.WATCHING: "a monitor watched",
     Doing.UNKNOWN: "the journal does not tell",
 }

@@ -1,15 +1,18 @@
 """Statistics as tables for the terminal. Knows how they look; measures nothing."""
 
 from collections.abc import Iterable, Sequence
+from itertools import accumulate, compress
 
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
-from tca_tools.terminal import columns_of, padded, printable
+from tca_tools.terminal import columns_of, cut, padded, printable
 from tca_wire.wording import place
 
 _NO_HANDLER = "(no handler)"
 _WIDTH = 100
 """Where nobody knows how wide the terminal is."""
 _NARROWEST_NAME = 12
+_SPARE = "max"
+"""Columns that are left out first."""
 _NO_TIME = 0.5e-6
 _UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
 
@@ -19,9 +22,9 @@ Cells = Sequence[str]
 def stats_lines(
     stats: Stats, messages: Sequence[MessageStats], resources: Sequence[ResourceStats], width: int | None
 ) -> list[str]:
-    """Both tables, in lines of at most *width* columns (None: 100)."""
+    """Both tables, in lines of at most *width* columns (None: 100): where there is no room, without longest times."""
     width = width or _WIDTH
-    lines = []
+    lines: list[str] = []
     if messages:
         groups = [("", 3), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
         heads = ["sent", "/s", "failed", *("p50", "p99", "max") * 3]
@@ -79,18 +82,32 @@ def _three_digits(number: float) -> str:
 def _table(
     title: str, groups: list[tuple[str, int]], heads: list[str], rows: list[tuple[str, list[str]]], width: int
 ) -> list[str]:
-    """A line over groups of columns, a line of heads, and the rows; names are cut where there is no room."""
+    """A line over groups of columns, a line of heads, and the rows; names are cut where there is no room, and columns
+    left out.
+    """
     sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]
     gaps = [2 if place in _starts(groups) else 1 for place in range(len(heads))]
+    if width - sum(sizes) - sum(gaps) < _NARROWEST_NAME and _SPARE in heads:
+        kept = [head != _SPARE for head in heads]
+        ends = list(accumulate(number for _, number in groups))
+        groups = [(name, sum(kept[end - number : end])) for (name, number), end in zip(groups, ends, strict=True)]
+        rows = [(name, list(compress(cells, kept))) for name, cells in rows]
+        return _table(title, groups, list(compress(heads, kept)), rows, width)
     room = max(width - sum(sizes) - sum(gaps), _NARROWEST_NAME)
     name_width = min(max(columns_of(name) for name, _ in [(title, []), *rows]), room)
     over, place = " " * name_width, 0
     for name, number in groups:
         size = sum(sizes[place : place + number]) + sum(gaps[place : place + number])
-        over += "  " + f" {name} ".center(size - 2, "-") if name else " " * size
+        over += "  " + _over(name, size - 2) if name else " " * size
         place += number
     lines = [(title, heads), *rows]
     return [over.rstrip(), *(_line(padded(name, name_width), cells, sizes, gaps) for name, cells in lines)]
+
+
+def _over(name: str, size: int) -> str:
+    """What stands over a group of columns."""
+    name = name if len(name) <= size else name.removeprefix("sent ")
+    return (f" {name} " if len(name) + 2 <= size else cut(name, size)).center(size, "-")
 
 
 def _starts(groups: Iterable[tuple[str, int]]) -> set[int]:

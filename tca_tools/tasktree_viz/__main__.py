@@ -47,7 +47,7 @@ def tree(
         then = Then.by_clock(history, asked.at, journal.present(history.time))
         forest = _forest(then, asked)
         rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
-        what = f", task {printable(asked.task)}" if asked.task else ""
+        what = f", task {printable(asked.task)}" if asked.task is not None else ""
         title = f"{printable(journal.name)}{what}: {words.summary(forest)}"
         guides = ASCII if as_ascii or (output is None and not can_show("├─└│…")) else UNICODE
         if output is None:
@@ -75,7 +75,7 @@ def _forest(then: Then, asked: Asked) -> Forest:
     check_span(asked.start, then.time if asked.end is None else asked.end)
     if (asked.task, asked.modules, asked.start, asked.end) == (None, (), None, None):
         return then
-    roots = tasks_called(then.past, asked.task) if asked.task else None
+    roots = tasks_called(then.past, asked.task) if asked.task is not None else None
     return part_of(then, roots=roots, modules=asked.modules, start=asked.start, end=asked.end)
 
 

@@ -11,7 +11,7 @@ from tca_tools.story import story
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
-from tca_tools.terminal import printable
+from tca_tools.terminal import columns_of, cut, printable
 from tca_wire.points import TaskId
 
 _WIDTH_OF_FILE = 120
@@ -24,13 +24,15 @@ def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterato
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
     task = past.tasks[number]
     above = list(reversed(lineage(past, number)))[:-1]
-    yield f"{printable(str(task))}: {click.style(task.state, fg=COLOURS[task.state])}"
+    name = cut(printable(str(task)), width - len(task.state) - 2)
+    yield f"{name}: {click.style(task.state, fg=COLOURS[task.state])}"
     if above:
         yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
     yield ""
     for sentence in story(past, number):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
-        yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text, width)
+        so_far = f", {past.time - sentence.time:.3f} s so far" if sentence.is_open else ""
+        yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
     chain = failure_chain(past, number)
     if chain:
         yield ""
@@ -44,7 +46,9 @@ def _wrapped(start: str, text: str, width: int) -> Iterator[str]:
     room = max(width - len(start), _NARROWEST // 2)
     for line in text.splitlines() or [""]:
         indent = " " * (len(line) - len(line.lstrip()))
-        pieces = wrap(printable(line.strip()), room, initial_indent=indent, subsequent_indent=indent) or [""]
+        said = printable(line.strip())
+        least = room if columns_of(said) <= len(said) else room // 2  # wide characters take two columns
+        pieces = wrap(said, least, initial_indent=indent, subsequent_indent=indent) or [""]
         for piece in pieces:
             yield (start + piece).rstrip()
             start = " " * len(start)

@@ -30,7 +30,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
         message = past.messages.get(message_id)
         if message is None:
             return None
-        told = [one._asdict() for one in story(past, message_id)]
+        told = [{"time": one.time, "text": one.text, "seconds": one.seconds} for one in story(past, message_id)]
         answer = {
             "id": message.id,
             "name": message.name,

@@ -29,7 +29,7 @@ class Reading:
     def __init__(self, log: Log) -> None:
         self.log = log
         self.remark = "; ".join(log.remarks)
-        """What else there is in the folder that it is read from, and what is not there."""
+        """What else there is in the folder or file that it is read from, and what is not there."""
         self.feed = Feed()
         self.caught_up = False
         """Whether all has been read that there is; more may come."""
@@ -139,6 +139,7 @@ class Reading:
                     return
             self._take()
             self.log.check()
+            self._catch_up()
         except ToolError as error:
             self._take()
             self._catch_up(error.message)
@@ -167,6 +168,7 @@ class Reading:
             last = self.feed.history.time
             self._known = monotonic(), self.log.present(last) or last
             self.problem, self.caught_up = problem, True
+            self.remark = "; ".join(self.log.remarks)
             self._grown.notify_all()
 
     def _take(self) -> None:

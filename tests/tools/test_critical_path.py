@@ -11,9 +11,12 @@ from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
 from tca_tools.past import Past
 from tca_tools.records import Task
+from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 def path_of(past: Past) -> list[tuple[Any, ...]]:
@@ -261,3 +264,105 @@ def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
         story.at(2.0 + number).query("add", "a", count, "b", took=0.5)
     story.at(9_000.0).returned(count).reached(count, Moment.END_PLANNING, Moment.END_ACHIEVING)
     assert len(path_of(story.fold())) == 10_001
+
+
+def standing(story: Story) -> tuple[list[tuple[Any, ...]], str, list[str]]:
+    """Of the last task of a run that stands: its path, why its last step lasts, and the waits that lead there."""
+    past = story.fold()
+    task = last_task(past)
+    assert task is not None
+    path = critical_path(past, Causes(past), task)
+    return steps_of(past, task), why_then(past, path.steps[-1]), path.because
+
+
+def after(task: int, moment: Moment, delay: float = 0.0) -> Constraint:
+    """The message that is sent may not start before that."""
+    return Constraint(Point(TaskId(task), moment), Point(TaskId(-1), Moment.START_ACHIEVING), delay)
+
+
+def test_a_run_that_stands_because_of_a_delay_says_until_when() -> None:
+    story = Story().module("legs", "move")
+    walk = story.at(1.0).goal("walk", "user")
+    story.delivered(walk, "legs").reached(walk, Moment.START_ACHIEVING)
+    story.acted(first := story.command("move", "user", walk), "legs", 1.0).returned(walk)
+    story.command("move", "user", walk, after(first, Moment.END_ACHIEVING, 30.0))
+    path, why, because = standing(story.at(12.0))
+    assert path == [("move", "legs", 1.0, 2.0), ("delay", "", 2.0, 12.0)]
+    assert why == "it waits until 30 s after move {2} is achieved: that is at 32.000 s, 20.0 s after the journal ends"
+    assert because == []
+
+
+def test_a_run_that_stands_until_an_absolute_time() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    story.command("move", "user", 0, after(0, Moment.START_ACHIEVING, 3600.5))
+    path, why, _ = standing(story.at(12.0))
+    assert path == [("delay", "", 1.0, 12.0)]
+    assert why == "it waits until 3600.5 s, 59:48 min after the journal ends"
+
+
+def test_a_run_that_stands_because_of_a_constraint_on_a_task_that_still_runs() -> None:
+    story = Story().module("legs", "move").module("eye", "look")
+    look, move = 2, story.at(1.0).command("move", "user")
+    assert story.at(2.0).command("look", "user") == look
+    story.delivered(look, "eye").say(facts.Constrained([_start_after(move, look)]))
+    path, why, because = standing(story.at(9.0))
+    assert path == [("look", "eye", 2.0, 9.0)]
+    assert (why, because) == ("", ["move {1} waits until look {2} is achieved"])
+
+
+def test_a_run_that_stands_because_of_a_constraint_on_a_task_that_stands_itself() -> None:
+    """Through a handler that waits, to a task under another one."""
+    story = Story().module("a", "walk").module("b", "clean")
+    walk = story.at(1.0).goal("walk", "user")
+    story.delivered(walk, "a").reached(walk, Moment.START_ACHIEVING)
+    clean = story.at(2.0).goal("clean", "user")
+    story.delivered(clean, "b").reached(clean, Moment.START_ACHIEVING)
+    story.at(3.0).queued(story.command("sweep", "b", clean)).returned(clean).reached(clean, Moment.END_PLANNING)
+    story.at(4.0).say(facts.WaitBegan("a", walk, TaskId(clean), Moment.END_ACHIEVING))
+    path, _, because = standing(story.at(9.0))
+    assert path[-1] == ("no handler", "", 3.0, 9.0)
+    assert because == ["the handler of walk {1} waits until clean {2} is achieved"]
+
+
+def test_a_run_that_stands_because_of_a_lock_that_somebody_has_taken_outside_of_any_handler() -> None:
+    story = Story().module("a", "walk").module("legs", "move").module("user").at(1.0)
+    story.say(facts.Claimed(77, "legs", "legs", False, "user", 0), facts.Granted(77)).at(2.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "a").at(3.0).say(facts.Claimed(78, "legs", "legs", False, "a", walk))
+    path, why, _ = standing(story.at(9.0))
+    assert path[-2:] == [("walk", "a", 2.0, 3.0), ("locked", "user", 3.0, 9.0)]
+    assert why == "its handler waits for the lock of legs {78}, but user has locked it"
+
+
+def test_a_run_that_stands_because_a_monitor_watches() -> None:
+    story = Story().at(1.0)
+    watch = story.received("look out", MessageClass.POLLING_MONITOR, "user")
+    story.at(2.0).reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING)
+    assert standing(story.at(9.0))[0][-1] == ("watching", "", 2.0, 9.0)
+
+
+def test_a_run_that_stands_on_a_constraint_of_which_no_more_is_known() -> None:
+    story = Story().at(1.0)
+    first = story.command("move", "user")
+    second = story.at(2.0).command("look", "user")
+    story.say(facts.Constrained([_start_after(first, second)]))
+    path, why, _ = standing(story.at(9.0))
+    assert (path, why) == ([("held", "", 1.0, 9.0)], "it waits until look {2} is achieved")
+
+
+def _start_after(task: int, other: int) -> Constraint:
+    return Constraint(Point(TaskId(other), Moment.END_ACHIEVING), Point(TaskId(task), Moment.START_ACHIEVING))
+
+
+@pytest.mark.parametrize(("moment", "state"), [("END_HANDLING", "achieving"), ("END_PLANNING", "planning")])
+def test_a_constraint_on_the_end_of_handling_or_planning_is_a_reason(moment: str, state: str) -> None:
+    story = Story().module("a", "walk").at(1.0)
+    first = story.goal("walk", "user")
+    walk = story.goal(
+        "walk", "user", 0, Constraint(Point(TaskId(first), Moment.END_ACHIEVING), Point(TaskId(-1), Moment[moment]))
+    )
+    story.say(facts.Delivered(walk, walk, "a", "a")).reached(walk, Moment.START_HANDLING, Moment.START_PLANNING).at(2.0)
+    if state == "achieving":
+        story.reached(walk, Moment.START_ACHIEVING)
+    past = story.say(facts.Returned(walk, Outcome.DONE, b"")).fold()
+    assert (past.tasks[walk].state, why_waiting(Then(past), TaskId(walk))) == (state, ["until walk {1} is achieved"])

@@ -9,8 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click import unstyle
 from click.testing import Result
 from tools.runs import encoded, walk
+from tools.story import Story
+
+from tca_tools.terminal import columns_of
+from tca_wire import facts
+from tca_wire.points import Moment
 
 Tca = Callable[..., Result]
 
@@ -126,3 +132,68 @@ def test_what_was_there_stays_when_its_successor_finds_no_room(run: Path, tmp_pa
     output.write_text("precious")
     assert process(name, run, "-o", output, preexec_fn=leave_little_room).returncode == 1
     assert output.read_text() == "precious"
+
+
+WIDTHS = [
+    *((tool, columns) for tool in ("tree", "gantt", "stats", "log show", "replay --text") for columns in (80, 250)),
+    ("gantt", 60),
+    ("check", 80),
+    ("tree --story 1", 80),
+    ("log show", 40),
+]
+
+
+@pytest.mark.parametrize(("command", "columns"), WIDTHS)
+@pytest.mark.parametrize("name", ["move", "м" * 200, "机器人" * 60, "a b " * 2500, "c" * 10_000])
+def test_no_line_is_wider_than_the_terminal_whatever_the_names(
+    tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, columns: int, name: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    story = Story().module(name, name).module("eye", "look").at(1.0)
+    goal = story.goal(name, "user")
+    story.delivered(goal, name).reached(goal, Moment.START_ACHIEVING)
+    for number in range(5):
+        look = story.at(100.0 + 250.0 * number).command("look", name, goal)
+        story.queued(look, "eye").at(200.0 + 250.0 * number).acted(look, "eye", 75.5)
+    story.queued(story.command(name, name, goal), name)
+    story.at(5000.0).say(facts.Failed(look, name, name, is_beside=True), facts.Granted(3))
+    path = tmp_path / "run.tcaj"
+    path.write_bytes(story.encoded())
+    result = tca(*command.split(), path)
+    assert [line for line in result.stdout.splitlines() if columns_of(unstyle(line)) > columns] == []
+    assert result.exit_code in (0, 1)
+
+
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300])
+@pytest.mark.parametrize("command", TO_STDOUT)
+def test_an_entry_at_a_time_that_is_none_is_damage(tca: Tca, tmp_path: Path, command: str, time: float) -> None:
+    path = tmp_path / "run.tcaj"
+    path.write_bytes(encoded(walk()) + encoded([facts.Entry(10**6, time, [])]))
+    result = tca(*command.split(), path)
+    assert result.exit_code == 1
+    assert result.stderr.startswith(f"tca: {path}, byte {len(encoded(walk()))}: it is no entry (")
+
+
+@pytest.mark.parametrize("command", ["gantt", "tree", "stats"])
+def test_a_window_wider_than_any_run_is_refused_in_a_line(tca: Tca, run: Path, command: str) -> None:
+    result = tca(command, run, "--from", "-1e308", "--to", "1e308")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "'-1e308' is no time" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["tree", "gantt"])
+@pytest.mark.parametrize("task", ["", "0", "-1", "nobody's"])
+def test_a_task_that_there_is_not_is_said(tca: Tca, run: Path, command: str, task: str) -> None:
+    result = tca(command, run, "--task", task)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr.startswith(f"tca: no task '{task}' in this journal")
+
+
+@pytest.mark.parametrize("command", ["tree", "gantt"])
+@pytest.mark.parametrize("length", [252, 300])
+def test_a_file_name_that_is_too_long_is_said_in_a_line(
+    tca: Tca, run: Path, tmp_path: Path, command: str, length: int
+) -> None:
+    output = tmp_path / ("a" * length + ".svg")
+    result = tca(command, run, "-o", output)
+    assert (result.exit_code, result.stderr) == (1, f"tca: {output}: can't be written: File name too long\n")

@@ -105,6 +105,7 @@ def test_of_a_cut_journal_what_is_good_is_exported(tmp_path: Path, name: str) ->
 @settings(max_examples=40, deadline=None)
 def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
     """What a foreign program has written as a journal: nonsense perhaps, but exported without a stumble."""
+    told = [fact for fact in told if not isinstance(fact, facts.Opened)]  # where another run begins reading ends
     opening = facts.Opened(JOURNAL_VERSION, "e", 1, 0.0, "0.1.0")
     entries = [Entry(0, 0.0, [opening]), *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1))]
     with TemporaryDirectory() as folder:

@@ -103,10 +103,31 @@ def test_why_the_selected_task_waits() -> None:
         assert "move body {10}  held" in story_of(app)
         story = " ".join(story_of(app).split())
         assert "waits until move leg {9} is achieved" in story
+        assert "so far" not in story
+        await pilot.press("g", *"3.4", "enter")
+        story = " ".join(story_of(app).split())
+        assert "being achieved, for 1.20 s" in story
+        assert "being achieved, 1.200 s so far" in story
         selected = app.selected
         await pilot.press("up")
         assert app.selected != selected
         assert not app.follows
+
+    play(app, act)
+
+
+def test_a_story_tells_how_long_something_lasts_so_far_and_not_yet_how_it_ends() -> None:
+    app = replay(stumbling().entries, at=4.2)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("slash", *"{7}", "enter")
+        await pilot.press("g", *"4.2", "enter")
+        assert "handled by controller, 0.000 s so far" not in story_of(app)
+        story = " ".join(story_of(app).split())
+        assert "failed" not in story
+        assert "so far" in story
+        await pilot.press("end")
+        assert "handled by controller: failed, 1.100 s" in story_of(app)
 
     play(app, act)
 

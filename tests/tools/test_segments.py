@@ -9,6 +9,7 @@ from tools.runs import walk
 from tools.story import Story, walking
 
 from tca_tools.logs import Log, open_log
+from tca_tools.view.reading import Reading
 from tca_wire import facts
 from tca_wire.facts import JOURNAL_VERSION, Entry
 from tca_wire.journal import record
@@ -139,3 +140,70 @@ def test_a_report_of_a_cut_journal_says_so_once(tca: Tca, tmp_path: Path) -> Non
     cut.write_bytes(b"".join(map(record, walk()))[:-5])
     told = tca("report", cut, "-o", tmp_path / "out.html")
     assert (told.exit_code, told.stderr.count("cut off, the last")) == (0, 1)
+
+
+@pytest.fixture
+def joined(two: Path, tmp_path: Path) -> tuple[Path, int]:
+    """A file in which one run follows another, and the byte at which the second begins."""
+    first, second = ((two / f"0000000{number}.tcaj").read_bytes() for number in (1, 2))
+    path = tmp_path / "joined.tcaj"
+    path.write_bytes(first + second)
+    return path, len(first)
+
+
+@pytest.mark.parametrize("tool", [*TOOLS, "log show --classic", "log show --json"])
+def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
+    tca: Tca, two: Path, joined: tuple[Path, int], tool: str
+) -> None:
+    path, place = joined
+    shown, alone = tca(*tool.split(), path), tca(*tool.split(), two / "00000001.tcaj")
+    assert shown.exit_code == alone.exit_code
+    assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
+    assert shown.stderr == (
+        f"tca: {path}, byte {place}: another run begins here; only what comes before it is shown:"
+        f" to see the rest, take it out of the file ('tail -c +{place + 1}')\n"
+    )
+    assert alone.stderr == ""
+
+
+def test_what_tells_how_to_see_the_second_run_of_a_file_does(joined: tuple[Path, int], tmp_path: Path) -> None:
+    path, place = joined
+    rest = tmp_path / "rest.tcaj"
+    rest.write_bytes(path.read_bytes()[place:])
+    assert [entry.number for entry in open_log(rest)][1:] == [entry.number for entry in walk()[1:]]
+
+
+def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_longer(
+    joined: tuple[Path, int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = open_log(joined[0])
+    assert len(list(log.follow(lambda: pytest.fail("there is nothing to wait for")))) == len(walking().entries)
+    assert "another run begins here" in said(log, capsys)[0]
+
+
+def test_the_page_of_such_a_file_says_so(joined: tuple[Path, int]) -> None:
+    reading = Reading(open_log(joined[0]))
+    reading.start()
+    with reading:
+        assert reading._grown.wait_for(lambda: reading.caught_up, 30)
+        assert "another run begins here" in reading.remark
+        assert (reading.problem, reading.entries) == ("", len(walking().entries))
+    reading.stop()
+
+
+def test_the_segments_of_one_run_may_stand_in_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, path = walking().write(tmp_path / "run", segments=3), tmp_path / "whole.tcaj"
+    path.write_bytes(b"".join(one.read_bytes() for one in sorted(folder.iterdir())))
+    log = open_log(path)
+    assert [entry.number for entry in log] == [entry.number for entry in open_log(folder)]
+    assert said(log, capsys) == []
+
+
+def test_a_segment_twice_in_one_file_is_read_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole, path = walking().encoded(), tmp_path / "twice.tcaj"
+    path.write_bytes(whole + whole)
+    log = open_log(path)
+    assert [entry.number for entry in log] == [entry.number for entry in walking().entries]
+    assert said(log, capsys)[0].startswith(
+        f"tca: {path}, byte {len(whole)}: segment 1 of this run, once more, begins here; only what comes before"
+    )

@@ -1,0 +1,106 @@
+"""Queues that only grow: more messages come for a resource than it handles. Pure.
+
+Looked at is the time since the queue was last empty, until it was given or sent the last message. It counts if it is
+long, if the queue has grown in both halves of it, and if the resource did handle messages meanwhile: a burst that is
+worked off, a queue that is always about as long, and a handler that hangs are something else.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from math import ceil, sqrt
+
+from tca_tools.analysis.resources import Key, capacity_of
+from tca_tools.analysis.spans import levels
+from tca_tools.past import Past
+from tca_tools.records import Queueing
+
+_LENGTH = 5
+"""A shorter queue is no sign."""
+_HANDLED = 3
+_GROWTH = 0.1
+"""So much more must come than is handled, as a share of that."""
+_CHANCE = 3
+"""And so many times what chance makes of it: of n that come at random, the square root of n more or less."""
+_SHARE = 0.2
+"""It must have grown for so long, as a share of the run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Growing:
+    """A queue that grew until the end."""
+
+    key: Key
+    capacity: int
+    start: float
+    """Since when it was not empty."""
+    end: float
+    """When the resource was given or sent its last message."""
+    length: int
+    """How many stood in it then."""
+    handled: int
+    """How many messages the resource was given meanwhile."""
+    longest: float
+    """How long the oldest of the queue had waited at the end, in seconds."""
+    message: str
+    """What most of the queue were."""
+
+    @property
+    def rate_in(self) -> float:
+        """How many came a second."""
+        return (self.handled + self.length) / (self.end - self.start)
+
+    @property
+    def rate_out(self) -> float:
+        """How many were handled a second."""
+        return self.handled / (self.end - self.start)
+
+    @property
+    def needed(self) -> int:
+        """How many slots would keep up, if one more slot handles as much as those there are."""
+        return ceil(self.capacity * self.rate_in / self.rate_out)
+
+
+def growing(past: Past, start: float, end: float) -> list[Growing]:
+    """All such queues of a run that lasted from *start* to *end*."""
+    lines: dict[Key, list[Queueing]] = {}
+    for queueing in past.queueings:
+        if queueing.module:
+            lines.setdefault((queueing.module, queueing.resource), []).append(queueing)
+    found = (_growing(past, key, queued) for key, queued in lines.items() if len(queued) >= _LENGTH)
+    return [one for one in found if one and one.end - one.start >= _SHARE * (end - start)]
+
+
+def _growing(past: Past, key: Key, queued: list[Queueing]) -> Growing | None:
+    given = [run.start for run in past.runs.get(key, [])]
+    end = max([queued[-1].start, *given[-1:]])
+    left = [one for one in queued if one.end is None or one.end > end or (one.end == end and not _was_given(past, one))]
+    if len(left) < _LENGTH:
+        return None
+    start, middle = _growth(queued, left, end)
+    handled = sum(time > start for time in given)
+    is_steady = len(left) / 4 <= middle <= len(left) * 3 / 4
+    is_more = len(left) >= max(_GROWTH * handled, _CHANCE * sqrt(handled))
+    if not is_steady or not is_more or handled < _HANDLED or past.grants.get(key):
+        return None
+    names = Counter(past.name(one.message_id) for one in left)
+    longest = end - min(one.start for one in left)
+    return Growing(
+        key, capacity_of(past, key), start, end, len(left), handled, longest, names.most_common(1)[0][0]
+    )  # fmt: skip
+
+
+def _was_given(past: Past, queueing: Queueing) -> bool:
+    """Whether a wait ended with a handler that got the message."""
+    message = past.messages.get(queueing.message_id)
+    return message is not None and any(run.start == queueing.end for run in message.handlings)
+
+
+def _growth(queued: list[Queueing], left: list[Queueing], end: float) -> tuple[float, int]:
+    """Since when the queue was not empty, and how long it was in the middle of that time."""
+    stays = {id(one) for one in left}
+    spans = [(one.start, end + 1.0 if id(one) in stays or one.end is None else one.end) for one in queued]
+    lengths = [(time, length) for time, length in levels(spans) if time <= end]
+    start = max((time for time, length in lengths if not length), default=None)
+    start = next(time for time, _ in lengths if start is None or time > start)
+    middle = (start + end) / 2
+    return start, [length for time, length in lengths if time <= middle][-1]

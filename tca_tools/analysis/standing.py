@@ -1,0 +1,207 @@
+"""What keeps a task that has not ended when the journal ends: what runs under it, or else what it stands on. Pure.
+
+Where nothing under a task goes on, its constraints, and its handlers that wait, lead to tasks elsewhere: what goes on
+or stands there keeps it. A walk visits a message once, so it costs what it passes through.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from tca_tools.analysis.causes import Doing, Step, delay_of
+from tca_tools.past import Past
+from tca_tools.records import Claim, Handling, Hold, Message, Task, Wait
+from tca_tools.story import awaited
+from tca_tools.then import TaskThen, Then
+from tca_tools.waiting import blockers, of_blocker
+from tca_wire.points import Moment
+
+
+@dataclass(slots=True)
+class GoingOn:
+    """What a task waits for at the journal's end."""
+
+    time: float
+    """Until when something went on: the journal's end, or when it came to stand."""
+    message_id: int
+    handling: Handling | None = None
+    """The handler that went on until then."""
+    standing: Step | None = None
+    """If nothing does: what stands since then."""
+    found_at: int = 0
+    """The message by which it was found."""
+    because: list[str] = field(default_factory=list)
+    """If it is not under the task: the waits that lead there, in words."""
+
+
+def going_on(past: Past, task: Task) -> GoingOn:
+    """What an open task waits for."""
+    end = Then(past)
+    own: list[Message] = list(past.under(task))
+    if found := _running(past, own) or _longest(own, end, _stopped):
+        return found
+    way = _Way(end, own)
+    if found := _running(past, way.further) or _longest(way.further, end, _stopped):
+        found.because = way.to(found.found_at)
+        return found
+    everywhere = [*own, *way.further]
+    return _longest(everywhere, end, _watching) or _longest(everywhere, end, _held) or _unknown(past, task, own)
+
+
+def _running(past: Past, messages: Iterable[Message]) -> GoingOn | None:
+    """The first handler that waits for nothing; replies that are waited for are followed."""
+    for one in messages:
+        last = _awaited_last(past, one)
+        if last.handling and not _wait_of(last):
+            return GoingOn(past.time, last.id, last.handling, found_at=one.id)
+    return None
+
+
+class _Standing(NamedTuple):
+    """What stands until the journal's end."""
+
+    step: Step
+    cause: int
+    """The message at whose event it came to that."""
+    handling: Handling | None = None
+    """The handler that did it, if it was one."""
+
+
+def _longest(
+    messages: Iterable[Message], end: Then, standing: Callable[[Message, Then], Iterator[_Standing]]
+) -> GoingOn | None:
+    """What has stood longest."""
+    all_found = [(found, one.id) for one in messages for found in standing(one, end) if found.step.seconds > 0]
+    if not all_found:
+        return None
+    found, found_at = min(all_found, key=lambda one: one[0].step.start)
+    return GoingOn(found.step.start, found.cause, found.handling, found.step, found_at)
+
+
+def _stopped(message: Message, end: Then) -> Iterator[_Standing]:
+    """It is suspended, in a queue, handled by nobody, delayed, or its handler waits for what somebody has locked."""
+    past = end.past
+    if isinstance(message, Task):
+        suspension = message.suspension
+        if suspension and suspension.cause == message.id and (since := suspension.standstill) is not None:
+            yield _Standing(Step(since, past.time, Doing.SUSPENDED, message.id, ""), message.id)
+        for hold in _holds(message, end):
+            before = hold.constraint.before
+            if hold.constraint.delay and end.has_reached(before):
+                start, cause = delay_of(past, message, before.task, before.moment, hold.added)
+                yield _Standing(Step(start, past.time, Doing.DELAY, message.id, ""), cause)
+    last = _awaited_last(past, message)
+    if last.is_queued:
+        queueing = last.queueings[-1]
+        doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
+        yield _Standing(Step(queueing.start, past.time, doing, last.id, queueing.module, queueing.resource), last.id)
+    wait = _wait_of(last)
+    if wait and (holder := _holder(end, wait)) and holder.by is None:
+        since = max(wait.start, holder.granted or wait.start)
+        handling = last.handling if since == wait.start else None
+        yield _Standing(Step(since, past.time, Doing.LOCKED, last.id, holder.sender), last.id, handling)
+
+
+def _watching(message: Message, end: Then) -> Iterator[_Standing]:
+    """A monitor watches for something."""
+    if isinstance(message, Task) and message.message_class.is_monitor and Moment.END_HANDLING not in message.reached:
+        since = message.reached.get(Moment.START_HANDLING)
+        if since is not None:
+            yield _Standing(Step(since, end.past.time, Doing.WATCHING, message.id, ""), message.id)
+
+
+def _held(message: Message, end: Then) -> Iterator[_Standing]:
+    """Constraints hold it back, and what they wait for is not known to go on."""
+    if isinstance(message, Task) and message.states and any(_holds(message, end)):
+        yield _Standing(Step(message.states[-1][0], end.past.time, Doing.HELD, message.id, ""), message.id)
+
+
+def _unknown(past: Past, task: Task, own: Iterable[Message]) -> GoingOn:
+    """Nothing is known that it waits for: back from when something last happened under it."""
+    changed = (one.states[-1][0] for one in own if isinstance(one, Task) and one.states)
+    last = max(changed, default=task.received)
+    step = Step(last, past.time, Doing.UNKNOWN, task.id, "") if past.time > last else None
+    return GoingOn(last, task.id, standing=step)
+
+
+class _Way:
+    """From some tasks to all that they wait for elsewhere, and what that waits for."""
+
+    def __init__(self, end: Then, own: list[Message]) -> None:
+        self.further: list[Message] = []
+        self._came: dict[int, tuple[int, str]] = {one.id: (0, "") for one in own}
+        """From which message to which, and why."""
+        self._end = end
+        walked = [(one, False) for one in own]
+        for one, with_children in walked:  # grows while it is walked
+            for other, words, whole in self._leads(one, with_children=with_children):
+                if other.id not in self._came:
+                    self._came[other.id] = (one.id, words)
+                    self.further.append(other)
+                    walked.append((other, whole))
+
+    def to(self, message_id: int) -> list[str]:
+        """The waits that lead to a message, in words."""
+        told = []
+        while message_id:
+            message_id, words = self._came[message_id]
+            told.append(words)
+        return [words for words in reversed(told) if words]
+
+    def _leads(self, message: Message, *, with_children: bool) -> Iterator[tuple[Message, str, bool]]:
+        """What a message waits for, in words, and whether it waits for all that is under it."""
+        past = self._end.past
+        if isinstance(message, Task):
+            yield from self._leads_of_task(message)
+            if with_children:
+                yield from ((past.tasks[child], "", True) for child in message.children)
+        last = _awaited_last(past, message)
+        if not (wait := _wait_of(last)):
+            return
+        holder = _holder(self._end, wait)
+        awaited_id = holder.by.message_id if holder and holder.by else wait.awaited
+        if (other := past.messages.get(awaited_id)) is not None:
+            yield other, f"the handler of {last} waits {awaited(past, wait)}", wait.moment is Moment.END_ACHIEVING
+
+    def _leads_of_task(self, task: Task) -> Iterator[tuple[Task, str, bool]]:
+        tasks, then = self._end.past.tasks, self._then_of(task)
+        if task.suspension and task.suspension.cause != task.id:
+            cause = tasks[task.suspension.cause]
+            yield cause, f"{task} waits until {cause} is resumed", False
+        for blocker in blockers(self._end, then):
+            words = f"{task} waits {of_blocker(self._end, then, blocker)}"
+            if isinstance(blocker, Moment):
+                yield tasks[task.parent], words, False
+            elif (before := tasks.get(blocker.constraint.before.task)) is not None:
+                ends = blocker.constraint.before.moment in (Moment.END_PLANNING, Moment.END_ACHIEVING)
+                yield before, words, ends
+
+    def _then_of(self, task: Task) -> TaskThen:
+        return self._end.tasks[task.id]
+
+
+def _holds(task: Task, end: Then) -> Iterator[Hold]:
+    """The constraints that keep a task from what comes next."""
+    return (one for one in blockers(end, end.tasks[task.id]) if isinstance(one, Hold))
+
+
+def _awaited_last(past: Past, message: Message) -> Message:
+    """What a handler waits for the reply of; if the handler of that waits, what that waits for; and so on."""
+    while (wait := _wait_of(message)) and wait.moment is None:
+        other = past.messages.get(wait.awaited)
+        if other is None or other.id <= message.id:
+            break
+        message = other
+    return message
+
+
+def _wait_of(message: Message) -> Wait | None:
+    """What the handler of a message waits for."""
+    waits = message.handling.waits if message.handling else []
+    return waits[-1] if waits and waits[-1].end is None else None
+
+
+def _holder(end: Then, wait: Wait) -> Claim | None:
+    """Who has locked or reserved what a handler waits to lock or reserve."""
+    claim = end.past.claims.get(wait.awaited)
+    return end.held_by(claim.module, claim.resource) if claim else None
