@@ -18,12 +18,12 @@ from tca_central.state import Failure, Recovery, State
 from tca_central.taps import happened
 from tca_central.taps import remove as remove_tap
 from tca_central.task_tree import Task
-from tca_central.watching import stop
+from tca_central.watching import end_watch, stop
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Cancelled
 from tca_wire.parts import Attachment
 from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
-from tca_wire.vocabulary import Limit, MessageClass, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Limit, MessageClass, Refusal, Role
 
 LONGEST_TEXT = 16_384
 """Characters of a failure's text that are kept: the last, where a traceback says what happened."""
@@ -85,7 +85,7 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
     others = place.more.attached if isinstance(place, Task) else place.attached
     for other in others:
         if (other.failure, other.handler.name, other.by) == (wanted.failure, wanted.handler, by):
-            _remove(central, other)
+            _remove(central, other, by)
             break
     if len(others) >= MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
@@ -99,21 +99,41 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module takes an exception handler or a wiretap away; one that is gone already is no error."""
+    """A module takes an exception handler or a wiretap away, or an operator for all who want it; he ends monitors, too.
+    One that is gone already is no error.
+    """
+    module, gone = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
-        _remove(central, attached)
+        _remove(central, attached, module.name)
     elif (tap := central.taps.get(header.id)) is not None:
-        remove_tap(central, tap, connection.module)
+        remove_tap(central, tap, module, for_all=header.for_all)
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
-    central.send(connection, header.number, Accepted(header.number))
+    elif not (header.for_all and _end_monitor(central, header.id, module.name)):
+        gone = 0
+    central.send(connection, header.number, Accepted(header.number, gone))
 
 
-def _remove(central: State, attached: Attached) -> None:
+def _end_monitor(central: State, number: int, by: str) -> bool:
+    """End the monitor of that number; whether it still was to watch. Raises RequestError for a task that is none."""
+    task = central.tree.tasks.get(number)
+    if task is None:
+        return False
+    watch = task.rare.watch if task.rare is not None else None
+    if watch is None:
+        text = f"{task} is a {task.message.message_class}, which is not attached: kill it to end it"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if watch.is_over:
+        return False
+    end_watch(central, watch, f"by module '{by}'")
+    return True
+
+
+def _remove(central: State, attached: Attached, by: str) -> None:
     place = attached.place
     (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
     del central.attached[attached.id]
-    central.facts.append(facts.Removed(attached.id))
+    central.facts.append(facts.Removed(attached.id, by))
 
 
 def forget_task(central: State, task: Task) -> None:
@@ -237,11 +257,12 @@ def _unhandled(central: State, task: Task, failure: Failure) -> None:
         kill(central, exception, why)
 
 
-def kill(central: State, task: Task, why: str) -> None:
-    """End a task and all under it. A handler that runs is never interrupted: it is told, and its task ends when it has
-    returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
+def kill(central: State, task: Task, why: str, by: str = CENTRAL) -> None:
+    """End a task and all under it, as *by* wants. A handler that runs is never interrupted: it is told, and its task
+    ends when it has returned. What was to be done on termination is done now; a killed exception handler has decided
+    nothing.
     """
-    killed = central.agenda.kill(task, why)
+    killed = central.agenda.kill(task, why, by)
     new = {one.id for one in killed}
     for one in killed:
         happened(central, one, KILLED)
@@ -256,13 +277,13 @@ def kill(central: State, task: Task, why: str) -> None:
         if central.claimed_for:
             claims.killed(central, one)
         if one.rare is not None:
-            _leave_behind(central, one, why)
+            _leave_behind(central, one, why, by)
         if one.role is Role.EXCEPTION and not one.more.is_void:
             one.more.is_void = True
             _search_on(central, one)
 
 
-def _leave_behind(central: State, task: Task, why: str) -> None:
+def _leave_behind(central: State, task: Task, why: str, by: str) -> None:
     """What else the kill of a task brings about."""
     assert task.rare is not None
     if task.reached & START_HANDLING:
@@ -272,7 +293,7 @@ def _leave_behind(central: State, task: Task, why: str) -> None:
         stop(central, task.rare.watch, "it was killed")
     for listener in task.rare.listeners:
         if listener.reached != ALL_MOMENTS:
-            kill(central, listener, why)
+            kill(central, listener, why, by)
 
 
 # --- what an exception handler decides -------------------------------------------------------------------------------
@@ -342,12 +363,13 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     if header.new_data:
         task.body = body
     task.failure = None
-    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b""))
+    by = connection.module.name
+    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
     if task.reached & START_HANDLING:
         why = f"{task} is retried"
         for child in list((task.children or {}).values()):
             if not child.survives:
-                kill(central, child, why)
+                kill(central, child, why, by)
         if task.slot is not None:
             central.tell(task.slot, Cancelled(task.given_as))
         central.agenda.retry(task)

@@ -6,7 +6,7 @@ from tca_tools.past import Past
 from tca_tools.records import Claim, Hold, State
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 _CLAUSES = {
     Moment.START_HANDLING: "is being handled",
@@ -158,7 +158,8 @@ def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
     if running := [then.describe(run.message_id) for run in then.ran_on(task)]:
         yield f"until {_listed(running)} {'have' if len(running) > 1 else 'has'} been handled"
     if task.suspension:
-        yield f"until {then.describe(task.suspension.cause)} is resumed"
+        who = by_whom(task.suspension.by)
+        yield f"until {then.describe(task.suspension.cause)} is resumed" + (f" (suspended{who})" if who else "")
 
 
 def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:

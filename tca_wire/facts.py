@@ -161,10 +161,13 @@ class Failed(_Fact, frozen=True, tag="failed"):
 
 
 class Killed(_Fact, frozen=True, tag="killed"):
-    """A task was killed. It ends when its handler, if one runs, has returned."""
+    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
+    asked for it, or "central" ("": an older journal does not tell).
+    """
 
     task: TaskId
     why: str
+    by: str = ""
 
 
 class Attached(_Fact, frozen=True, tag="attached"):
@@ -182,6 +185,7 @@ class Removed(_Fact, frozen=True, tag="removed"):
     """An exception handler or wiretap was taken away."""
 
     id: int
+    by: str = ""
 
 
 class TapAdded(_Fact, frozen=True, tag="tap"):
@@ -248,6 +252,7 @@ class Retried(_Fact, frozen=True, tag="retried"):
 
     task: TaskId
     body: bytes
+    by: str = ""
 
 
 class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
@@ -255,6 +260,7 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
 
     task: TaskId
     is_suspended: bool
+    by: str = ""
 
 
 class Kept(_Fact, frozen=True, tag="kept"):

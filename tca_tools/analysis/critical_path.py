@@ -18,7 +18,7 @@ from tca_tools.story import awaited
 from tca_tools.then import Then
 from tca_tools.waiting import why_waiting
 from tca_wire.points import Moment, TaskId
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 
 @dataclass(slots=True)
@@ -134,15 +134,21 @@ def why_then(past: Past, step: Step) -> str:
         return f"{message.role} for {past.describe(message.about)}" if message and message.role else ""
     if isinstance(message, Task):
         if step.doing is Doing.SUSPENDED:
-            return next((f"suspended at {moment(one.start)}" for one in message.suspensions if _stands(one, step)), "")
+            return next((_suspended(one, step) for one in message.suspensions if _covers(one, step)), "")
         reasons = why_waiting(Then(past, nextafter(step.start, 0.0)), TaskId(message.id))
         return f"it waited {' and '.join(reasons)}" if reasons else ""
     return ""
 
 
-def _stands(suspension: Suspension, step: Step) -> bool:
-    """Whether a step is the later part of a suspension."""
-    return suspension.start < step.start and (suspension.end is None or suspension.end >= step.end)
+def _covers(suspension: Suspension, step: Step) -> bool:
+    """Whether a step is a suspension, or the later part of one."""
+    return suspension.start <= step.start and (suspension.end is None or suspension.end >= step.end)
+
+
+def _suspended(suspension: Suspension, step: Step) -> str:
+    """Who suspended it, and when if that was before the step."""
+    text = f" at {moment(suspension.start)}" * (suspension.start < step.start) + by_whom(suspension.by)
+    return f"suspended{text}" if text else ""
 
 
 def _end_of(task: Task) -> float:

@@ -11,6 +11,7 @@ from tca_tools.terminal import cut, printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.waiting import waits_since, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
+from tca_wire.wording import by_whom
 
 _LONGEST_FAILURE = 200
 _SHORTEST = 0.0005
@@ -58,7 +59,7 @@ def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
         return printable(f"waits {', and '.join(reasons)}"), waits_since(task)
     if task.suspension and task.handling:
         return printable(
-            f"still runs, though {then.describe(task.suspension.cause)} is suspended"
+            f"still runs, though {then.describe(task.suspension.cause)} is suspended{by_whom(task.suspension.by)}"
         ), task.suspension.start
     return "", None
 

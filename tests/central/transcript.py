@@ -6,7 +6,7 @@
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
-    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
+    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
@@ -34,7 +34,7 @@ from tca_wire.facts import kind_of
 from tca_wire.notices import NOTICES
 from tca_wire.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
-from tca_wire.vocabulary import Condition, MessageClass, Scope
+from tca_wire.vocabulary import CENTRAL, Condition, MessageClass, Scope
 from tca_wire.wording import fields_of
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
@@ -153,6 +153,9 @@ class Transcript:
     def remove(self, name: str, which: str) -> list[Any]:
         return self.player.receive(name, headers.Remove(self.player.number(name), int(which)))
 
+    def detach(self, name: str, which: str) -> list[Any]:
+        return self.player.receive(name, headers.Remove(self.player.number(name), int(which), for_all=True))
+
     def raise_(self, name: str, failure: str, task: str) -> list[Any]:
         failure, *kinds = failure.split("<")
         header = headers.Raise(self.player.number(name), TaskId(int(task)), failure, "why", kinds)
@@ -251,6 +254,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),
     (rf"{NAME}: attach (?P<what>.+) to (?P<where>\w+)", Transcript.attach),
     (rf"{NAME}: remove (?P<which>\d+)", Transcript.remove),
+    (rf"{NAME}: detach (?P<which>\d+)", Transcript.detach),
     (rf"{NAME}: raise (?P<failure>.+) on (?P<task>\d+)", Transcript.raise_),
     (rf"{NAME}: retry (?P<task>\d+)(?P<data> with data)?", Transcript.retry),
     (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
@@ -346,10 +350,12 @@ def describe_control(fact: facts.Fact) -> str:
         case facts.Caught():
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
         case facts.SuspendedOrResumed():
-            return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'}"
+            return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
+        case facts.Killed() | facts.Retried():
+            return describe_ended_by(fact)
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
-        case facts.Unhandled() | facts.Recovered() | facts.Retried():
+        case facts.Unhandled() | facts.Recovered():
             return f"{fact.task} {kind_of(fact)}"
         case facts.TapAdded():
             return f"{fact.id} taps {fact.message}{f' {fact.task}' if fact.task else ''}, {fact.condition}: {fact.listener}"
@@ -366,6 +372,13 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
         case _:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
+
+
+def describe_ended_by(fact: facts.Killed | facts.Retried) -> str:
+    if isinstance(fact, facts.Retried):
+        return f"{fact.task} retried by {fact.by}"
+    is_said = fact.by == CENTRAL or fact.why == f"by module '{fact.by}'"
+    return f"killed: task {fact.task}, why {fact.why}" + ("" if is_said else f", by {fact.by}")
 
 
 def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> str:
