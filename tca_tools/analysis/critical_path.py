@@ -147,7 +147,7 @@ def _covers(suspension: Suspension, step: Step) -> bool:
 
 def _suspended(suspension: Suspension, step: Step) -> str:
     """Who suspended it, and when if that was before the step."""
-    text = f" at {moment(suspension.start)}" * (suspension.start < step.start) + by_whom(suspension.by)
+    text = by_whom(suspension.by) + f" at {moment(suspension.start)}" * (suspension.start < step.start)
     return f"suspended{text}" if text else ""
 
 

@@ -144,10 +144,10 @@ def _told(past: Past, found: _Found) -> LongWait:
 def _until_resumed(suspension: Suspension) -> str:
     over = suspension.end is not None and not suspension.is_resumed
     text = "until it was killed" if over else "until it is resumed"
-    text += f" (suspended{by_whom(suspension.by)})" if suspension.by else ""
+    who = by_whom(suspension.by)
     if suspension.standstill == suspension.start:
-        return text
-    return f"{text}; suspended at {moment(suspension.start)}, what ran then ran on"
+        return text + (f" (suspended{who})" if who else "")
+    return f"{text}; suspended{who} at {moment(suspension.start)}, what ran then ran on"
 
 
 def _why_held(past: Past, task: Task, wait: LongWait) -> str:
