@@ -29,6 +29,12 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
 
 
+def waits_how(task: TaskThen) -> str:
+    """How a task waits until something: "waits", or "suspended by operator panel,"."""
+    by = task.suspension.by if task.state is State.SUSPENDED and task.suspension else ""
+    return f"suspended{by_whom(by)}," if by else "waits"
+
+
 def waits_since(task: TaskThen) -> float:
     """From when on a task has waited for that: since its handler blocks, since it is suspended, or since its state."""
     if task.state is State.SUSPENDED and task.suspension:
@@ -158,8 +164,7 @@ def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
     if running := [then.describe(run.message_id) for run in then.ran_on(task)]:
         yield f"until {_listed(running)} {'have' if len(running) > 1 else 'has'} been handled"
     if task.suspension:
-        who = by_whom(task.suspension.by)
-        yield f"until {then.describe(task.suspension.cause)} is resumed" + (f" (suspended{who})" if who else "")
+        yield f"until {then.describe(task.suspension.cause)} is resumed"
 
 
 def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:

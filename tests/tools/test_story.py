@@ -168,10 +168,10 @@ def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
         "still runs, though mop floor {1} is suspended by operator panel, for 0.50 s"
     )
     for task in (1, 3):
-        until = "until mop floor {1} is resumed (suspended by operator panel)"
-        assert note(standing, standing.tasks[task]) == f"waits {until}, for 3.00 s"
+        words = "suspended by operator panel, until mop floor {1} is resumed, for 3.00 s"
+        assert note(standing, standing.tasks[task]) == words
     typed = Then(mopping("tca suspend").fold(), 5.0)
-    assert "(suspended by the command 'tca suspend')" in note(typed, typed.tasks[1])
+    assert note(typed, typed.tasks[1]).startswith("suspended by the command 'tca suspend', until")
 
 
 def test_what_is_sent_under_a_suspended_task_is_suspended_by_the_same() -> None:
