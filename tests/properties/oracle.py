@@ -316,7 +316,9 @@ class Oracle:
         world = self.world
         for attached in [*world.attached.values(), *(node.attached for node in [world.root, *world.nodes.values()])]:
             attached[:] = [one for one in attached if one.id != header.id]
-        oracle_taps.let_go(world, header.id, world.modules[connection])
+        oracle_taps.let_go(world, header.id, world.modules[connection], for_all=header.for_all)
+        if header.for_all and header.id in world.nodes:
+            oracle_monitors.end(world, world.nodes[header.id])
 
     def raise_(self, _: str, header: headers.Raise, _body: bytes) -> None:
         if (node := self._unkilled(header.task)) is not None:

@@ -120,13 +120,13 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     return listener
 
 
-def let_go(world: World, tap_id: int, module: str) -> None:
-    """A module wants a tap no longer; it is taken away if nobody else does."""
+def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
+    """A module wants a tap no longer; it is taken away if nobody else does, or *for all*."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
         for tap in taps:
             if tap.id == tap_id:
                 tap.holders.discard(module)
-        taps[:] = [tap for tap in taps if tap.id != tap_id or tap.holders]
+        taps[:] = [tap for tap in taps if tap.id != tap_id or (tap.holders and not for_all)]
 
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
