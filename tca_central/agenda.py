@@ -37,6 +37,7 @@ from tca_wire.points import (
     START_PLANNING,
     TaskId,
 )
+from tca_wire.vocabulary import CENTRAL
 
 
 class Agenda:
@@ -153,14 +154,14 @@ class Agenda:
             self._facts.append(TimedOut(release.constraint))
         self._look_at.append(release.task)
 
-    def kill(self, task: Task, why: str) -> list[Task]:
-        """End a task and all below it but what survives; those that were not killed before, parents first. What waits
-        for them is released: at once, or when the running handlers below have returned.
+    def kill(self, task: Task, why: str, by: str = CENTRAL) -> list[Task]:
+        """End a task and all below it but what survives, as *by* wants; those that were not killed before, parents
+        first. What waits for them is released: at once, or when the running handlers below have returned.
         """
         killed = [doomed for doomed in self.tree.doomed(task) if not doomed.killed]
         for doomed in killed:
             doomed.killed = why
-            self._facts.append(Killed(TaskId(doomed.id), why))
+            self._facts.append(Killed(TaskId(doomed.id), why, by))
         self.holds.bequeath(killed)
         for doomed in killed:
             if not doomed.is_running:

@@ -5,6 +5,7 @@ from tca_central.registry import Attached, Connection, MessageType
 from tca_central.state import State
 from tca_central.taps import remove as remove_tap
 from tca_central.task_tree import Task
+from tca_central.watching import end_watch
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted
 from tca_wire.parts import Attachment
@@ -54,7 +55,7 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
     others = place.more.attached if isinstance(place, Task) else place.attached
     for other in others:
         if (other.failure, other.handler.name, other.by) == (wanted.failure, wanted.handler, by):
-            _remove(central, other)
+            _remove(central, other, by)
             break
     if len(others) >= MOST_ATTACHED:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
@@ -68,21 +69,41 @@ def attach(central: State, wanted: Attachment, place: Task | MessageType, by: st
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module takes an exception handler or a wiretap away; one that is gone already is no error."""
+    """A module takes an exception handler or a wiretap away, or an operator for all who want it; he ends monitors, too.
+    One that is gone already is no error.
+    """
+    module, gone = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
-        _remove(central, attached)
+        _remove(central, attached, module.name)
     elif (tap := central.taps.get(header.id)) is not None:
-        remove_tap(central, tap, connection.module)
+        remove_tap(central, tap, module, for_all=header.for_all)
     elif not 0 < header.id <= central.tree.newest:
         raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
-    central.send(connection, header.number, Accepted(header.number))
+    elif not (header.for_all and _end_monitor(central, header.id, module.name)):
+        gone = 0
+    central.send(connection, header.number, Accepted(header.number, gone))
 
 
-def _remove(central: State, attached: Attached) -> None:
+def _end_monitor(central: State, number: int, by: str) -> bool:
+    """End the monitor of that number; whether it still was to watch. Raises RequestError for a task that is none."""
+    task = central.tree.tasks.get(number)
+    if task is None:
+        return False
+    watch = task.rare.watch if task.rare is not None else None
+    if watch is None:
+        text = f"{task} is a {task.message.message_class}, which is not attached: kill it to end it"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if watch.is_over:
+        return False
+    end_watch(central, watch, f"by module '{by}'")
+    return True
+
+
+def _remove(central: State, attached: Attached, by: str) -> None:
     place = attached.place
     (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
     del central.attached[attached.id]
-    central.facts.append(facts.Removed(attached.id))
+    central.facts.append(facts.Removed(attached.id, by))
 
 
 def forget_task(central: State, task: Task) -> None:

@@ -29,10 +29,10 @@ MOST_PENDING = 1000
 class Ending:
     """That a task shall end when a point is reached, or some time after."""
 
-    __slots__ = ("delay", "scope", "task", "why")
+    __slots__ = ("by", "delay", "scope", "task", "why")
 
-    def __init__(self, task: Task, scope: Scope, delay: float, why: str) -> None:
-        self.task, self.scope, self.delay, self.why = task, scope, delay, why
+    def __init__(self, task: Task, scope: Scope, delay: float, why: str, by: str) -> None:
+        self.task, self.scope, self.delay, self.why, self.by = task, scope, delay, why, by
 
     def met(self, central: State, _: Task) -> None:
         """The point is reached."""
@@ -46,22 +46,22 @@ class Ending:
         if self.task.rare is not None:
             self.task.rare.pending.pop(self, None)
         if self._is_there(central):
-            _kill_scope(central, self.task, self.scope, self.why)
+            _kill_scope(central, self.task, self.scope, self.why, self.by)
 
     def _is_there(self, central: State) -> bool:
         """Whether the task has not ended, perhaps by what let the point be reached."""
         return self.task.id == ROOT or self.task.id in central.tree.tasks
 
 
-def _kill_scope(central: State, task: Task, scope: Scope, why: str) -> None:
+def _kill_scope(central: State, task: Task, scope: Scope, why: str, by: str) -> None:
     if scope is Scope.TASK:
-        kill(central, task, why)
+        kill(central, task, why, by)
         return
     parent = task if scope is Scope.DESCENDANTS else task.parent
     assert parent is not None
     for child in list((parent.children or {}).values()):
         if child is not task and not child.survives:
-            kill(central, child, why)
+            kill(central, child, why, by)
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
@@ -77,8 +77,8 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     if task is None:
         central.ignore(connection, header.number, f"task {header.task} has ended: it can't be killed")
         return
-    why = header.why or f"by module '{connection.module.name}'"
-    ending = Ending(task, header.scope, header.delay, why)
+    by = connection.module.name
+    ending = Ending(task, header.scope, header.delay, header.why or f"by module '{by}'", by)
     at = central.tree.task(header.after.task) if header.after is not None else None
     if header.after is not None and at is not None and not at.reached & _moment(header.after):
         _check_pending(task)
@@ -142,7 +142,7 @@ def on_suspend(central: State, connection: Connection, header: headers.Suspend, 
     if task is None:
         central.ignore(connection, header.number, f"task {header.task} has ended: it can't be suspended or resumed")
         return
-    suspend(central, task, resume=header.resume)
+    suspend(central, task, resume=header.resume, by=connection.module.name)
     central.send(connection, header.number, Accepted(header.number, task.id))
 
 

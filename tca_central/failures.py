@@ -23,7 +23,7 @@ from tca_wire import facts, headers
 from tca_wire.failures import NOT_BY_CHOICE
 from tca_wire.headers import Accepted, Cancelled
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
-from tca_wire.vocabulary import Limit, Refusal, Role
+from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384
 """Characters of a failure's text that are kept: the last, where a traceback says what happened."""
@@ -220,11 +220,12 @@ def _end_all(central: State, task: Task, failure: Failure, why: str) -> None:
         kill(central, exception, why)
 
 
-def kill(central: State, task: Task, why: str) -> None:
-    """End a task and all under it. A handler that runs is never interrupted: it is told, and its task ends when it has
-    returned. What was to be done on termination is done now; a killed exception handler has decided nothing.
+def kill(central: State, task: Task, why: str, by: str = CENTRAL) -> None:
+    """End a task and all under it, as *by* wants. A handler that runs is never interrupted: it is told, and its task
+    ends when it has returned. What was to be done on termination is done now; a killed exception handler has decided
+    nothing.
     """
-    killed = central.agenda.kill(task, why)
+    killed = central.agenda.kill(task, why, by)
     new = {one.id for one in killed}
     for one in killed:
         happened(central, one, KILLED)
@@ -239,13 +240,13 @@ def kill(central: State, task: Task, why: str) -> None:
         if central.claimed_for:
             claims.killed(central, one)
         if one.rare is not None:
-            _leave_behind(central, one, why)
+            _leave_behind(central, one, why, by)
         if one.role is Role.EXCEPTION and not one.more.is_void:
             one.more.is_void = True
             _search_on(central, one)
 
 
-def _leave_behind(central: State, task: Task, why: str) -> None:
+def _leave_behind(central: State, task: Task, why: str, by: str) -> None:
     """What else the kill of a task brings about."""
     assert task.rare is not None
     if task.reached & START_HANDLING:
@@ -255,7 +256,7 @@ def _leave_behind(central: State, task: Task, why: str) -> None:
         stop(central, task.rare.watch, "it was killed")
     for listener in task.rare.listeners:
         if listener.reached != ALL_MOMENTS:
-            kill(central, listener, why)
+            kill(central, listener, why, by)
 
 
 # --- what an exception handler decides -------------------------------------------------------------------------------
@@ -312,12 +313,13 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     if header.new_data:
         task.body = body
     task.failure = None
-    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b""))
+    by = connection.module.name
+    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
     if task.reached & START_HANDLING:
         why = f"{task} is retried"
         for child in list((task.children or {}).values()):
             if not child.survives:
-                kill(central, child, why)
+                kill(central, child, why, by)
         if task.slot is not None:
             central.tell(task.slot, Cancelled(task.given_as))
         central.agenda.retry(task)

@@ -62,8 +62,8 @@ def load(central: State) -> dict[str, Any]:
             for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, held)
         ],
         "suspended": [
-            {"task": int(task.id), "what": _named(task), "seconds": max(now - since, 0.0)}
-            for since, task in suspended[:SHOWN_WAITS]
+            {"task": int(task.id), "what": _named(task), "by": by, "seconds": max(now - since, 0.0)}
+            for since, by, task in suspended[:SHOWN_WAITS]
         ],
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "looked_at": min(len(central.tree.tasks), LOOKED_AT),
@@ -124,11 +124,11 @@ def _held(central: State) -> list[tuple[float, int, Task, int]]:
     return [(task.since, number, task, at) for number, task in enumerate(held) if (at := _held_at(task))]
 
 
-def _suspended(central: State) -> list[tuple[float, Task]]:
-    """The topmost suspended tasks (what is under them is, too) and since when, the longest first."""
+def _suspended(central: State) -> list[tuple[float, str, Task]]:
+    """The topmost suspended tasks (what is under them is, too), since when and by whom, the longest first."""
     tasks = central.tree.tasks
-    noted = ((since, tasks[number]) for number, since in islice(central.tree.suspended.items(), LOOKED_AT))
-    return [(since, task) for since, task in noted if task.parent is None or not task.parent.suspended]
+    noted = ((*how, tasks[number]) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
+    return [(since, by, task) for since, by, task in noted if task.parent is None or not task.parent.suspended]
 
 
 def _held_at(task: Task) -> int:

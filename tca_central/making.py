@@ -12,10 +12,7 @@ from tca_wire.constraints import Flags
 from tca_wire.formats import NIL, NO_DATA
 from tca_wire.headers import Suspended
 from tca_wire.points import ROOT, TaskId
-from tca_wire.vocabulary import Role
-
-CENTRAL = "central"
-"""The sender of what central makes itself."""
+from tca_wire.vocabulary import CENTRAL, Role
 
 
 def make_task(
@@ -83,13 +80,13 @@ def at_birth(task: Task) -> list[facts.Fact]:
     return [] if task.is_goal else [facts.Reached(TaskId(task.id), REACHED_AT_BIRTH_BY_COMMAND)]
 
 
-def suspend(central: State, task: Task, *, resume: bool) -> None:
-    """Suspend or resume a task with all under it; handlers that run are told."""
+def suspend(central: State, task: Task, *, resume: bool, by: str = CENTRAL) -> None:
+    """Suspend or resume a task with all under it, as *by* wants; handlers that run are told."""
     changed = central.agenda.suspend(task, resume=resume)
     if changed:
-        central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume))
+        central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume, by))
         if not resume:
-            central.tree.suspended.setdefault(task.id, central.clock.now)
+            central.tree.suspended.setdefault(task.id, (central.clock.now, by))
     for one in changed:
         if resume:
             central.tree.suspended.pop(one.id, None)

@@ -10,7 +10,7 @@ from tca_central.registry import Handler, MessageType, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Kept, Task
 from tca_wire.points import ALL_MOMENTS, Moment, describe_moments
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import CENTRAL, MessageClass, Outcome
 
 SHOWN_TASKS = 10_000
 SHOWN_BYTES = 512  # of a variable's value
@@ -202,9 +202,11 @@ def variables(central: State) -> list[dict[str, Any]]:
 
 
 def attached(central: State) -> dict[str, list[dict[str, Any]]]:
-    """The exception handlers and wiretaps in force, oldest first, at most SHOWN_TASKS of each. A *task* of 0 without a
-    *message* is the root; a *failure* of "" is any.
+    """The exception handlers, wiretaps and monitors in force, oldest first, at most SHOWN_TASKS of each (of monitors:
+    those among the SHOWN_TASKS oldest tasks). A *task* of 0 without a *message* is the root; a *failure* of "" is any.
+    *gone* are those of the modules that have left.
     """
+    programs = {module.called for module in central.registry.modules.values()}
     handlers = [
         {
             "id": one.id,
@@ -213,6 +215,7 @@ def attached(central: State) -> dict[str, list[dict[str, Any]]]:
             **_place(one.place),
             "maximum": one.maximum,
             "modules": [one.by],
+            "gone": [one.by] * (one.by not in programs),
             "handled_by": [handler.module.name for handler in one.handler.handlers],
         }
         for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
@@ -224,12 +227,31 @@ def attached(central: State) -> dict[str, list[dict[str, Any]]]:
             "listener": tap.listener.name,
             **_place(tap.place),
             "modules": list(tap.holders),
+            "gone": [name for name in tap.holders if not central.registry.is_connected(name)],
             "handled_by": [handler.module.name for handler in tap.listener.handlers],
             "is_monitor": tap.listener.message_class.is_monitor,
         }
         for tap in itertools.islice(central.taps.values(), SHOWN_TASKS)
     ]
-    return {"exception_handlers": handlers, "wiretaps": wiretaps}
+    oldest = itertools.islice(central.tree.tasks.values(), SHOWN_TASKS)
+    monitors = [_monitor(central, task) for task in oldest if _watches(task)]
+    return {"exception_handlers": handlers, "wiretaps": wiretaps, "monitors": monitors}
+
+
+def _watches(task: Task) -> bool:
+    watch = task.rare.watch if task.rare is not None else None
+    return watch is not None and not watch.is_over
+
+
+def _monitor(central: State, task: Task) -> dict[str, Any]:
+    sender = task.sender.module.name if task.sender else ""
+    return {
+        "id": int(task.id),
+        "monitor": task.message.name,
+        **_place(task.parent or central.tree.root),
+        "modules": [sender or CENTRAL],
+        "gone": [sender] * (sender != "" and not central.registry.is_connected(sender)),
+    }
 
 
 def _place(place: Task | MessageType) -> dict[str, Any]:

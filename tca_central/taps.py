@@ -207,16 +207,17 @@ def _add(
     return tap
 
 
-def remove(central: State, tap: Tap, by: Module) -> None:
+def remove(central: State, tap: Tap, by: Module, *, for_all: bool = False) -> None:
     """A module wants a tap no longer: it is taken away if nobody else added it, too, but for copies of the same program
-    that have left. What it has sent stays.
+    that have left; or (*for_all*) in any case. What it has sent stays.
     """
     tap.holders.pop(by.name, None)
-    if any(called != by.called or central.registry.is_connected(name) for name, called in tap.holders.items()):
+    others = () if for_all else tap.holders.items()
+    if any(called != by.called or central.registry.is_connected(name) for name, called in others):
         return
     (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
     del central.taps[tap.id]
-    central.facts.append(facts.Removed(tap.id))
+    central.facts.append(facts.Removed(tap.id, by.name))
     if isinstance(tap.place, MessageType):
         direct.review(central, [tap.place])
 

@@ -156,7 +156,7 @@ class TaskTree:
         self.root = Task(ROOT, root_message, b"", None)
         self.root.reached = _STARTS
         self.tasks: dict[int, Task] = {}
-        self.suspended: dict[int, float] = {}  #: those that were themselves to be suspended -> since when; oldest first
+        self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
         self.top_of_module: dict[str, dict[int, Task]] = {}  #: living top-level tasks per sending module, oldest first

@@ -66,6 +66,7 @@ IGNORED = {
     },
     "Task": {"parent"},  # met as a child of it
     "Rare": {"void_followers"},  # when to look through them
+    "Ending": {"by"},  # for people
     "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows

@@ -12,6 +12,7 @@ from tca_module.client import Client
 from tca_module.command_parts import as_json, central_option, json_option, plain, printable, talking
 from tca_wire.errors import BadData
 from tca_wire.formats import decode_untyped
+from tca_wire.wording import by_whom
 
 _SHOWN = 20  # lines about what waits
 _LONGEST_VALUE = 60  # characters of a variable's value in a table
@@ -111,34 +112,45 @@ def variables(client: Client) -> tuple[Any, str]:
 
 @_question("attached")
 def attached(client: Client) -> tuple[Any, str]:
-    """List the exception handlers and wiretaps in force: where they are, and which modules put them there."""
+    """List the exception handlers, wiretaps and monitors in force: where they are, and which modules put them there.
+
+    They stay when these modules leave; 'tca detach NUMBER' takes one away.
+    """
     known = client.status("attached")
     handlers = [
         [
-            one["failure"] or "any failure", _attached_to(one), one["handler"], str(one["maximum"] or ""),
-            _names(one["modules"]), _names(one["handled_by"]) or "nobody",
+            str(one["id"]), one["failure"] or "any failure", attached_to(one), one["handler"],
+            str(one["maximum"] or ""),
+            _owners(one), _names(one["handled_by"]) or "nobody",
         ]
         for one in known["exception_handlers"]
     ]  # fmt: skip
     taps = [
         [
-            one["condition"], _attached_to(one), one["listener"], _names(one["modules"]),
+            str(one["id"]), one["condition"], attached_to(one), one["listener"], _owners(one),
             "central" if one["is_monitor"] else _names(one["handled_by"]) or "nobody",
         ]
         for one in known["wiretaps"]
     ]  # fmt: skip
+    monitors = [[str(one["id"]), one["monitor"], attached_to(one), _owners(one)] for one in known["monitors"]]
     tables = [
-        _table(["failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
-        _table(["wiretap", "of", "listener", "tapped by", "handled by"], taps),
+        _table(["number", "failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
+        _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
+        _table(["number", "monitor", "under", "sent by"], monitors),
     ]
     texts = ["\n".join(table) for table in tables if len(table) > 1]
-    return known, "\n\n".join(texts) or "no exception handlers and no wiretaps"
+    return known, "\n\n".join(texts) or "no exception handlers, wiretaps or monitors"
 
 
-def _attached_to(one: dict[str, Any]) -> str:
+def attached_to(one: dict[str, Any]) -> str:
+    """Where something is attached: "task 7 'walk'", "'walk'", "the root"."""
     if one["task"]:
         return f"task {one['task']} '{one['message']}'"
     return f"'{one['message']}'" if one["message"] else "the root"
+
+
+def _owners(one: dict[str, Any]) -> str:
+    return _names([f"{name} (has left)" if name in one["gone"] else name for name in one["modules"]])
 
 
 def _names(modules: Sequence[str]) -> str:
@@ -203,12 +215,14 @@ def _suspended_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[lis
     """The topmost suspended tasks: what is under them is, too."""
     if not any(task["suspended"] for task in tree):
         return
-    since = {one["task"]: f" for {one['seconds']:.1f} s" for one in client.status("load")["suspended"]}
+    how = {
+        one["task"]: f"{by_whom(one['by'])} for {one['seconds']:.1f} s" for one in client.status("load")["suspended"]
+    }
     suspended = {task["task"] for task in tree if task["suspended"]}
     for task in tree:
         if task["task"] in suspended and task["parent"] not in suspended:
-            seconds = since.get(task["task"], "")
-            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{seconds}"]
+            since = how.get(task["task"], "")
+            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{since}"]
 
 
 def _held_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:

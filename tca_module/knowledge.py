@@ -9,6 +9,7 @@ import msgspec
 from tca_module.arguments import (
     blocks,
     check_flags,
+    check_number,
     check_priority,
     check_seconds,
     check_text,
@@ -21,7 +22,7 @@ from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
-from tca_wire.headers import Ask, GetVariable, Lock, SetVariable, ToCentral, Unlock, WaitUntilHandled
+from tca_wire.headers import Ask, GetVariable, Lock, Remove, SetVariable, ToCentral, Unlock, WaitUntilHandled
 from tca_wire.plain_data import PlainFormat
 
 X = TypeVar("X")
@@ -131,6 +132,19 @@ class Knowledge:
         whose = name_or_none("unlock()", module=module)
         checked_name("resource", resource)
         return bool(self._connection().call(Unlock(0, resource, whose), f"unlocking resource '{resource}'"))
+
+    # --- what is attached ------------------------------------------------------------------------------------------
+
+    def detach(self, number: int) -> bool:
+        """Take away the exception handler or wiretap of that *number* (``tca attached``), whoever wants it, or end that
+        monitor; whether it was there still. What it has sent comes to its own end.
+
+        For operators, where the module that attached it has left: a module removes its own with ``Attached.remove``,
+        and ends its monitors with ``MonitorHandle.end``. Raises Refused if there has never been that number, or it is
+        a task.
+        """
+        check_number("detach()", number)
+        return bool(self._connection().call(Remove(0, number, for_all=True), f"detaching {number}"))
 
     def _claim(
         self, resource: str, module: str | None, timeout: float | None, priority: int, *, reserve: bool

@@ -1,12 +1,15 @@
-"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``raise`` and ``unlock``."""
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``raise``, ``unlock`` and
+``detach``.
+"""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
 from tca_module.client import Client
 from tca_module.command_parts import SECONDS, central_option, printable, talking
+from tca_module.commands import attached_to
 from tca_module.errors import Refused
 from tca_module.task_handle import TaskHandle, TaskInfo
 from tca_wire.declarations import Failure
@@ -132,6 +135,73 @@ def _too_late(handle: TaskHandle, what: str) -> click.ClickException:
     is_over = handle.info() is None
     state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
     return click.ClickException(f"{printable(str(handle))} {state}: it can't be {what} any more")
+
+
+@click.command()
+@click.argument("what")
+@central_option
+def detach(what: str, central: str | None) -> None:
+    """Take away an exception handler or wiretap, or end a monitor, whoever attached it.
+
+    WHAT is its number in 'tca attached'; or the name of the exception handler, listener or monitor, if only one is
+    called so. What it has sent comes to its own end. Who attached it is not told, and may still count on it.
+    """
+    with talking("detach", central) as client:
+        found = _find_attached(client, what)
+        was_there = client.detach(found.number)
+        click.echo(f"{printable(found.text)}: " + ("detached" if was_there else "was gone already"))
+
+
+class _Attached(NamedTuple):
+    number: int
+    name: str
+    text: str
+
+
+def _find_attached(client: Client, what: str) -> _Attached:
+    """What is attached under that number or name. Raises ClickException if that means nothing, or many."""
+    there = _all_attached(client)
+    number = int(what) if what.isdecimal() and what.isascii() else None
+    found = [one for one in there if (one.name == what if number is None else one.number == number)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        msg = f"{len(found)} that are attached are called '{what}': give the number of one, {_listed(found)}"
+    else:
+        why = f"nothing that is attached is called '{what}'" if number is None else _not_attached(client, number)
+        msg = f"{why}; " + (f"there are {_listed(there)}" if there else "nothing at all is attached")
+    raise click.ClickException(printable(msg))
+
+
+def _all_attached(client: Client) -> list[_Attached]:
+    known = client.status("attached")
+    found = []
+    for one in known["exception_handlers"]:
+        failure = f"failure '{one['failure']}'" if one["failure"] else "any failure"
+        text = f"exception handler {one['id']} '{one['handler']}' for {failure} of {attached_to(one)}"
+        found.append(_Attached(one["id"], one["handler"], text))
+    for one in known["wiretaps"]:
+        text = f"wiretap {one['id']} '{one['condition']}' of {attached_to(one)} with listener '{one['listener']}'"
+        found.append(_Attached(one["id"], one["listener"], text))
+    for one in known["monitors"]:
+        text = f"monitor {one['id']} '{one['monitor']}' under {attached_to(one)}"
+        found.append(_Attached(one["id"], one["monitor"], text))
+    return found
+
+
+def _not_attached(client: Client, number: int) -> str:
+    if number > client.status()["newest id"]:
+        return f"nothing has had the number {number} yet"
+    task = client.task(number) if number else None
+    info = task.info() if task is not None else None
+    if info is not None and not info.outcome:
+        return f"{task} is not attached: 'tca kill {number}' ends it"
+    return f"{number} is not attached, or not any more"
+
+
+def _listed(found: list[_Attached]) -> str:
+    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    return "; ".join(one.text for one in found[:_SHOWN]) + f"{more}: see 'tca attached'"
 
 
 def find_task(client: Client, named: str) -> TaskHandle:

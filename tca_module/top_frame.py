@@ -48,6 +48,16 @@ class WaitLine(NamedTuple):
     why: str
 
 
+class SuspendedLine(NamedTuple):
+    """A task waits for somebody to resume it."""
+
+    seconds: float
+    what: str
+    why: str
+    by: str
+    """The module that suspended it."""
+
+
 class Frame(NamedTuple):
     """All that is shown at once."""
 
@@ -67,7 +77,7 @@ class Frame(NamedTuple):
     """The longest come first."""
     held: list[WaitLine]
     """Tasks that constraints hold back, the longest first."""
-    suspended: list[WaitLine]
+    suspended: list[SuspendedLine]
     """Tasks that somebody has to resume, the longest first; not those under them."""
     totals: dict[str, int]
     """How many waits, held and suspended tasks there are; central does not tell all."""
@@ -77,8 +87,8 @@ class Frame(NamedTuple):
     @property
     def is_cut(self) -> bool:
         """Whether there is more than is told."""
-        told = {"waits": self.waits, "held": self.held, "suspended": self.suspended}
-        return self.not_looked_at > 0 or any(total > len(told[kind]) for kind, total in self.totals.items())
+        told = {"waits": len(self.waits), "held": len(self.held), "suspended": len(self.suspended)}
+        return self.not_looked_at > 0 or any(total > told[kind] for kind, total in self.totals.items())
 
 
 def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
@@ -100,7 +110,9 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
     messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
     messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))
     waits, held = ([WaitLine(one["seconds"], one["what"], one["for"]) for one in now[key]] for key in ("waits", "held"))
-    suspended = [WaitLine(one["seconds"], one["what"], f"'tca resume {one['task']}'") for one in now["suspended"]]
+    suspended = [
+        SuspendedLine(one["seconds"], one["what"], f"'tca resume {one['task']}'", one["by"]) for one in now["suspended"]
+    ]
     events = (now["events"] - before["events"]) / span
     return Frame(
         now["epoch"], now["time"], span, events, now["tasks"], len(modules), resources, messages, waits, held,

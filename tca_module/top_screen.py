@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tca_module.command_parts import printable
-from tca_module.top_frame import Frame, MessageLine, ResourceLine, WaitLine
+from tca_module.top_frame import Frame, MessageLine, ResourceLine, SuspendedLine, WaitLine
 
 _BAR = 8
 _HEAD, _TABLE = 2, 3
@@ -60,7 +60,7 @@ def _tables(shown: Frame) -> dict[str, "_Lines"]:
     if shown.waits or not (shown.held or shown.suspended):
         tables["waits"] = _Lines(_WAITS, shown.waits, _wait_cells, "nobody waits", shown.totals["waits"])
     if shown.suspended:
-        tables["suspended"] = _Lines(_SUSPENDED, shown.suspended, _wait_cells, "", shown.totals["suspended"])
+        tables["suspended"] = _Lines(_SUSPENDED, shown.suspended, _suspended_cells, "", shown.totals["suspended"])
     if shown.held:
         among = f" among the {shown.tasks - shown.not_looked_at} oldest tasks" * (shown.not_looked_at > 0)
         tables["held"] = _Lines(_HELD, shown.held, _wait_cells, "", shown.totals["held"], among)
@@ -115,7 +115,9 @@ _WAITS: Sequence[Column] = (
     ("longest first", {**_ONE_LINE, "ratio": 1}),
     ("for", {**_ONE_LINE, "ratio": 1}),
 )
-_SUSPENDED: Sequence[Column] = (("suspended for", _NUMBER), *_WAITS[1:2], ("until", {**_ONE_LINE, "ratio": 1}))
+_SUSPENDED: Sequence[Column] = (
+    ("suspended for", _NUMBER), *_WAITS[1:2], ("by", {**_ONE_LINE, "ratio": 1}), ("until", {**_ONE_LINE, "ratio": 1}),
+)  # fmt: skip
 _HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("until", {**_ONE_LINE, "ratio": 1}))
 
 
@@ -198,6 +200,10 @@ def _message_cells(line: MessageLine) -> list[Text | str]:
 
 def _wait_cells(line: WaitLine) -> list[Text | str]:
     return [_wait(line.seconds), printable(line.what), printable(line.why)]
+
+
+def _suspended_cells(line: SuspendedLine) -> list[Text | str]:
+    return [_wait(line.seconds), printable(line.what), printable(line.by), printable(line.why)]
 
 
 def _wait(seconds: float) -> Text:

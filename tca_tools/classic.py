@@ -19,6 +19,7 @@ from tca_tools.terminal import printable
 from tca_wire import facts
 from tca_wire.points import ALL_MOMENTS, Moment
 from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.wording import by_whom, kill_reason
 
 _SERVER = "TCA Server"
 _COLUMNS = 80
@@ -202,13 +203,14 @@ class _Log:
     def _killed_one(self, fact: facts.Killed) -> Iterator[str]:
         self._killed.add(fact.task)
         name = self._name(fact.task)
-        yield printable(f"Will Terminate {name} when all references to it are released: {fact.why}")
+        why = kill_reason(fact.why, fact.by)
+        yield printable(f"Will Terminate {name} when all references to it are released: {why}")
 
     def _dropped(self, fact: facts.Dropped) -> Iterator[str]:
         yield self._timed(self._start("  Dropped", fact.id, f" {printable(fact.why)}"))
 
     def _retried(self, fact: facts.Retried) -> Iterator[str]:
-        yield self._timed(self._start("  Retry", fact.task))
+        yield self._timed(self._start("  Retry", fact.task, printable(by_whom(fact.by))))
 
     def _recovered(self, fact: facts.Recovered) -> Iterator[str]:
         yield self._timed(self._start("  Recovered", fact.task))

@@ -13,6 +13,7 @@ from tca_tools.records import Claim, Handling, Hold, Message, Queueing, Task, Wa
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.vocabulary import Outcome
+from tca_wire.wording import kill_reason
 
 
 class History(Notes):
@@ -221,7 +222,7 @@ class History(Notes):
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            self._change(task, "killed", fact.why)
+            self._change(task, "killed", kill_reason(fact.why, fact.by))
             self._end_suspension(task)
             self._unqueue(fact.task)
 
@@ -258,11 +259,13 @@ class History(Notes):
             task = self._task(fact.task)
             task.is_recovering = False
             self._forget_outcome(task)
+            is_other = fact.body not in (b"", task.body)
+            task.retries.append((self.time, fact.by, is_other))
             self._change(task, "body", fact.body or task.body)
 
     def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
         if fact.task > 0:
-            (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task))
+            (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task), fact.by)
 
     def _tested(self, fact: facts.MonitorTested) -> None:
         self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))

@@ -57,29 +57,30 @@ class Notes(Past):
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
             if parent.suspension and not task.role.leaves_safe:
-                task.suspensions.append(Suspension(TaskId(task.id), parent.suspension.cause, self.time))
+                above = parent.suspension
+                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, by=above.by))
         else:
             task.parent = ROOT
             self.top.append(TaskId(task.id))
 
-    def _suspend(self, top: Task) -> None:
+    def _suspend(self, top: Task, by: str) -> None:
         """Suspend a task with all that is under it."""
         ran: list[Handling] = []
         for task in self._living(top):
             if not task.is_suspended:
-                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran))
+                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by))
                 self._touch(task.id)
             if task.handling:
                 ran.append(task.handling)
 
-    def _resume(self, top: Task) -> None:
+    def _resume(self, top: Task, by: str) -> None:
         """Let a task go on, with all that is under it."""
         for task in self._living(top):
-            self._end_suspension(task, is_resumed=True)
+            self._end_suspension(task, is_resumed=True, by=by)
 
-    def _end_suspension(self, task: Task, *, is_resumed: bool = False) -> None:
+    def _end_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
         if suspension := task.suspension:
-            suspension.end, suspension.is_resumed = self.time, is_resumed
+            suspension.end, suspension.is_resumed, suspension.resumed_by = self.time, is_resumed, by
             self._touch(task.id)
 
     def _living(self, top: Task) -> Iterator[Task]:

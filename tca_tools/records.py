@@ -116,6 +116,9 @@ class Suspension:
     end: float | None = None
     is_resumed: bool = False
     """Whether it ended so; else the task itself ended."""
+    by: str = ""
+    """The module that suspended *cause* ("": the journal does not tell)."""
+    resumed_by: str = ""
 
     @property
     def standstill(self) -> float | None:
@@ -193,7 +196,7 @@ class Task(Message):
     """The constraints on moments of this task."""
     reached: dict[Moment, float] = field(default_factory=dict)
     killed: str | None = None
-    """Why it was killed."""
+    """Why it was killed, and by whom."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)
@@ -203,6 +206,8 @@ class Task(Message):
     is_dealt_with: bool = False
     """Its failure was dealt with."""
     suspensions: list[Suspension] = field(default_factory=list)
+    retries: list[tuple[float, str, bool]] = field(default_factory=list)
+    """When it was retried, by whom, and whether with other data."""
     states: list[tuple[float, State]] = field(default_factory=list)
     """From when on it was in which state."""
 

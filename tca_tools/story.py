@@ -13,7 +13,7 @@ from tca_tools.then import Then
 from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 _NO_TIME = 1e-6
 _SHORTEST = 0.0005
@@ -51,6 +51,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
     if isinstance(message, Task):
         told += _suspensions(past, message)
         told += _recoveries(past, message)
+        told += _retries(message)
         told += _tests(past, message)
     told += _waits_in_queues(past, message)
     for handling in message.handlings:
@@ -124,7 +125,6 @@ _SAY: dict[str, Any] = {
     "killed": lambda why: f"killed: {why}",
     "dropped": lambda why: f"came to nothing: {why}",
     "watched": lambda why: f"watches no longer: {why}",
-    "body": lambda _: "to be handled again, with other data",
 }
 
 
@@ -132,6 +132,12 @@ def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
     for handler in task.caught_by:
         if found := past.tasks.get(handler):
             yield Sentence(found.received, f"exception handler {found} is called")
+
+
+def _retries(task: Task) -> Iterator[Sentence]:
+    for time, by, is_other in task.retries:
+        who = f" (retried{by_whom(by)})" if by else ""
+        yield Sentence(time, "to be handled again" + ", with other data" * is_other + who)
 
 
 def _tests(past: Past, monitor: Task) -> Iterator[Sentence]:
@@ -161,7 +167,7 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
 def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
     """When it was suspended and resumed, and which handlers ran on."""
     for suspension in task.suspensions:
-        cause, text = past.describe(suspension.cause), "suspended"
+        cause, text = past.describe(suspension.cause), f"suspended{by_whom(suspension.by)}"
         if suspension.end is None or suspension.is_resumed:
             text += f", until {cause} is resumed"
         elif suspension.cause != task.id:
@@ -175,7 +181,7 @@ def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
                 who = past.describe(run.message_id)
                 yield Sentence(suspension.start, f"{who} under it still runs", took, took is None)
         if suspension.is_resumed and suspension.end is not None:
-            yield Sentence(suspension.end, "resumed")
+            yield Sentence(suspension.end, f"resumed{by_whom(suspension.resumed_by)}")
 
 
 def _spanning(span: Queueing | Handling | Wait | Suspension, text: str, ending: str = "") -> Sentence:

@@ -86,7 +86,7 @@ class TaskThen:
 
     @property
     def killed(self) -> str | None:
-        """Why it was killed."""
+        """Why it was killed, and by whom."""
         why: str | None = self._before("killed")
         return why
 

@@ -6,7 +6,7 @@ from tca_tools.past import Past
 from tca_tools.records import Claim, Hold, State
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 _CLAUSES = {
     Moment.START_HANDLING: "is being handled",
@@ -34,6 +34,12 @@ def why_waiting(then: Then, task_id: TaskId) -> list[str]:
     task = then.tasks.get(task_id)
     reasons = _REASONS.get(task.state) if task else None
     return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
+
+
+def waits_how(task: TaskThen) -> str:
+    """How a task waits until something: "waits", or "suspended by operator panel,"."""
+    by = task.suspension.by if task.state is State.SUSPENDED and task.suspension else ""
+    return f"suspended{by_whom(by)}," if by else "waits"
 
 
 def waits_since(task: TaskThen) -> float:

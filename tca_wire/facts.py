@@ -177,10 +177,13 @@ class Reached(_Fact, frozen=True, tag="reached"):
 
 
 class Killed(_Fact, frozen=True, tag="killed"):
-    """A task was killed. It ends when its handler, if one runs, has returned."""
+    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and below, the module that
+    asked for it, or "central" ("": an older journal does not tell).
+    """
 
     task: TaskId
     why: str
+    by: str = ""
 
 
 class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
@@ -188,6 +191,7 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
 
     task: TaskId
     is_suspended: bool
+    by: str = ""
 
 
 class Kept(_Fact, frozen=True, tag="kept"):

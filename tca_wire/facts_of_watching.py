@@ -36,6 +36,7 @@ class Removed(_Fact, frozen=True, tag="removed"):
     """An exception handler or wiretap was taken away."""
 
     id: int
+    by: str = ""
 
 
 class TapAdded(_Fact, frozen=True, tag="tap"):
@@ -105,3 +106,4 @@ class Retried(_Fact, frozen=True, tag="retried"):
 
     task: TaskId
     body: bytes
+    by: str = ""

@@ -148,9 +148,8 @@ class Bye(_Header, frozen=True, tag=12):
 
 
 class Attach(_Header, frozen=True, tag=13):
-    """Let an exception handler take care of a failure of one task, or of every task of a message; "" is any failure.
-
-    Answered by Accepted with the id by which it can be removed.
+    """Let an exception handler take care of a failure ("": any) of one task, or of every task of a message. Answered by
+    Accepted with the id by which it can be removed.
     """
 
     number: int
@@ -161,10 +160,11 @@ class Attach(_Header, frozen=True, tag=13):
 
 
 class Remove(_Header, frozen=True, tag=14):
-    """Take away an exception handler or wiretap."""
+    """Take away an exception handler, wiretap or (*for all*) a monitor, whoever wants it. Accepted: 0 if it is gone."""
 
     number: int
     id: int
+    for_all: bool = False
 
 
 class Raise(_Header, frozen=True, tag=15):

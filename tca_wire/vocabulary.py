@@ -130,6 +130,9 @@ class Scope(StrEnum):
     SIBLINGS = "siblings"  # all other children of its parent, with everything under them
 
 
+CENTRAL = "central"
+"""The sender of what central makes itself, and who did what it does for reasons of its own."""
+
 LONGEST_TIME = 3.2e8
 """Seconds, ten years: nothing can be asked for later than this."""
 

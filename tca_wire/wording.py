@@ -7,6 +7,10 @@ from typing import Any
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Point, describe_moments
+from tca_wire.vocabulary import CENTRAL
+
+_COMMAND = "tca "
+"""How the modules are called that commands of the command line are: "tca kill"."""
 
 
 class Wording:
@@ -101,7 +105,7 @@ class Wording:
         return f"{self._name(fact.id)}: {fact.failure}" + (f": {fact.text}" if fact.text else "")
 
     def _killed(self, fact: facts.Killed) -> str:
-        return f"{self._name(fact.task)}: {fact.why}"
+        return f"{self._name(fact.task)}: {kill_reason(fact.why, fact.by)}"
 
     def _dropped(self, fact: facts.Dropped) -> str:
         return f"{self._name(fact.id)}: {fact.why}"
@@ -133,7 +137,7 @@ class Wording:
         return f"{{{fact.id}}} {fact.handler} for {fact.failure or 'any failure'} of {at}{most}"
 
     def _removed(self, fact: facts.Removed) -> str:
-        return f"{{{fact.id}}}"
+        return f"{{{fact.id}}}{by_whom(fact.by)}"
 
     def _kept(self, fact: facts.Kept | facts.Released) -> str:
         return f"{self._name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
@@ -163,11 +167,14 @@ class Wording:
         undecided = f", so {self._name(fact.undecided)} could not decide" if fact.undecided else ""
         return self._name(fact.task) + undecided
 
-    def _of_task(self, fact: facts.Recovered | facts.Retried) -> str:
+    def _of_task(self, fact: facts.Recovered) -> str:
         return self._name(fact.task)
 
+    def _retried(self, fact: facts.Retried) -> str:
+        return self._name(fact.task) + by_whom(fact.by)
+
     def _suspended(self, fact: facts.SuspendedOrResumed) -> str:
-        return self._name(fact.task) + ("" if fact.is_suspended else " is resumed")
+        return self._name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
 
     def _timed_out(self, fact: facts.TimedOut) -> str:
         return self._constraints([fact.constraint])
@@ -205,6 +212,21 @@ def subject_of(fact: facts.Fact) -> int:
     """The message, task, lock or attachment that a fact is about; 0 for none."""
     fields = (getattr(fact, name, None) for name in ("task", "message_id", "id", "tapped", "monitor", "handler"))
     return next((number for number in fields if isinstance(number, int)), 0)
+
+
+def by_whom(by: str) -> str:
+    """Who asked for something: " by legs", " by the command 'tca kill'"; "" if the journal does not tell."""
+    if by.startswith(_COMMAND):
+        return f" by the command '{by.partition('#')[0]}'"
+    return f" by {by}" if by else ""
+
+
+def kill_reason(why: str, by: str) -> str:
+    """Why a task was killed, and who wanted that; what central does of its own, the reason tells."""
+    if by in ("", CENTRAL):
+        return why
+    whom = by_whom(by).strip()
+    return whom if why in ("", f"by module '{by}'") else f"{why} ({whom})"
 
 
 def place(module: str, resource: str) -> str:
@@ -251,7 +273,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Reissued: Wording._of_handler,
     facts.Unhandled: Wording._unhandled,
     facts.Recovered: Wording._of_task,
-    facts.Retried: Wording._of_task,
+    facts.Retried: Wording._retried,
     facts.SuspendedOrResumed: Wording._suspended,
     facts.TimedOut: Wording._timed_out,
     facts.Claimed: Wording._claimed,

@@ -82,7 +82,7 @@ CENTRAL: dict[str, set[str]] = {
     "direct": {"errors", "registry", "resources", "state"},
     "taps": {"direct", "errors", "intervals", "making", "registry", "state", "task_tree", "watching"},
     "watching": {"clock", "errors", "intervals", "making", "registry", "state", "task_tree"},
-    "attaching": {"errors", "registry", "state", "taps", "task_tree"},
+    "attaching": {"errors", "registry", "state", "taps", "task_tree", "watching"},
     "failures": {"claims", "errors", "intervals", "making", "registry", "state", "taps", "task_tree", "watching"},
     "control": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree"},
     "monitors": {"clock", "errors", "failures", "intervals", "making", "registry", "state", "task_tree", "watching"},

@@ -22,7 +22,7 @@ from tca_tools.analysis.words import listed, moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
 from tca_tools.past import Past
 from tca_tools.story import awaited
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 
 class Topic(StrEnum):
@@ -279,7 +279,7 @@ def _on_standing(past: Past, path: CriticalPath | None) -> Iterator[Advice]:
     for (topic, name), stood in _stood(past).items():
         sums = _Sum()
         for who, since, until in stood:
-            sums.add(until - since, until, f"{past.describe(who)}, from {moment(since)}, {seconds(until - since)}")
+            sums.add(until - since, until, f"{who}, from {moment(since)}, {seconds(until - since)}")
         saving = Cover((since, until) for _, since, until in stood).within(start, end)
         known = {"name": name, "times": say_times(sums.times), "seconds": seconds(saving)}
         title, text, remedy = (words.format(**known) for words in _STANDING_WORDS[topic])
@@ -288,17 +288,19 @@ def _on_standing(past: Past, path: CriticalPath | None) -> Iterator[Advice]:
         )
 
 
-def _stood(past: Past) -> dict[tuple[Topic, str], list[tuple[int, float, float]]]:
+def _stood(past: Past) -> dict[tuple[Topic, str], list[tuple[str, float, float]]]:
     """By topic and name: what stood, from when until when."""
     found = defaultdict(list)
     for queueing in past.queueings:
         if not queueing.module:
             until = past.time if queueing.end is None else queueing.end
-            found[Topic.HANDLER, past.name(queueing.message_id)].append((queueing.message_id, queueing.start, until))
+            who = past.describe(queueing.message_id)
+            found[Topic.HANDLER, past.name(queueing.message_id)].append((who, queueing.start, until))
     for suspension in past.suspensions():
         if (since := suspension.standstill) is not None:
             until = past.time if suspension.end is None else suspension.end
-            found[Topic.SUSPENDED, past.name(suspension.task)].append((suspension.task, since, until))
+            who = past.describe(suspension.task) + (f" suspended{by_whom(suspension.by)}" if suspension.by else "")
+            found[Topic.SUSPENDED, past.name(suspension.task)].append((who, since, until))
     return found
 
 
@@ -312,6 +314,6 @@ _STANDING_WORDS = {
     Topic.SUSPENDED: _Words(
         "'{name}' is suspended for a while",
         "'{name}' was suspended {times}; it stood still for {seconds} in all, not counting what ran on under it",
-        "resume it sooner, or suspend only what has to stand; who did it, the journal does not tell",
+        "resume it sooner, or suspend only what has to stand",
     ),
 }

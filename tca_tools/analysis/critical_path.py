@@ -17,7 +17,7 @@ from tca_tools.story import awaited
 from tca_tools.then import Then
 from tca_tools.waiting import kept_busy, of_blocker, why_waiting
 from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 
 @dataclass(slots=True)
@@ -154,12 +154,18 @@ def _why_delayed(past: Past, message: Message, step: Step) -> str:
 
 def _why_suspended(_past: Past, message: Message, step: Step) -> str:
     suspensions = message.suspensions if isinstance(message, Task) else []
-    return next((f"suspended at {moment(one.start)}" for one in suspensions if _stands(one, step)), "")
+    return next((_suspended(one, step) for one in suspensions if _covers(one, step)), "")
 
 
-def _stands(suspension: Suspension, step: Step) -> bool:
-    """Whether a step is the later part of a suspension."""
-    return suspension.start < step.start and (suspension.end is None or suspension.end >= step.end)
+def _covers(suspension: Suspension, step: Step) -> bool:
+    """Whether a step is a suspension, or the later part of one."""
+    return suspension.start <= step.start and (suspension.end is None or suspension.end >= step.end)
+
+
+def _suspended(suspension: Suspension, step: Step) -> str:
+    """Who suspended it, and when if that was before the step."""
+    text = by_whom(suspension.by) + f" at {moment(suspension.start)}" * (suspension.start < step.start)
+    return f"suspended{text}" if text else ""
 
 
 def _why_queued(past: Past, message: Message, step: Step) -> str:

@@ -15,7 +15,7 @@ from tca_tools.then import Then
 from tca_tools.waiting import for_whom, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Role
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 _NO_TIME = 1e-6
 """What takes less only tells what came first."""
@@ -144,9 +144,10 @@ def _told(past: Past, found: _Found) -> LongWait:
 def _until_resumed(suspension: Suspension) -> str:
     over = suspension.end is not None and not suspension.is_resumed
     text = "until it was killed" if over else "until it is resumed"
+    who = by_whom(suspension.by)
     if suspension.standstill == suspension.start:
-        return text
-    return f"{text}; suspended at {moment(suspension.start)}, what ran then ran on"
+        return text + (f" (suspended{who})" if who else "")
+    return f"{text}; suspended{who} at {moment(suspension.start)}, what ran then ran on"
 
 
 def _why_held(past: Past, task: Task, wait: LongWait) -> str:

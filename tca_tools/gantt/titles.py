@@ -1,10 +1,12 @@
 """What a bar says when it is asked: which message, where, when, for how long. Pure."""
 
+from math import inf
+
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, Task, Wait
 from tca_tools.waiting import for_whom
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 
 def handled(past: Past, handling: Handling) -> str:
@@ -33,8 +35,10 @@ def queued(past: Past, queueing: Queueing) -> str:
 
 
 def suspended(past: Past, task: Task, start: float, end: float | None) -> str:
-    """``take steps {2} suspended from ...``."""
-    return f"{task} suspended {_span(past, start, end)}"
+    """``take steps {2} suspended by user from ...``."""
+    there = (one for one in task.suspensions if one.start <= start < (inf if one.end is None else one.end))
+    by = next((by_whom(one.by) for one in there), "")
+    return f"{task} suspended{by} {_span(past, start, end)}"
 
 
 def held(past: Past, claim: Claim) -> str:

@@ -24,7 +24,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut, printable
 from tca_tools.then import Then
-from tca_tools.waiting import waits_since, why_waiting
+from tca_tools.waiting import waits_how, waits_since, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import TaskId
 
@@ -180,7 +180,7 @@ class StoryPane(Widget):
         if data := words.data(task):
             lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
         if reasons := why_waiting(then, TaskId(self._shown)):
-            waits = f"waits {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
+            waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
             lines.append(Text.assemble((printable(waits), "yellow")))
         told = [sentence for sentence in self._told if sentence.time <= then.moment]
         room = max(self.size.height - 2 * len(lines), 1)

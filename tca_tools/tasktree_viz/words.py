@@ -9,8 +9,9 @@ from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import waits_since, why_waiting
+from tca_tools.waiting import waits_how, waits_since, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
+from tca_wire.wording import by_whom
 
 _LONGEST_FAILURE = 200
 _SHORTEST = 0.0005
@@ -55,10 +56,10 @@ def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
         return "", None  # for them, and they are shown
     reasons = why_waiting(then, TaskId(task.id))
     if reasons:
-        return printable(f"waits {', and '.join(reasons)}"), waits_since(task)
+        return printable(f"{waits_how(task)} {', and '.join(reasons)}"), waits_since(task)
     if task.suspension and task.handling:
         return printable(
-            f"still runs, though {then.describe(task.suspension.cause)} is suspended"
+            f"still runs, though {then.describe(task.suspension.cause)} is suspended{by_whom(task.suspension.by)}"
         ), task.suspension.start
     return "", None
 

@@ -6,7 +6,7 @@
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
-    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
+    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
     NAME: kill [descendants of, siblings of] TASK [in N] [after POINT]
@@ -26,16 +26,22 @@ from typing import Any
 
 import msgspec
 from central.player import ANY, Player
+from central.transcript_words import (
+    constraints,
+    describe,
+    describe_answer,
+    describe_inspected,
+    read_attachment,
+    read_point,
+    read_watch,
+)
 
 from tca_central.holds import held_counts
-from tca_wire import facts, headers
-from tca_wire.constraints import Constraint, Flags
-from tca_wire.facts import kind_of
-from tca_wire.notices import NOTICES
-from tca_wire.parts import Attachment, MessageFormat, WatchOptions
-from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.parts import MessageFormat
+from tca_wire.points import TaskId, describe_moments
 from tca_wire.vocabulary import Condition, MessageClass, Scope
-from tca_wire.wording import fields_of
 
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
@@ -153,6 +159,9 @@ class Transcript:
     def remove(self, name: str, which: str) -> list[Any]:
         return self.player.receive(name, headers.Remove(self.player.number(name), int(which)))
 
+    def detach(self, name: str, which: str) -> list[Any]:
+        return self.player.receive(name, headers.Remove(self.player.number(name), int(which), for_all=True))
+
     def raise_(self, name: str, failure: str, task: str) -> list[Any]:
         failure, *kinds = failure.split("<")
         header = headers.Raise(self.player.number(name), TaskId(int(task)), failure, "why", kinds)
@@ -251,6 +260,7 @@ COMMANDS: list[tuple[str, Any]] = [
     (rf"{NAME}: reissue(?: (?P<delivery>\d+))?", Transcript.reissue),
     (rf"{NAME}: attach (?P<what>.+) to (?P<where>\w+)", Transcript.attach),
     (rf"{NAME}: remove (?P<which>\d+)", Transcript.remove),
+    (rf"{NAME}: detach (?P<which>\d+)", Transcript.detach),
     (rf"{NAME}: raise (?P<failure>.+) on (?P<task>\d+)", Transcript.raise_),
     (rf"{NAME}: retry (?P<task>\d+)(?P<data> with data)?", Transcript.retry),
     (rf"{NAME}: (?P<what>suspend|resume) (?P<task>\d+)", Transcript.suspend),
@@ -272,129 +282,3 @@ COMMANDS: list[tuple[str, Any]] = [
     (r"tree", lambda _: None),
     (rf"{NAME}: (?P<what>(?:{CLASSES}) \w+)(?P<options>.*)", Transcript.send),
 ]  # fmt: skip
-
-
-def read_point(text: str) -> Point:
-    edge, interval, task = text.split()
-    return Point(THIS if task == "this" else TaskId(int(task)), Moment[f"{edge}_{interval}".upper()])
-
-
-def read_watch(options: str) -> WatchOptions:
-    found = dict(re.findall(r"(?<!fire )\b(every|duration|maximum) ([\d.]+)", options))
-    fire_every = re.search(r"fire every (\d+)", options)
-    until = re.search(r"until (\w+ \w+ \d+)", options)
-    return WatchOptions(
-        float(found.get("every", 0)), int(found.get("maximum", 0)), int(fire_every[1]) if fire_every else 1,
-        "at first" in options, float(found.get("duration", 0)), read_point(until[1]) if until else None, "for ever" in options,
-    )  # fmt: skip
-
-
-def read_attachment(text: str) -> Attachment:
-    failure, handler, maximum = re.fullmatch(r"\s*(.+)->(\w+)(?:\*(\d+))?\s*", text).groups()  # type: ignore[union-attr]
-    return Attachment("" if failure == "any" else failure, handler, int(maximum or 0))
-
-
-def constraints(text: str) -> tuple[Constraint, ...]:
-    return tuple(constraint(part) for part in text.split(","))
-
-
-def constraint(text: str) -> Constraint:
-    before, after = (side.strip() for side in text.split("<="))
-    before, _, delay = before.partition(" + ")
-    if re.fullmatch(r"[\d.]+", before):
-        return Constraint(Point(ROOT, Moment.START_ACHIEVING), read_point(after), float(before))
-    return Constraint(read_point(before), read_point(after), float(delay or 0))
-
-
-def describe(fact: facts.Fact) -> str:
-    """A fact in a line; formats, and constraints that everyone sees, are left out."""
-    match fact:
-        case facts.Received():
-            under = f" under {fact.parent}" if fact.parent else ""
-            held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
-            role = f" ({fact.role})" if fact.role else ""
-            told = f": {msgspec.msgpack.decode(fact.body)}" if fact.message in NOTICES else ""
-            what = f"{fact.message_class} {fact.message} as {fact.id}"
-            return f"received {what} from {fact.sender}{under}{role}{told}{held}"
-        case facts.Constrained():
-            return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
-        case facts.Reached():
-            return f"{fact.task} reached {', '.join(describe_moments(fact.moments))}"
-        case facts.Delivered():
-            what = "" if fact.id == fact.message_id else f" (message {fact.message_id})"
-            return f"{fact.id}{what} delivered to {fact.module}"
-        case facts.Queued():
-            return f"{fact.id} waits for {fact.module or 'a handler'}"
-        case facts.Failed():
-            beside = ", beside its handler" if fact.is_beside else ""
-            return f"failed: id {fact.id}, failure {fact.failure}, text {fact.text}{beside}"
-        case facts.FormatDefined() | facts.ResourceChanged() | facts.RequestRefused():
-            return ""
-        case facts.ModuleJoined():
-            return f"module {fact.module} joined"
-        case facts.HandlerAdded() | facts.HandlerRemoved():
-            return f"module {fact.module} {'handles' if kind_of(fact) == 'handler' else 'no longer handles'} {fact.message}"
-        case facts.Returned():
-            return f"handler of {fact.id} returned: {fact.outcome}"
-        case _:
-            return describe_control(fact)
-
-
-def describe_control(fact: facts.Fact) -> str:
-    """Facts of what some tasks do to others; all that have no words of their own, by their fields."""
-    match fact:
-        case facts.Caught():
-            return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
-        case facts.SuspendedOrResumed():
-            return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'}"
-        case facts.TimedOut():
-            return f"time is up for {fact.constraint}"
-        case facts.Unhandled(undecided=undecided) if undecided:
-            return f"{fact.task} unhandled: {undecided} could not decide"
-        case facts.Unhandled() | facts.Recovered() | facts.Retried():
-            return f"{fact.task} {kind_of(fact)}"
-        case facts.TapAdded():
-            return f"{fact.id} taps {fact.message}{f' {fact.task}' if fact.task else ''}, {fact.condition}: {fact.listener}"
-        case facts.TapFired():
-            return f"tap {fact.tap} for {fact.tapped}: {fact.listener or 'nobody listens'}"
-        case facts.MonitorTested():
-            return f"condition of {fact.monitor} {'holds' if fact.holds else 'does not hold'}"
-        case facts.MonitorEnded():
-            return f"{fact.monitor} watches no longer: {fact.why}"
-        case facts.Claimed() | facts.Granted() | facts.ClaimEnded():
-            return describe_claim(fact)
-        case facts.Attached():
-            place = fact.message or f"task {fact.task}"
-            return f"{fact.id} attached: {fact.handler} for {fact.failure or 'any failure'} of {place}"
-        case _:
-            return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
-
-
-def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> str:
-    match fact:
-        case facts.Claimed():
-            kind = "reserve" if fact.is_reserved else "lock"
-            return f"{fact.id} wants to {kind} {fact.resource} of {fact.module}, from {fact.sender}"
-        case facts.Granted():
-            return f"{fact.id} granted"
-        case facts.ClaimEnded():
-            return f"{fact.id} ended: {fact.why}"
-
-
-def describe_inspected(row: dict[str, Any]) -> str:
-    """A task as central tells of it."""
-    data, result = (msgspec.msgpack.decode(row[key]) if row[key] else None for key in ("data", "result"))
-    end = f", {row['outcome']}" if row["outcome"] else ", lives"
-    failure = f" with {row['failure']}" if row["failure"] else ""
-    return f"{row['task']} {row['message']} under {row['parent']}, data {data}{end}{failure}{f': {result}' if result else ''}"
-
-
-def describe_answer(answer: Any) -> str:
-    """A header in a line; or a value, of a variable."""
-    return f"value {answer}" if isinstance(answer, str) else describe_header(answer)
-
-
-def describe_header(header: Any) -> str:
-    fields = {name: getattr(header, name) for name in header.__struct_fields__ if name not in ("number", "version")}
-    words = ", ".join(f"{key} {value}" for key, value in fields.items() if value not in ("", False, 0))
-    return f"{type(header).__name__.lower()} {words}".strip()

@@ -284,7 +284,7 @@ def test_the_tables_name_what_there_is() -> None:
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
         Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
         central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
-        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, ""),
+        Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, "", ""),
         Recovery(*[None] * 5),  # type: ignore[arg-type]
     ]  # fmt: skip
     assert isinstance(message, MessageType)

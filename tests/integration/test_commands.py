@@ -3,107 +3,17 @@
 import json
 import re
 import threading
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
-import click
 import pytest
-from click.testing import CliRunner
-from integration.programs import central
+from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
 
-from tca_module import (
-    Broadcast,
-    Client,
-    Command,
-    Condition,
-    ExceptionHandler,
-    Failure,
-    Goal,
-    Inform,
-    Module,
-    MultiQuery,
-    Outcome,
-    PollingMonitor,
-    Query,
-    Task,
-    Variable,
-    connect,
-)
-from tca_module.commands import attached, modules, status
+from tca_module import Client, MultiQuery, Outcome, connect
+from tca_module.commands import modules, status
 from tca_module.message_commands import get_variable, query, send, set_variable
 from tca_module.task_commands import kill, raise_failure, resume, suspend, unlock
 
-pytestmark = pytest.mark.slow
-
-SOON = 20.0
-
-
-@dataclass
-class Pose:
-    x: float
-    y: float = 0.0
-
-
-@dataclass
-class Move:
-    leg: int
-    to: Pose
-
-
-WALK, MOVE, LATER = Goal("walk", int), Command("move", Move, result=Pose), Command("later")
-SAY, TICK = Inform("say", str), Broadcast("tick")
-WHERE, HEALTH, SILENT = Query("where", Pose, reply=Pose), MultiQuery("health", reply=float), Query("silent", reply=int)
-MODE, POSE = Variable("mode", str), Variable("pose", Pose)
-FIX, LOOK = ExceptionHandler("fix"), PollingMonitor("look", condition=Query("is it", reply=bool), action=LATER)
-FELL = Failure("fell", int)
-
-
-@pytest.fixture
-def address(tmp_path: Path) -> Iterator[str]:
-    with central(tmp_path, "--quiet") as daemon:
-        yield daemon.address
-
-
-@pytest.fixture
-def user(address: str) -> Iterator[Client]:
-    with connect("user", address) as client:
-        client.wait_until_handled(timeout=SOON)
-        yield client
-
-
-@pytest.fixture
-def robot(address: str) -> Iterator[list[str]]:
-    """A robot; what it heard."""
-    robot, other, heard = Module("robot", address), Module("other", address), list[str]()
-
-    @robot.handles(WALK)
-    def walk(task: Task, steps: int) -> None:
-        if steps < 0:
-            raise FELL(steps, "too\nsteep\x1b[31m")
-        for _ in range(steps):
-            task.command(LATER)
-
-    robot.handles(MOVE)(lambda _, move: move.to)
-    robot.handles(WHERE)(lambda _, pose: Pose(pose.x + 1.0, pose.y))
-    robot.handles(SAY)(lambda _, text: heard.append(text))
-    robot.handles(TICK)(lambda _: heard.append("tick"))
-    robot.handles(HEALTH)(lambda _: 0.5)
-    other.handles(HEALTH)(lambda _: 0.5)
-    with robot.running(), other.running():
-        yield heard
-
-
-@pytest.fixture(autouse=True)
-def _find_central(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TCA_CENTRAL", address)
-
-
-def tca(command: click.Command, *words: str, given: str = "") -> tuple[int, str, str]:
-    """Exit code, output and errors."""
-    result = CliRunner().invoke(command, words, input=given)
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, result.stdout, result.stderr.removeprefix("Usage:").rpartition("Error: ")[2]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
 
 # --- send ------------------------------------------------------------------------------------------------------------
@@ -283,40 +193,11 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     walk.suspend()
     (told,) = [one for one in json.loads(tca(status, "--json")[1])["waiting"] if "suspended" in one["for"]]
     assert told["what"] == f"task {walk.id} 'walk'"
-    assert re.fullmatch(rf"'tca resume {walk.id}': suspended for \d+\.\d s", told["for"])
+    assert re.fullmatch(rf"'tca resume {walk.id}': suspended by user for \d+\.\d s", told["for"])
     walk.resume()
     assert "suspended" not in tca(status)[1]
-
-
-def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Client) -> None:
-    assert tca(attached) == (0, "no exception handlers and no wiretaps\n", "")
-    walk = user.goal(WALK, 1)
-    fell = user.on_failure(FELL, FIX, of=WALK, maximum=2)
-    user.on_failure(None, FIX)
-    walk.on_failure(FELL, FIX)
-    with connect("other script") as other:
-        other.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
-        user.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
-        user.tap(Condition.WHILE_HANDLING, walk, LOOK, period=1.0)
-        code, text, _ = tca(attached)
-        told = json.loads(tca(attached, "--json")[1])
-    fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
-    assert (code, fields[1:4]) == (0, [
-        ["fell", "'walk'", "fix", "2", "user", "nobody"],
-        ["any failure", "the root", "fix", "user", "nobody"],
-        ["fell", f"task {walk.id} 'walk'", "fix", "user", "nobody"],
-    ])  # fmt: skip
-    assert fields[6:] == [
-        ["before handling", "'move'", "later", "other script, user", "nobody"],
-        ["while handling", f"task {walk.id} 'walk'", "look", "user", "central"],
-    ]
-    first = {"id": fell.id, "failure": "fell", "handler": "fix", "task": 0, "message": "walk", "maximum": 2}
-    assert told["exception_handlers"][0] == {**first, "modules": ["user"], "handled_by": []}
-    assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
-    fell.remove()
-    left = user.status("attached")
-    assert len(left["exception_handlers"]) == 2
-    assert left["wiretaps"][0]["modules"] == ["other script", "user"]  # also when one of them is gone
+    tca(suspend, "walk")
+    assert re.search(r"suspended by the command 'tca suspend' for \d+\.\d s", tca(status)[1])
 
 
 def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:

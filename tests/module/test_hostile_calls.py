@@ -73,6 +73,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "lock": {"resource": "legs", "module": None, "timeout": SOON, "priority": 0},
     "reserve": {"resource": "legs", "module": None, "timeout": SOON, "priority": 0},
     "unlock": {"resource": "legs", "module": None},
+    "detach": {"number": 1},
     "handlers": {"message": SAY},
     "declared": {"name": "say"},
     "status": {"topic": "status", "timeout": SOON},

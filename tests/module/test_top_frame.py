@@ -101,7 +101,7 @@ def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
 
 def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named() -> None:
     messages = [message(f"step {number}", number) for number in range(60)]
-    suspended = [{"task": 213, "what": "'mop floor' {213}", "seconds": 40.0}]
+    suspended = [{"task": 213, "what": "'mop floor' {213}", "by": "operator panel", "seconds": 40.0}]
     told = frame(answer(99.0, resource(), messages=messages, waits=waiting(3, "map"), suspended=suspended))
     lines = shown(screen(told, "ipc:///here", "", 12), 40).splitlines()
     assert len(lines) <= 12
@@ -111,10 +111,10 @@ def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named()
 
 
 def test_a_run_that_stands_because_something_is_suspended_says_so() -> None:
-    suspended = [{"task": 213, "what": "'mop floor' {213}", "seconds": 40.0}]
+    suspended = [{"task": 213, "what": "'mop floor' {213}", "by": "operator panel", "seconds": 40.0}]
     text = shown(screen(frame(answer(99.0, resource(), suspended=suspended)), "ipc:///here", ""))
-    assert re.search(r"suspended for +longest first +until", text)
-    assert re.search(r" 40.0 s +'mop floor' \{213\} +'tca resume 213'", text)
+    assert re.search(r"suspended for +longest first +by +until", text)
+    assert re.search(r" 40.0 s +'mop floor' \{213\} +operator panel +'tca resume 213'", text)
     assert "nobody waits" not in text
 
 

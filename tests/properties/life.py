@@ -175,9 +175,11 @@ class Life:
         message = ("", "move", "walk")[c % 3]
         self.request(headers.Attach, self.attachment(b, d), TaskId(0) if message else task, message)
 
-    def remove_(self, a: int, *_: int) -> None:
-        if asides := [*self.central.attached, *self.central.taps]:
-            self.request(headers.Remove, asides[a % len(asides)])
+    def remove_(self, a: int, b: int, *_: int) -> None:
+        tasks, for_all = self.central.tree.tasks.values(), b % 3 == 0
+        monitors = [task.id for task in tasks if task.message.message_class.is_monitor] if for_all else []
+        if asides := [*self.central.attached, *self.central.taps, *monitors]:
+            self.request(headers.Remove, asides[a % len(asides)], for_all)
 
     def raise_(self, a: int, b: int, *_: int) -> None:
         if task := self.task(a):

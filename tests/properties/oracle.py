@@ -33,7 +33,6 @@ from properties.oracle_records import (
     Job,
     Node,
     Seen,
-    Tap,
     World,
 )
 
@@ -316,7 +315,9 @@ class Oracle:
         world = self.world
         for attached in [*world.attached.values(), *(node.attached for node in [world.root, *world.nodes.values()])]:
             attached[:] = [one for one in attached if one.id != header.id]
-        oracle_taps.let_go(world, header.id, world.modules[connection])
+        oracle_taps.let_go(world, header.id, world.modules[connection], for_all=header.for_all)
+        if header.for_all and header.id in world.nodes:
+            oracle_monitors.end(world, world.nodes[header.id])
 
     def raise_(self, _: str, header: headers.Raise, _body: bytes) -> None:
         if (node := self._unkilled(header.task)) is not None:
@@ -357,17 +358,7 @@ class Oracle:
 
     def tap(self, connection: str, header: headers.Tap, _: bytes) -> None:
         world, module = self.world, self.world.modules[connection]
-        taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
-        same = [one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)]
-        mine = next((one for one in same if one.watch == header.watch), None)
-        if mine is None:
-            added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
-            mine = Tap(added.id, header.condition, header.listener, header.watch)
-            taps.append(mine)
-        mine.holders.add(module)
-        for other in same:
-            if other is not mine and module in other.holders:
-                oracle_taps.let_go(world, other.id, module)
+        oracle_taps.tap(world, module, header)
 
 
 def _words(moments: int) -> str:

@@ -4,6 +4,7 @@ from msgspec.structs import replace
 from properties import oracle_monitors, oracle_rules, oracle_slots
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, Job, Node, Pair, Tap, World
 
+from tca_wire import facts, headers
 from tca_wire.parts import WatchOptions
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role
@@ -120,13 +121,28 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     return listener
 
 
-def let_go(world: World, tap_id: int, module: str) -> None:
-    """A module wants a tap no longer; it is taken away if nobody else does."""
+def tap(world: World, module: str, header: headers.Tap) -> None:
+    """A module taps; the same wiretap is there once, with all who want it, and a later one of its own replaces it."""
+    taps = world.taps.setdefault(header.message, []) if header.message else world.nodes[header.task].taps
+    same = [one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)]
+    mine = next((one for one in same if one.watch == header.watch), None)
+    if mine is None:
+        added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
+        mine = Tap(added.id, header.condition, header.listener, header.watch)
+        taps.append(mine)
+    mine.holders.add(module)
+    for other in same:
+        if other is not mine and module in other.holders:
+            let_go(world, other.id, module)
+
+
+def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
+    """A module wants a tap no longer; it is taken away if nobody else does, or *for all*."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
         for tap in taps:
             if tap.id == tap_id:
                 tap.holders.discard(module)
-        taps[:] = [tap for tap in taps if tap.id != tap_id or tap.holders]
+        taps[:] = [tap for tap in taps if tap.id != tap_id or (tap.holders and not for_all)]
 
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:

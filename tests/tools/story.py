@@ -234,9 +234,9 @@ def locking() -> Story:
     return story.at(5.0).say(facts.Closed("interrupted"))
 
 
-def mopping() -> Story:
-    """A floor {1} is mopped in three sweeps, and suspended during the first {2}, which runs on; then resumed. A drone
-    {5} is wanted all the time, and nobody handles it.
+def mopping(by: str = "") -> Story:
+    """A floor {1} is mopped in three sweeps, and suspended (*by* a module) during the first {2}, which runs on; then
+    resumed. A drone {5} is wanted all the time, and nobody handles it.
     """
     story = Story().module("chef", "mop floor").module("broom", "sweep").at(1.0)
     mop = story.goal("mop floor", "user")
@@ -248,8 +248,8 @@ def mopping() -> Story:
     story.at(1.5).returned(mop).reached(mop, Moment.END_PLANNING)
     story.at(1.6)
     story.queued(story.command("fly", "user"))
-    story.at(2.0).say(facts.SuspendedOrResumed(TaskId(mop), True))
+    story.at(2.0).say(facts.SuspendedOrResumed(TaskId(mop), True, by))
     story.at(3.0).returned(sweep).reached(sweep, Moment.END_ACHIEVING)
-    story.at(9.0).say(facts.SuspendedOrResumed(TaskId(mop), False))
+    story.at(9.0).say(facts.SuspendedOrResumed(TaskId(mop), False, by))
     story.acted(sweep + 1, "broom", 1.0).acted(sweep + 2, "broom", 1.0).reached(mop, Moment.END_ACHIEVING)
     return story.at(12.0).say(facts.Closed("interrupted"))

@@ -153,6 +153,8 @@ def test_a_suspended_task_waits_from_when_on_nothing_of_it_runs() -> None:
     (wait,) = found[WaitKind.SUSPENDED].longest
     assert (wait.who, wait.start, wait.end, wait.is_open) == ("mop floor {1}", 3.0, 9.0, False)
     assert wait.what == "until it is resumed; suspended at 2.000 s, what ran then ran on"
+    by = {kind.kind: kind for kind in waits(mopping("panel").fold())}[WaitKind.SUSPENDED].longest[0].what
+    assert by == "until it is resumed; suspended by panel at 2.000 s, what ran then ran on"
     (nobody,) = found[WaitKind.HANDLER].longest
     assert (nobody.who, nobody.start, nobody.is_open) == ("fly {5}", 1.6, True)
     (still,) = (kind for kind in waits(mopping().fold(4.0)) if kind.kind is WaitKind.SUSPENDED)
@@ -163,21 +165,22 @@ def test_a_suspended_task_waits_from_when_on_nothing_of_it_runs() -> None:
 def test_a_handler_that_waits_for_what_is_suspended_under_it_does_not_work() -> None:
     story = Story().module("planner", "walk").module("legs", "move").at(1.0)
     walk = story.command("walk", "user")
-    story.delivered(walk, "planner").say(facts.SuspendedOrResumed(TaskId(walk), True)).at(2.0)
+    story.delivered(walk, "planner").say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
     move = story.command("move", "planner", walk)
     story.say(facts.WaitBegan("planner", walk, TaskId(move), Moment.END_ACHIEVING)).at(5.0)
     (wait,) = next(kind for kind in waits(story.fold()) if kind.kind is WaitKind.SUSPENDED).longest
     assert (wait.who, wait.start, wait.end) == ("walk {1}", 2.0, 5.0)
+    assert wait.what.startswith("until it is resumed; suspended by panel at 1.000 s")
 
 
 def test_advice_on_what_nobody_could_work_on() -> None:
     """On the critical path of the floor stands only its suspension; the drone waits beside it."""
-    history = mopping().fold()
+    history = mopping("panel").fold()
     causes = Causes(history)
     path = critical_path(history, causes, history.tasks[1])
     suspended, drone = advice(history, path, [], [], [], at_least=0.1)
     assert near(suspended.topic, suspended.saving, suspended.on_path) == (Topic.SUSPENDED, 6.0, 6.0)
-    assert suspended.example == "mop floor {1}, from 3.000 s, 6.00 s"
+    assert suspended.example == "mop floor {1} suspended by panel, from 3.000 s, 6.00 s"
     assert near(drone.topic, drone.saving, drone.on_path) == (Topic.HANDLER, 10.4, 0)
     assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all"
     assert drone.title == "Nobody handles 'fly' for a while"

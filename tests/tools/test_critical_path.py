@@ -189,13 +189,13 @@ def test_a_query_in_a_queue_that_a_journal_that_ends_waits_for() -> None:
 @pytest.mark.parametrize("until", [8.0, None])
 def test_a_suspended_task_stands_from_when_on_nothing_of_it_runs(until: float | None) -> None:
     """Also while it still stands: the work that ran on is work."""
-    history = mopping().fold(until)
+    history = mopping("panel").fold(until)
     before = [("sweep", "broom", 1.0, 3.0), ("suspended", "", 3.0, until or 9.0)]
     after = [("sweep", "broom", 9.0, 10.0), ("sweep", "broom", 10.0, 11.0)]
     task = history.tasks[1]
     assert steps_of(history, task) == (before if until else before + after)
     stood = critical_path(history, Causes(history), task).steps[1]
-    assert (stood.message_id, why_then(history, stood)) == (1, "suspended at 2.000 s")
+    assert (stood.message_id, why_then(history, stood)) == (1, "suspended by panel at 2.000 s")
 
 
 def test_a_suspended_task_of_which_nothing_ran_stood_in_a_queue_before() -> None:

@@ -66,10 +66,10 @@ def test_a_suspended_task_shows_where_it_would_be_handled() -> None:
     assert [(bar.name, bar.start, bar.end) for bar in legs.queued if bar.is_suspended] == [("adjust", 1.0, 3.5)]
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "x")
-    story.at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True)).at(2.0)
+    story.at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
     bar = chart(story.fold()).rows[0].queued[0]
     assert (bar.is_suspended, bar.start, bar.end, bar.is_open) == (True, 1.0, 2.0, True)
-    assert bar.title == "walk {1} suspended from 1.000 s on, 1.000 s"
+    assert bar.title == "walk {1} suspended by panel from 1.000 s on, 1.000 s"
 
 
 def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:

@@ -156,6 +156,56 @@ def test_the_row_of_a_suspended_task_says_so_from_when_on_it_was() -> None:
     assert note(resumed, resumed.tasks[1]) == ""
 
 
+def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
+    history = mopping("operator panel").fold()
+    assert told(history, 1)[3:6:2] == [
+        "2.0 (7.0 s) suspended by operator panel, until mop floor {1} is resumed",
+        "9.0 resumed by operator panel",
+    ]
+    assert "2.0 (1.0 s) suspended by operator panel with mop floor {1}" in told(history, 2)
+    sweeping, standing = Then(history, 2.5), Then(history, 5.0)
+    assert note(sweeping, sweeping.tasks[2]) == (
+        "still runs, though mop floor {1} is suspended by operator panel, for 0.50 s"
+    )
+    for task in (1, 3):
+        words = "suspended by operator panel, until mop floor {1} is resumed, for 3.00 s"
+        assert note(standing, standing.tasks[task]) == words
+    typed = Then(mopping("tca suspend").fold(), 5.0)
+    assert note(typed, typed.tasks[1]).startswith("suspended by the command 'tca suspend', until")
+
+
+def test_what_is_sent_under_a_suspended_task_is_suspended_by_the_same() -> None:
+    tale = Story().module("chef", "mop floor").at(1.0)
+    mop = tale.goal("mop floor", "user")
+    tale.say(facts.SuspendedOrResumed(TaskId(mop), True, "panel")).at(2.0)
+    sweep = tale.command("sweep", "chef", mop)
+    assert "2.0 suspended by panel, until mop floor {1} is resumed" in told(tale.at(3.0).say().fold(), sweep)
+
+
+def test_who_killed_is_told_once_and_with_the_reason_that_was_given() -> None:
+    tale = Story().module("chef", "mop floor").at(1.0)
+    reasons = {"by module 'panel'": "panel", "tired": "tca kill", "too late": "", "overload: one came": "central"}
+    for why, by in reasons.items():
+        tale.say(facts.Killed(TaskId(tale.goal("mop floor", "user")), why, by))
+    history = tale.fold()
+    assert [told(history, task)[-1] for task in range(1, 5)] == [
+        "1.0 killed: by panel",
+        "1.0 killed: tired (by the command 'tca kill')",
+        "1.0 killed: too late",
+        "1.0 killed: overload: one came",
+    ]
+
+
+def test_who_lets_a_task_be_handled_again_is_told() -> None:
+    tale = Story().module("chef", "mop floor").at(1.0)
+    mop = tale.goal("mop floor", "user")
+    tale.say(facts.Retried(TaskId(mop), b"", "expert")).at(2.0).say(facts.Retried(TaskId(mop), b"\x07", "panel"))
+    assert [text for text in told(tale.fold(), mop) if "again" in text] == [
+        "1.0 to be handled again (retried by expert)",
+        "2.0 to be handled again, with other data (retried by panel)",
+    ]
+
+
 def test_a_task_that_was_killed_while_it_was_suspended_was_not_resumed() -> None:
     tale = mopping()
     tale.entries = [entry for entry in tale.entries if entry.time < 9.0]

@@ -3,6 +3,7 @@
 import io
 
 import msgpack
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -50,6 +51,13 @@ def test_no_flipped_bit_goes_unnoticed(at: int, bit: int) -> None:
     assert entries == ENTRIES[: len(entries)]
     assert len(entries) < len(ENTRIES)
     assert reader.torn
+
+
+def test_journals_from_before_it_was_noted_who_asked_are_read() -> None:
+    older = [["suspended", 3, True], ["killed", 3, "why"], ["retried", 3, b""], ["removed", 3]]
+    told = msgspec.convert(older, list[Fact])
+    assert [getattr(fact, "by", None) for fact in told] == [""] * 4
+    assert msgspec.to_builtins(msgspec.convert([[*fact, "panel"] for fact in older], list[Fact]))[0][-1] == "panel"
 
 
 def test_damage_before_the_tail_is_named_by_its_byte() -> None:

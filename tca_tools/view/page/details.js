@@ -54,7 +54,7 @@ export class Details {
       const born = about.received > this.time;
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
-    for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`waits ${reason}, for `), age(about.since));
+    for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`${about.how} ${reason}, for `), age(about.since));
     if (about.failure) yield element("p", { class: "lead bad" }, ...this.#linked(about.failure));
     if (about.killed) yield element("p", { class: "lead bad" }, ...this.#linked(`killed: ${about.killed}`));
   }

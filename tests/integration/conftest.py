@@ -1,0 +1,50 @@
+"""A central, somebody who talks to it, and a robot for the commands of the command line."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from integration.commanded import FELL, HEALTH, LATER, MOVE, SAY, SOON, TICK, WALK, WHERE, Pose
+from integration.programs import central
+
+from tca_module import Client, Module, Task, connect
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Iterator[str]:
+    with central(tmp_path, "--quiet") as daemon:
+        yield daemon.address
+
+
+@pytest.fixture
+def user(address: str) -> Iterator[Client]:
+    with connect("user", address) as client:
+        client.wait_until_handled(timeout=SOON)
+        yield client
+
+
+@pytest.fixture
+def robot(address: str) -> Iterator[list[str]]:
+    """A robot; what it heard."""
+    robot, other, heard = Module("robot", address), Module("other", address), list[str]()
+
+    @robot.handles(WALK)
+    def walk(task: Task, steps: int) -> None:
+        if steps < 0:
+            raise FELL(steps, "too\nsteep\x1b[31m")
+        for _ in range(steps):
+            task.command(LATER)
+
+    robot.handles(MOVE)(lambda _, move: move.to)
+    robot.handles(WHERE)(lambda _, pose: Pose(pose.x + 1.0, pose.y))
+    robot.handles(SAY)(lambda _, text: heard.append(text))
+    robot.handles(TICK)(lambda _: heard.append("tick"))
+    robot.handles(HEALTH)(lambda _: 0.5)
+    other.handles(HEALTH)(lambda _: 0.5)
+    with robot.running(), other.running():
+        yield heard
+
+
+@pytest.fixture
+def find_central(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TCA_CENTRAL", address)

@@ -1,0 +1,97 @@
+"""What is attached to messages and tasks: it is listed, and taken away, whoever attached it."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from integration.commanded import FELL, FIX, LATER, LOOK, MOVE, SAY_MOVE, SOON, WALK, tca
+
+from tca_module import Client, Condition, Refused, connect
+from tca_module.commands import attached
+from tca_module.task_commands import detach
+from tca_tools.logs import open_log
+from tca_wire import facts
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
+
+
+def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Client) -> None:
+    assert tca(attached) == (0, "no exception handlers, wiretaps or monitors\n", "")
+    walk = user.goal(WALK, 1)
+    fell = user.on_failure(FELL, FIX, of=WALK, maximum=2)
+    user.on_failure(None, FIX)
+    walk.on_failure(FELL, FIX)
+    with connect("other script") as other:
+        other.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
+        user.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
+        user.tap(Condition.WHILE_HANDLING, walk, LOOK, period=1.0)
+        look = other.under(walk).monitor(LOOK, period=9.0)
+        code, text, _ = tca(attached)
+        told = json.loads(tca(attached, "--json")[1])
+    fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
+    assert (code, fields[1][0]) == (0, str(fell.id))
+    assert [words[1:] for words in fields[1:4]] == [
+        ["fell", "'walk'", "fix", "2", "user", "nobody"],
+        ["any failure", "the root", "fix", "user", "nobody"],
+        ["fell", f"task {walk.id} 'walk'", "fix", "user", "nobody"],
+    ]
+    assert [words[1:] for words in fields[6:8]] == [
+        ["before handling", "'move'", "later", "other script, user", "nobody"],
+        ["while handling", f"task {walk.id} 'walk'", "look", "user", "central"],
+    ]
+    assert fields[9:] == [
+        ["number", "monitor", "under", "sent by"],
+        [str(look.id), "look", f"task {walk.id} 'walk'", "other script"],
+    ]
+    first = {"id": fell.id, "failure": "fell", "handler": "fix", "task": 0, "message": "walk", "maximum": 2}
+    assert told["exception_handlers"][0] == {**first, "modules": ["user"], "gone": [], "handled_by": []}
+    assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
+    text = tca(attached)[1]
+    assert "other script (has left), user" in text
+    assert text.count("(has left)") == 2
+    fell.remove()
+    left = user.status("attached")
+    assert len(left["exception_handlers"]) == 2
+    assert left["wiretaps"][0]["modules"] == ["other script", "user"]  # also when one of them is gone
+
+
+def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, tmp_path: Path) -> None:
+    walk = user.goal(WALK, 1)
+    walk.wait_for(walk.handling.end, SOON)
+    with connect("panel") as panel:
+        of_all, of_one = panel.on_failure(FELL, FIX, of=WALK), panel.on_failure(FELL, FIX, of=walk)
+        check = panel.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
+        watched = panel.tap(Condition.WHILE_ACHIEVING, WALK, LOOK, period=9.0)
+        look = panel.under(walk).monitor(LOOK, period=9.0)
+    user.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
+    both = f"exception handler {of_all.id} 'fix' for failure 'fell' of 'walk'; exception handler {of_one.id} 'fix' for \
+failure 'fell' of task {walk.id} 'walk'"
+    assert tca(detach, "fix") == (
+        1, "", f"2 that are attached are called 'fix': give the number of one, {both}: see 'tca attached'\n"
+    )  # fmt: skip
+    assert tca(detach, str(of_all.id)) == (0, both.split("; ", maxsplit=1)[0] + ": detached\n", "")
+    assert tca(detach, "fix") == (0, both.split("; ", maxsplit=1)[1] + ": detached\n", "")
+    assert tca(detach, "say move")[:2] == (
+        0, f"wiretap {check.id} 'before handling' of 'move' with listener 'say move': detached\n"
+    )  # fmt: skip
+    assert tca(detach, str(look.id))[:2] == (0, f"monitor {look.id} 'look' under task {walk.id} 'walk': detached\n")
+    there = f"there are wiretap {watched.id} 'while achieving' of 'walk' with listener 'look': see 'tca attached'\n"
+    for what, why in (
+        (str(check.id), f"{check.id} is not attached, or not any more"),
+        ("9999", "nothing has had the number 9999 yet"),
+        (str(walk.id), f"task {walk.id} 'walk' is not attached: 'tca kill {walk.id}' ends it"),
+        ("fxi", "nothing that is attached is called 'fxi'"),
+        ("0", "0 is not attached, or not any more"),
+    ):
+        assert tca(detach, what) == (1, "", f"{why}; {there}")
+    assert user.detach(watched.id)
+    assert not user.detach(watched.id)
+    assert tca(detach, "look") == (1, "", "nothing that is attached is called 'look'; nothing at all is attached\n")
+    with pytest.raises(Refused, match="is a goal, which is not attached: kill it to end it"):
+        user.detach(walk.id)
+    with pytest.raises(Refused, match="there is no exception handler or wiretap 9999"):
+        user.detach(9999)
+    gone = [fact for entry in open_log(tmp_path / "journal") for fact in entry.facts if isinstance(fact, facts.Removed)]
+    numbers = [of_all.id, of_one.id, check.id, watched.id]
+    assert [(fact.id, fact.by) for fact in gone] == list(zip(numbers, ["tca detach"] * 3 + ["user"], strict=True))
