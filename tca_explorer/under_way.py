@@ -44,8 +44,8 @@ class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def data(self) -> Any:
-        """What was sent with it, as plain values."""
-        return msgspec.msgpack.decode(self.body)
+        """What was sent with it, as plain values; None of what is sent without, such as for a module that was lost."""
+        return msgspec.msgpack.decode(self.body) if self.body else None
 
     @property
     def is_task(self) -> bool:

@@ -120,6 +120,7 @@ CENTRAL: dict[str, set[str]] = {
         "direct",
         "errors",
         "events",
+        "intervals",
         "keeping",
         "monitors",
         "notices",
@@ -127,6 +128,7 @@ CENTRAL: dict[str, set[str]] = {
         "requests",
         "sharing",
         "state",
+        "taps",
         "task_tree",
     },
     "core": {

@@ -5,7 +5,7 @@ from typing import Any
 
 from explorer.scenarios import LIFT, NOTE, SLIPPED, STEP, WALK
 
-from tca_explorer import Scenario, Script, Seen, Task, World
+from tca_explorer import Property, Scenario, Script, Seen, Task, World, explore, never_stuck, report
 from tca_module import ExceptionHandler
 from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message
@@ -85,3 +85,10 @@ def those(world: World, message: Message[Any, Any], *states: str, data: Any = No
 def over(message: Message[Any, Any], data: Any = None) -> Callable[[World], list[Seen]]:
     """Those that have just ended, achieved or killed."""
     return lambda world: those(world, message, "is_over", data=data)
+
+
+def good(scenario: Scenario, *properties: Property) -> None:
+    """That all of this holds, that it is about something, and that nobody is left waiting."""
+    result = explore(scenario, *properties, never_stuck(), limit=3000)
+    assert result.ok, report(result)
+    assert not result.vacuous
