@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from explorer.scenarios import LIFT, NOTE, SLIPPED, STEP, WALK
+from explorer.scenarios import LIFT, SLIPPED, STEP, WALK
 
-from tca_explorer import Property, Scenario, Script, Seen, Task, World, explore, never_stuck, report
+from tca_explorer import Property, Scenario, ScenarioModule, Script, Seen, Task, World, explore, never_stuck, report
 from tca_module import ExceptionHandler
 from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message
 
 HELP: ExceptionHandler[None] = ExceptionHandler("help")
-CHECK: Any = NOTE
 
 EVER = 1e6  # seconds: longer than all that comes by itself
 
@@ -26,18 +25,17 @@ BETWEEN = {
 """What may come in between: any of it, at any moment."""
 
 
-def robot(title: str, ask: Callable[[Any, TaskHandle], None], between: str = "") -> Scenario:
+def robot(title: str, ask: Callable[[Any, TaskHandle], object], between: str = "") -> Scenario:
     """A user's walk is one step, of which its planner then asks something; or an operator who finds that step."""
 
-    def module(name: str) -> Any:
+    def module(name: str) -> ScenarioModule:
         is_lost = f"lose {name}" in between
         return scenario.module(name, may_be_lost=int(is_lost), comes_back=is_lost and name != "operator")
 
     scenario = Scenario(title)
     by_operator = "operator" in between
     planner, legs, others, user = map(module, ("planner", "legs", "others", "user"))
-    for message in (LIFT, NOTE):
-        others.handles(message)(lambda _: None)
+    others.handles(LIFT)(lambda _: None)
 
     @planner.handles(WALK)
     def walk(task: Task) -> None:
@@ -69,10 +67,12 @@ def robot(title: str, ask: Callable[[Any, TaskHandle], None], between: str = "")
             for step in me.tasks(STEP):
                 ask(me, step)
 
-    for word, allow in (("kill", scenario.may_kill), ("suspend", scenario.may_suspend)):
-        for message in (STEP, WALK):
-            if f"{word} {message.name}" in between:
-                allow(message)
+    if "kill step" in between:
+        scenario.may_kill(STEP)
+    if "kill walk" in between:
+        scenario.may_kill(WALK)
+    if "suspend walk" in between:
+        scenario.may_suspend(WALK)
     return scenario
 
 

@@ -2,17 +2,18 @@
 
 One scenario (accepting.py) for what can be asked of a task, and a table of what *kept* means of each. Whatever is asked
 once, at any moment; kills, losses, a suspension, a failure and a retry come before it, after it, or while it waits.
-Nobody may be left waiting, either. What is asked of other things is in test_what_else_is_accepted.py.
+Nobody may be left waiting, either. What is asked of other things is in
+test_what_else_is_accepted.py, what is asked for in test_what_is_given.py.
 """
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import pytest
-from explorer.accepting import BETWEEN, EVER, HELP, robot, those
+from explorer.accepting import BETWEEN, EVER, HELP, good, robot, those
 from explorer.scenarios import LIFT, SLIPPED, STEP
 
-from tca_explorer import World, accepted, explore, never_stuck, report, within
+from tca_explorer import Scenario, Script, Seen, Task, World, accepted, before, begun, within
 from tca_module import Scope
 from tca_module.task_handle import TaskHandle
 
@@ -54,6 +55,11 @@ def failed(world: World) -> bool:
     return gone(world) or bool(those(world, HELP) or those(world, STEP, "failure"))
 
 
+def suspend_and_resume(_: Any, step: TaskHandle) -> None:
+    step.suspend()
+    step.resume()
+
+
 REQUESTS = {
     "kill": Request("kill", lambda _, step: step.kill(), gone),
     "kill in 1 s": Request("kill", lambda _, step: step.kill(delay=1.0), gone, 1.0),
@@ -62,13 +68,13 @@ REQUESTS = {
         "kill", lambda _, step: step.kill(after=step.achieving.start, delay=1.0), gone, EVER
     ),
     "kill of all beside it": Request(
-        "kill", lambda me, step: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
+        "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
     ),
     "on termination": Request("on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER),
     "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),
     "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVER),
-    "suspend": Request("suspend", lambda _, step: (step.suspend(), step.resume()), held),
-    "resume": Request("resume", lambda _, step: (step.suspend(), step.resume()), gone, EVER),
+    "suspend": Request("suspend", suspend_and_resume, held),
+    "resume": Request("resume", suspend_and_resume, gone, EVER),
     "failure": Request("fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), failed),
 }
 
@@ -78,6 +84,26 @@ REQUESTS = {
 def test_what_is_asked_of_a_task(name: str, between: str) -> None:
     request = REQUESTS[name]
     scenario = robot(name, request.ask, BETWEEN[between])
-    result = explore(scenario, within(request.seconds, accepted(request.call), request.kept), never_stuck())
-    assert result.ok, report(result)
-    assert not result.vacuous
+    good(scenario, within(request.seconds, accepted(request.call), request.kept))
+
+
+def killed_and_over(world: World) -> list[Seen]:
+    return those(world, STEP, "is_killed", "is_over")
+
+
+def test_what_a_handler_keeps_for_its_termination_is_done_before_its_end() -> None:
+    """Also where the kill came first, and the handler did not know yet."""
+    scenario = Scenario("a brake that was asked for is used")
+    motor, brake, user = scenario.module("motor"), scenario.module("brake"), scenario.module("user")
+
+    @motor.handles(STEP)
+    def spin(task: Task) -> None:
+        task.handle.on_termination(LIFT)
+
+    brake.handles(LIFT)(lambda _: None)
+
+    @user.does
+    def story(me: Script) -> None:
+        me.command(STEP).kill()
+
+    good(scenario, before(begun(LIFT), killed_and_over))
