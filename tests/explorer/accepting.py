@@ -5,7 +5,20 @@ from typing import Any
 
 from explorer.scenarios import LIFT, SLIPPED, STEP, WALK
 
-from tca_explorer import Property, Scenario, ScenarioModule, Script, Seen, Task, World, explore, never_stuck, report
+from tca_explorer import (
+    Property,
+    Scenario,
+    ScenarioModule,
+    Script,
+    Seen,
+    Task,
+    World,
+    accepted,
+    explore,
+    never,
+    never_stuck,
+    report,
+)
 from tca_module import ExceptionHandler
 from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message
@@ -14,10 +27,12 @@ HELP: ExceptionHandler[None] = ExceptionHandler("help")
 
 EVER = 1e6  # seconds: longer than all that comes by itself
 
+LONG = 100.0  # seconds, where there are others to be in time
+
 BETWEEN = {
     "kills": "kill step, kill walk",
     "loss of who asked": "lose planner",
-    "loss of an outsider who asked": "lose operator, kill walk",
+    "loss of an outsider who asked": "lose operator",
     "loss of who handles it": "lose legs",
     "suspension": "suspend walk, kill step",
     "failure and retry": "slip, kill step",
@@ -45,6 +60,8 @@ def robot(title: str, ask: Callable[[Any, TaskHandle], object], between: str = "
 
     @legs.handles(STEP)
     def step(task: Task) -> None:
+        if "last" in between:
+            task.command(LIFT, delay=LONG).wait()
         if "slip" in between and task.choose("holds", "slips") == "slips":
             raise SLIPPED(text="ice")
 
@@ -85,6 +102,15 @@ def those(world: World, message: Message[Any, Any], *states: str, data: Any = No
 def over(message: Message[Any, Any], data: Any = None) -> Callable[[World], list[Seen]]:
     """Those that have just ended, achieved or killed."""
     return lambda world: those(world, message, "is_over", data=data)
+
+
+def at_once(call: str, kept: Callable[[World], object]) -> Property:
+    """What is asked for by that call is true as soon as it has been accepted."""
+
+    def accepted_and_not_done(world: World) -> bool:
+        return bool(accepted(call)(world)) and not kept(world)
+
+    return never(accepted_and_not_done)
 
 
 def good(scenario: Scenario, *properties: Property) -> None:

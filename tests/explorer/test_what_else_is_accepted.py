@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer.accepting import EVER, HELP, good, over, those
+from explorer.accepting import EVER, HELP, at_once, good, over, those
 from explorer.recoveries import BATTERY, GAUGE, IS_LOW, RECHARGE
 from explorer.scenarios import LIFT, NOTE, REST, SLIPPED, STEP, WALK
 
@@ -43,6 +43,11 @@ LOST: dict[str, Any] = {"may_be_lost": 1, "comes_back": True}
 
 def nothing(*_: object) -> None:
     """What a handler does whose work does not matter."""
+
+
+def later(task: Task) -> Any:
+    """After the handler of a task has returned."""
+    return task.handling.end <= this.achieving.start
 
 
 def slips_or_not(task: Task) -> None:
@@ -145,14 +150,14 @@ def low(task: Task) -> bool:
     return bool(task.choose(True, False))
 
 
-def watched(watch: Callable[[Script], None], **battery: Any) -> Scenario:
+def watched(watch: Callable[[Script], object], **battery: Any) -> Scenario:
     """Somebody watches a battery, which is asked and charged by others."""
     scenario = Scenario("watched")
     scenario.module("battery", **battery).handles(IS_LOW)(low)
     dock = scenario.module("dock")
     for message in (RECHARGE, NOTE, REST):
         dock.handles(message)(nothing)
-    scenario.module("user").does(watch)
+    scenario.module("user").does(lambda me: [watch(me)])
     return scenario
 
 
@@ -181,7 +186,7 @@ MONITORS: dict[str, tuple[Any, Callable[[Script], Any], list[Any]]] = {
 def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
     """Or it is killed: by somebody, or because what answers its condition is lost, which is a failure of its own."""
     monitor, watch, properties = MONITORS[name]
-    scenario = watched(lambda me: watch(me) and None, **battery)
+    scenario = watched(watch, **battery)
     scenario.may_kill(monitor)
     good(scenario, eventually(over(monitor)), *properties)
 
@@ -201,7 +206,23 @@ def test_a_monitor_that_is_ended_acts_no_more() -> None:
             me.under(step).monitor(BATTERY, period=1.0, maximum=1).end()
 
     scenario.may_kill(STEP)
-    good(scenario, within(0, accepted("end"), lambda world: not watching(world)), eventually(over(STEP)))
+    good(
+        scenario,
+        within(EVER, accepted("end"), over(BATTERY)),
+        eventually(over(STEP)),
+    )
+
+
+def test_a_monitor_that_is_ended_before_it_began_never_asks() -> None:
+    scenario = watched(lambda me: [me.goal(WALK)])
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        task.monitor(BATTERY, period=1.0, maximum=1, constraints=[later(task)]).end()
+
+    scenario.may_kill(WALK)
+    scenario.may_suspend(WALK)
+    good(scenario, never(sent(IS_LOW)), within(EVER, accepted("end"), over(BATTERY)))
 
 
 def test_a_fire_that_is_accepted_sends_the_action() -> None:
@@ -212,7 +233,7 @@ def test_a_fire_that_is_accepted_sends_the_action() -> None:
 
     scenario = watched(watch)
     scenario.may_kill(ROCKS)
-    good(scenario, within(0, accepted("fire"), fired(NOTE)), within(EVER, fired(NOTE), over(NOTE)))
+    good(scenario, at_once("fire", fired(NOTE)), within(EVER, fired(NOTE), over(NOTE)))
 
 
 # --- order and time --------------------------------------------------------------------------------------------------
@@ -232,11 +253,6 @@ def two_steps(plan: Callable[[Task], None], **legs: Any) -> Scenario:
     if "may_be_lost" not in legs:
         scenario.may_kill(STEP)
     return scenario
-
-
-def later(task: Task) -> Any:
-    """After the handler of a task has returned."""
-    return task.handling.end <= this.achieving.start
 
 
 def constrained(task: Task) -> None:

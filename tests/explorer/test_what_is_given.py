@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer.accepting import EVER, good, over, those
+from explorer.accepting import EVER, at_once, good, over, those
 from explorer.scenarios import HEIGHTS, NOTE, STEP, WALK, WHERE
 
 from tca_explorer import (
@@ -187,11 +187,13 @@ def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses
 
     if loses == "its claim":
         scenario.module("operator").does(lambda me: me.unlock("legs") and None)
-    if loses in ("nothing", "its claim"):
-        scenario.may_kill(WALK)
-    good(
-        scenario,
+    properties = [
         within(EVER, accepted(claim.strip("_")), given),
         never(kept_too_long),
         eventually(over(STEP, "others'")),
-    )
+    ]
+    if loses == "its claim":
+        properties.append(at_once("unlock", lambda world: not world.held_by))
+    if loses in ("nothing", "its claim"):
+        scenario.may_kill(WALK)
+    good(scenario, *properties)
