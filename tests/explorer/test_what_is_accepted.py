@@ -80,7 +80,8 @@ REQUESTS = {
 @pytest.mark.parametrize("name", REQUESTS)
 def test_what_is_asked_of_a_task(name: str, between: str) -> None:
     request = REQUESTS[name]
-    is_timed = 0 < request.seconds < EVER and "planner" not in BETWEEN[between]  # whose loss ends the step anyway
+    ends_it = between in ("loss of who asked", "loss of who handles it")
+    is_timed = 0 < request.seconds < EVER and not ends_it
     scenario = robot(name, request.ask, BETWEEN[between] + ", last" * is_timed)
     properties = [within(request.seconds, accepted(request.call), request.kept)]
     if not request.seconds:

@@ -154,7 +154,12 @@ def reserved_as_long_as_it_takes(task: Task) -> None:
     task.command(STEP, "mine")
 
 
-CLAIMS = {"lock": locked, "lock_": locked_in_time, "reserve": reserved, "reserve_": reserved_as_long_as_it_takes}
+CLAIMS = {
+    "lock": locked,
+    "lock in time": locked_in_time,
+    "reserve": reserved,
+    "reserve as long as it takes": reserved_as_long_as_it_takes,
+}
 LOSES = ("nothing", "planner", "legs", "its claim")
 
 
@@ -188,7 +193,7 @@ def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses
     if loses == "its claim":
         scenario.module("operator").does(lambda me: me.unlock("legs") and None)
     properties = [
-        within(EVER, accepted(claim.strip("_")), given),
+        within(EVER, accepted(claim.split()[0]), given),
         never(kept_too_long),
         eventually(over(STEP, "others'")),
     ]
