@@ -65,7 +65,7 @@ REQUESTS = {
     "kill in 1 s": Request("kill", lambda _, step: step.kill(delay=1.0), gone, 1.0),
     "kill after its handling": Request("kill", lambda _, step: step.kill(after=step.handling.end), gone, EVER),
     "kill of all beside it": Request(
-        "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone, EVER
+        "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
     ),
     "on termination": Request("on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER),
     "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),

@@ -193,7 +193,7 @@ def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses
     if loses == "its claim":
         scenario.module("operator").does(lambda me: me.unlock("legs") and None)
     properties = [
-        within(EVER, accepted(claim.split()[0]), given),
+        within(EVER, accepted(claim.partition(" ")[0]), given),
         never(kept_too_long),
         eventually(over(STEP, "others'")),
     ]
