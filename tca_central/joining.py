@@ -3,12 +3,14 @@
 from tca_central import claims, direct, notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
+from tca_central.intervals import FAILURE, RETURNED
 from tca_central.keeping import release_all
 from tca_central.monitors import check_parts
 from tca_central.registry import Connection, Delivery, Handler, Module
 from tca_central.requests import fail_delivery, give_up
 from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
+from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
 from tca_wire.failures import MODULE_LOST
@@ -122,6 +124,7 @@ def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost:
         return
     if isinstance(delivery, Task) and delivery.given_as != delivery.id:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
+    happened(central, delivery, RETURNED | FAILURE)
     fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
 
 

@@ -126,8 +126,8 @@ def describe(task: Task | Kept) -> dict[str, Any]:
 def _describe_kept(task: Kept) -> dict[str, Any]:
     outcome, failure, text, _ = task.outcome
     return {
-        "task": task.id,
-        "parent": task.parent.id if task.parent else 0,
+        "task": int(task.id),
+        "parent": int(task.parent.id) if task.parent else 0,
         "message": task.message.name,
         "class": str(task.message.message_class),
         "role": str(task.role),

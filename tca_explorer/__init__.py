@@ -4,6 +4,7 @@ from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.exploration import explore
 from tca_explorer.properties import (
     Property,
+    accepted,
     achieved,
     always,
     at_most,
@@ -47,6 +48,7 @@ __all__ = [
     "Task",
     "Violation",
     "World",
+    "accepted",
     "achieved",
     "always",
     "at_most",

@@ -74,6 +74,46 @@ def _tap(header: headers.Tap, name: Name) -> str:
 {header.listener}"
 
 
+def call_of(header: Any) -> str:
+    """The call of the module library by which a script asked for that: one of CALLS."""
+    call = _CALLS[type(header)]
+    return call if isinstance(call, str) else call[bool(getattr(header, _SECOND[type(header)]))]
+
+
+_CALLS: dict[type, str | tuple[str, str]] = {
+    headers.Send: ("send", "on_termination"),
+    headers.Constrain: "constrain",
+    headers.WaitFor: "wait_for",
+    headers.Kill: "kill",
+    headers.Attach: "on_failure",
+    headers.Tap: "tap",
+    headers.Remove: "remove",
+    headers.Raise: "fail",
+    headers.Retry: "retry",
+    headers.Suspend: ("suspend", "resume"),
+    headers.Deadline: "deadline",
+    headers.Inspect: "inspect",
+    headers.Keep: ("keep", "release"),
+    headers.Fire: "fire",
+    headers.EndMonitor: "end",
+    headers.GetVariable: "get_variable",
+    headers.SetVariable: ("set_variable", "swap_variable"),
+    headers.Lock: ("lock", "reserve"),
+    headers.Unlock: "unlock",
+    headers.WaitUntilHandled: "wait_until_handled",
+}
+_SECOND: dict[type, str] = {
+    headers.Send: "when_killed",
+    headers.Suspend: "resume",
+    headers.Keep: "release",
+    headers.SetVariable: "swap",
+    headers.Lock: "reserve",
+}
+"""By what the second of two calls is known."""
+
+CALLS = tuple(call for one in _CALLS.values() for call in ((one,) if isinstance(one, str) else one))
+"""What a script can ask of central. "send" stands for all that is sent: goal(), query(), inform(), monitor(), ..."""
+
 _SAY: dict[type, Callable[[Any, Name], str]] = {
     headers.Constrain: lambda header, name: f"adds {'; '.join(_constraint(one, name) for one in header.constraints)}",
     headers.WaitFor: lambda header, name: f"waits for {point_in_words(header.point, name)}",
@@ -86,6 +126,7 @@ _SAY: dict[type, Callable[[Any, Name], str]] = {
     headers.Suspend: lambda header, name: f"{'resumes' if header.resume else 'suspends'} {name(header.task)}",
     headers.Deadline: lambda header, name: f"wants {point_in_words(header.point, name)} within {header.seconds:g} s",
     headers.Inspect: lambda header, name: f"looks at the {header.relation} of {name(header.task)}",
+    headers.Keep: lambda header, name: f"{'lets go of' if header.release else 'keeps'} {name(header.task)}",
     headers.Fire: lambda header, name: f"fires {name(header.monitor)} with",
     headers.EndMonitor: lambda header, name: f"ends {name(header.monitor)}",
     headers.GetVariable: lambda header, _: f"gets {header.variable}",

@@ -6,18 +6,20 @@ from typing import Any
 from msgspec.structs import replace
 
 from tca_central.core import Central
-from tca_central.events import ConnectionId, Event, Received, Record
+from tca_central.events import ConnectionId, Effect, Event, Received, Record
 from tca_explorer.actors import Actor, Line, Request
+from tca_explorer.asking import call_of
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.fold import Fold
 from tca_explorer.marks import Id, Number
 from tca_explorer.naming import renamed, renamed_rows, without_ids
 from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
+from tca_explorer.under_way import Taken
 from tca_module.errors import NIL
 from tca_wire import headers
 from tca_wire.controls import Monitor
-from tca_wire.facts import Fact
+from tca_wire.facts import Fact, Ignored, RequestRefused
 from tca_wire.facts import Received as Birth
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
@@ -48,12 +50,12 @@ class Exchange:
         self._number += 1
         return self._number
 
-    def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> None:
-        """Let central receive something."""
-        self.handle(Received(self.now, connection_of(line), header, body))
+    def receive(self, line: str, header: headers.ToCentral, body: bytes = b"") -> list[Effect]:
+        """Let central receive something; what came of it."""
+        return self.handle(Received(self.now, connection_of(line), header, body))
 
-    def handle(self, event: Event) -> None:
-        """Let central handle an event, and everybody get what it sends."""
+    def handle(self, event: Event) -> list[Effect]:
+        """Let central handle an event, and everybody get what it sends; what came of it."""
         try:
             effects = self.central.handle(event)
         except Exception as error:
@@ -66,6 +68,7 @@ class Exchange:
                 line = self.lines.get(effect.connection.decode())
                 if line is not None and line.run.is_alive:
                     get(self, line, effect.header, effect.body)
+        return effects
 
     def _record(self, recorded: list[Fact]) -> None:
         self.facts += recorded
@@ -118,7 +121,8 @@ class Exchange:
                 actor.get(Got(step.kind))
             else:
                 actor.number = number
-        self.receive(line.name, header, step.body)
+        if not any(map(_declines, self.receive(line.name, header, step.body))):
+            self.fold.taken = Taken(line.run.name, call_of(header))
 
     def _check_lock(self, header: headers.Lock) -> None:
         """A module that is lost takes its resources along; one that nobody ever has is a mistake."""
@@ -231,6 +235,12 @@ class Exchange:
 def connection_of(name: str) -> ConnectionId:
     """The id by which central knows a line."""
     return ConnectionId(name.encode())
+
+
+def _declines(effect: Effect) -> bool:
+    """Whether central refuses a request, or says that it came too late to change anything."""
+    told = effect.entry.facts if isinstance(effect, Record) else ()
+    return any(isinstance(fact, Ignored | RequestRefused) for fact in told)
 
 
 # ruff: noqa: SLF001

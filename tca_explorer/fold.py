@@ -41,6 +41,7 @@ class Fold(Situation):
                 self._change(key, is_new=False, is_retried=False, has_fired=False)
         self._tasks = {given: task for given, task in self._tasks.items() if task in self.seen}
         self.passed = 0.0
+        self.taken = None
         self.broken = ""
 
     def take(self, recorded: Iterable[facts.Fact]) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 from msgspec import UNSET
 
-from tca_explorer.checks import checked_name, checked_number
+from tca_explorer.asking import CALLS
+from tca_explorer.checks import checked_name, checked_number, nearest
 from tca_explorer.errors import ScenarioError
 from tca_explorer.world import Seen, World, shown
 from tca_wire.declarations import Message
@@ -323,6 +324,33 @@ def fired(message: Message[Any, Any], data: Any = UNSET) -> Those:
 def retried(message: Message[Any, Any], data: Any = UNSET) -> Those:
     """Tasks that were retried with the last action."""
     return _those("retried", message, data, lambda seen: seen.is_retried)
+
+
+def accepted(call: str, by: str = "") -> Predicate:
+    """With the last action: that central took what a script (of the module *by*) asked for by this call of the module
+    library: "kill", "retry", "on_termination", ...; "send" is a message of any class. What is refused, or comes too
+    late to change anything, is not accepted; a wait or a lock is accepted when it begins.
+    """
+    if call not in CALLS:
+        raise ScenarioError(f"accepted() knows no call {call!r:.60}; {nearest(str(call), CALLS)}")
+    if by:
+        checked_name(by, "a module")
+    return _Accepted(call, by)
+
+
+class _Accepted(Those):
+    """That a request was taken."""
+
+    def __init__(self, call: str, by: str) -> None:
+        super().__init__(f"{call}{f' of {by}' * bool(by)} accepted", lambda _: False, module=by)
+        self._call = call
+
+    def __call__(self, world: World) -> list[Any]:
+        """That request, if it was taken with the last action."""
+        taken = world.taken
+        if taken is None or taken.call != self._call:
+            return []
+        return [taken] if self.module in ("", taken.sender, taken.sender.partition("#")[0]) else []
 
 
 def handled_by(module: str) -> Those:

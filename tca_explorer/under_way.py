@@ -44,8 +44,8 @@ class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def data(self) -> Any:
-        """What was sent with it, as plain values."""
-        return msgspec.msgpack.decode(self.body)
+        """What was sent with it, as plain values; None of what is sent without, such as for a module that was lost."""
+        return msgspec.msgpack.decode(self.body) if self.body else None
 
     @property
     def is_task(self) -> bool:
@@ -87,6 +87,15 @@ class UnderWay(msgspec.Struct, frozen=True, kw_only=True):
         return self.has(Moment.END_ACHIEVING) and not self.is_killed
 
 
+class Taken(msgspec.Struct, frozen=True):
+    """A request that central has taken."""
+
+    sender: str
+    """The module that asked."""
+    call: str
+    """The call of the module library by which it did: "kill", "on_termination", ..."""
+
+
 class Tracked(UnderWay, frozen=True, kw_only=True):
     """A message under way, with what names others, and what holds it."""
 
@@ -119,6 +128,7 @@ class Situation:
         self.modules: tuple[str, ...] = ()  #: those connected, oldest first
         self.now = 0.0  #: seconds since the run began
         self.passed = 0.0  #: seconds that passed with the last action
+        self.taken: Taken | None = None  #: what a script asked for with the last action, if central took it
         self.broken = ""  #: what central did against its promises with the last action
 
     @property

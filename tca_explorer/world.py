@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import msgspec
 
-from tca_explorer.under_way import Situation, Tracked, UnderWay
+from tca_explorer.under_way import Situation, Taken, Tracked, UnderWay
 from tca_wire.points import Moment
 
 _DIGITS = 6  # of seconds
@@ -129,6 +129,13 @@ class World:
         """The locks and reservations in force, by module and resource."""
         return {key: Held(claim.module, claim.resource, claim.sender, claim.is_reserved)
                 for key, claim in sorted(self._situation.held_by.items())}  # fmt: skip
+
+    @property
+    def taken(self) -> Taken | None:
+        """What a script asked of central with the last action; None if it asked nothing, or that was refused or came
+        too late.
+        """
+        return self._situation.taken
 
     @property
     def modules(self) -> tuple[str, ...]:

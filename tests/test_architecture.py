@@ -122,6 +122,7 @@ CENTRAL: dict[str, set[str]] = {
         "direct",
         "errors",
         "events",
+        "intervals",
         "keeping",
         "monitors",
         "notices",
@@ -129,6 +130,7 @@ CENTRAL: dict[str, set[str]] = {
         "requests",
         "sharing",
         "state",
+        "taps",
         "task_tree",
     },
     "core": {

@@ -12,6 +12,7 @@ from tca_explorer import (
     ScenarioError,
     Script,
     Task,
+    accepted,
     at_most,
     at_most_in_all,
     before,
@@ -273,6 +274,9 @@ def test_a_lock_of_what_is_there_is_good() -> None:
         (lambda: Scenario("s").may_suspend(WALK, 0.5), r"times= of may_suspend\(\) can't be 0\.5"),  # type: ignore[arg-type]
         (lambda: Scenario("s").may_kill("walk"), r"may_kill\(\) wants a goal or command, and 'walk' is none"),  # type: ignore[arg-type]
         (lambda: never(WALK), "is no predicate: give begun"),  # type: ignore[arg-type]
+        (lambda: accepted("kil"), r"accepted\(\) knows no call 'kil'; did you mean 'kill'"),
+        (lambda: accepted("kill", by=" "), "' ' is no name of a module"),
+        (lambda: explore(walking(), never(accepted("kill", by="legz"))), "has no module 'legz'; did you mean 'legs'"),
         (lambda: at_most(-1, begun(WALK)), r"at_most\(\) can't be -1"),
         (lambda: at_most_in_all("1", begun(WALK)), r"at_most_in_all\(\) can't be '1'"),  # type: ignore[arg-type]
         (lambda: within(-1, begun(WALK), begun(STEP)), r"within\(\) can't judge -1 seconds: give a number from 0 to"),

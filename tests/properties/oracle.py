@@ -155,6 +155,7 @@ class Oracle:
         if connection not in self.world.modules:
             return
         for job in oracle_slots.leave(self.world, connection, lost=lost):
+            oracle_taps.left(self.world, job, lost=lost)
             if not isinstance(job, Node):
                 self._orphaned(job, lost=lost)
             elif lost or job.killed:
@@ -262,8 +263,7 @@ class Oracle:
 
     def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
         job = self._returned(header.delivery)
-        what = oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue)
-        oracle_taps.happened(self.world, job, what)
+        oracle_taps.happened(self.world, job, oracle_taps.after_handler(job.kind, failed=True, reissued=header.reissue))
         oracle_locks.end_for(self.world, job)
         if not isinstance(job, Node):
             oracle_slots.answered(self.world, job, done=False)

@@ -157,3 +157,9 @@ def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -
     if kind.has_reply and not failed:
         what.add(Condition.AFTER_REPLIED)
     return what
+
+
+def left(world: World, job: Job, *, lost: bool) -> None:
+    """Who handled it has gone: that is a failure of the handler, unless another one will begin with it."""
+    if lost or (job.killed if isinstance(job, Node) else job.target and job.kind.has_reply):
+        happened(world, job, after_handler(job.kind, failed=True))

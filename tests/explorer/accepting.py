@@ -1,0 +1,120 @@
+"""A robot of which one thing is asked, and all that may come in between before it is done."""
+
+from collections.abc import Callable
+from typing import Any
+
+from explorer.scenarios import LIFT, SLIPPED, STEP, WALK
+
+from tca_explorer import (
+    Property,
+    Scenario,
+    ScenarioModule,
+    Script,
+    Seen,
+    Task,
+    World,
+    accepted,
+    explore,
+    never,
+    never_stuck,
+    report,
+)
+from tca_module import ExceptionHandler
+from tca_module.task_handle import TaskHandle
+from tca_wire.declarations import Message
+
+HELP: ExceptionHandler[None] = ExceptionHandler("help")
+
+EVER = 1e6  # seconds: longer than all that comes by itself
+
+LONG = 100.0  # seconds, where there are others to be in time
+
+BETWEEN = {
+    "kills": "kill step, kill walk",
+    "loss of who asked": "lose planner",
+    "loss of an outsider who asked": "lose operator",
+    "loss of who handles it": "lose legs",
+    "suspension": "suspend walk, kill step",
+    "failure and retry": "slip, kill step",
+}
+"""What may come in between: any of it, at any moment."""
+
+
+def robot(title: str, ask: Callable[[Any, TaskHandle], object], between: str = "") -> Scenario:
+    """A user's walk is one step, of which its planner then asks something; or an operator who finds that step."""
+
+    def module(name: str) -> ScenarioModule:
+        is_lost = f"lose {name}" in between
+        return scenario.module(name, may_be_lost=int(is_lost), comes_back=is_lost and name != "operator")
+
+    scenario = Scenario(title)
+    by_operator = "operator" in between
+    planner, legs, others, user = map(module, ("planner", "legs", "others", "user"))
+    others.handles(LIFT)(lambda _: None)
+
+    @planner.handles(WALK)
+    def walk(task: Task) -> None:
+        step = task.command(STEP)
+        if not by_operator:
+            ask(task, step)
+
+    @legs.handles(STEP)
+    def step(task: Task) -> None:
+        if "last" in between:
+            task.command(LIFT, delay=LONG).wait()
+        if "slip" in between and task.choose("holds", "slips") == "slips":
+            raise SLIPPED(text="ice")
+
+    @others.handles(HELP)
+    def help_once(task: Task) -> None:
+        if task.trouble.attempts > 1:
+            raise task.trouble.reissue()
+        task.trouble.failing.retry()
+
+    @user.does
+    def story(me: Script) -> None:
+        if "slip" in between:
+            me.on_failure(SLIPPED, HELP, of=STEP)
+        me.goal(WALK)
+
+    if by_operator:
+
+        @module("operator").does
+        def finds(me: Script) -> None:
+            for step in me.tasks(STEP):
+                ask(me, step)
+
+    if "kill step" in between:
+        scenario.may_kill(STEP)
+    if "kill walk" in between:
+        scenario.may_kill(WALK)
+    if "suspend walk" in between:
+        scenario.may_suspend(WALK)
+    return scenario
+
+
+def those(world: World, message: Message[Any, Any], *states: str, data: Any = None) -> list[Seen]:
+    """The messages of that name (and data) of which all of that is true: "is_over", "is_killed", ..."""
+    return [one for one in world.messages if one.message == message.name and data in (None, one.data)
+            and all(getattr(one, state) for state in states)]  # fmt: skip
+
+
+def over(message: Message[Any, Any], data: Any = None) -> Callable[[World], list[Seen]]:
+    """Those that have just ended, achieved or killed."""
+    return lambda world: those(world, message, "is_over", data=data)
+
+
+def at_once(call: str, kept: Callable[[World], object]) -> Property:
+    """What is asked for by that call is true as soon as it has been accepted."""
+
+    def accepted_and_not_done(world: World) -> bool:
+        return bool(accepted(call)(world)) and not kept(world)
+
+    return never(accepted_and_not_done)
+
+
+def good(scenario: Scenario, *properties: Property) -> None:
+    """That all of this holds, that it is about something, and that nobody is left waiting."""
+    result = explore(scenario, *properties, never_stuck(), limit=3000)
+    assert result.ok, report(result)
+    assert not result.vacuous
