@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.records import OVER, Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.then import Then
 from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
 from tca_wire.points import TaskId
@@ -16,7 +16,6 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
 _NO_TIME = 1e-6
-_OVER = {State.ACHIEVED, State.FAILED, State.KILLED}
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
 
@@ -136,7 +135,7 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
         after = task.states[number + 1][0] if number + 1 < len(task.states) else None
         if state in _IS_TOLD or (after is not None and after - time < _NO_TIME):
             continue
-        if state in _OVER:
+        if state in OVER:
             yield Sentence(time, str(state))
             continue
         last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
