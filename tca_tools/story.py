@@ -6,6 +6,7 @@ from math import nextafter
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.coping import told_to
 from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import OVER, Handling, Message, Queueing, State, Suspension, Task, Wait
@@ -38,6 +39,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         told += _suspensions(past, message)
         told += _recoveries(past, message)
         told += _tests(past, message)
+    told += _tellings(past, message)
     told += _waits_in_queues(past, message)
     for handling in message.handlings:
         told += _run(past, handling)
@@ -112,6 +114,13 @@ _SAY: dict[str, Any] = {
     "watched": lambda why: f"watches no longer: {why}",
     "body": lambda _: "to be handled again, with other data",
 }
+
+
+def _tellings(past: Past, message: Message) -> Iterator[Sentence]:
+    """Who was told that a query failed, and went on or did not."""
+    for time, failure in message.became("failure"):
+        if failure and (who := told_to(past, message, time)):
+            yield Sentence(time, f"its failure is {who}")
 
 
 def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:

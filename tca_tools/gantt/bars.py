@@ -9,6 +9,7 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
+from tca_tools.coping import has_coped
 from tca_tools.gantt import titles
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
@@ -47,6 +48,8 @@ class Bar:
     is_open: bool
     """Whether it went on when the journal ended."""
     has_failed: bool = False
+    has_coped: bool = False
+    """Whether the run went on after that failure."""
     waits: list[Part] = field(default_factory=list)
     is_suspended: bool = False
     is_beside: bool = False
@@ -241,6 +244,7 @@ class _Filler:
         past, end = self.past, self._until(handling.end)
         bar = Bar(handling.name, partial(titles.handled, past, handling), handling.start, end, handling.end is None)
         bar.has_failed = handling.outcome is Outcome.FAILED
+        bar.has_coped = bar.has_failed and has_coped(past, handling)
         bar.is_beside = self._is_beside(handling.message_id)
         for wait in handling.waits:
             until = end if wait.end is None else min(wait.end, end)

@@ -24,7 +24,8 @@ def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
     items += [('fill="url(#suspended)"', "suspended")] * any(bar.is_suspended for bar in bars)
     items += [('class="locked"', "locked")] * any(not one.is_reserved for one in held)
     items += [('class="reserved"', "reserved")] * any(one.is_reserved for one in held)
-    items += [('class="failed"', "failed")] * any(bar.has_failed for bar in bars)
+    items += [('class="failed"', "failed")] * any(bar.has_failed and not bar.has_coped for bar in bars)
+    items += [('class="coped"', "failed, and handled")] * any(bar.has_coped for bar in bars)
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
     items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)

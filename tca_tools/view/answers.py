@@ -3,9 +3,10 @@
 from dataclasses import asdict
 from typing import Any
 
+from tca_tools.coping import told_to, went_on
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import Task
+from tca_tools.records import Message, Task
 from tca_tools.story import sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
@@ -44,7 +45,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             "data": data_text(message.body),
             "result": data_text(message.result),
             "failure_data": data_text(message.failure_data),
-            "failure": message.failure,
+            **_failure_answer(past, message),
             "story": told[-_LONGEST_STORY:],
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
@@ -55,6 +56,16 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
         if isinstance(message, Task) and message.received <= then.moment:
             answer |= _task_answer(past, then, then.tasks[message.id])
         return answer
+
+
+def _failure_answer(past: Past, message: Message) -> dict[str, Any]:
+    """Its failure as it stands, whether the run went on after it, and who was told."""
+    time = next((time for time, text in reversed(message.became("failure")) if text), message.received)
+    return {
+        "failure": message.failure,
+        "handled": bool(message.failure) and went_on(past, message, time),
+        "told": told_to(past, message, time) if message.failure else "",
+    }
 
 
 def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:

@@ -150,7 +150,7 @@ export class Chart {
       y += THIN;
     }
     for (const span of row.failed) {
-      if (this.#x(span.end) - this.#x(span.start) < 4) this.#mark(this.#x(span.end), top);
+      if (this.#x(span.end) - this.#x(span.start) < 4) this.#mark(this.#x(span.end), top, this.#tintOf(span));
     }
     context.fillStyle = css("--paper");
     context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
@@ -193,7 +193,7 @@ export class Chart {
       context.fillStyle = "rgb(255 255 255 / 62%)";
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
-    if (span.outcome && span.outcome !== "done") this.#outline(x, y, wide, tall, css("--bad"), 2);
+    if (span.outcome && span.outcome !== "done") this.#outline(x, y, wide, tall, this.#tintOf(span), 2);
     if (span.message && span.message === this.chosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
@@ -223,6 +223,12 @@ export class Chart {
     this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
   }
 
+  // Red, or amber if the run went on after that failure.
+  #tintOf(span) {
+    const failure = span.outcome === "failed" && this.store.failureOf(span);
+    return css(failure && this.store.wasHandled(failure) ? "--handled" : "--bad");
+  }
+
   #outline(x, y, width, tall, style, thick) {
     this.context.strokeStyle = style;
     this.context.lineWidth = thick;
@@ -230,9 +236,9 @@ export class Chart {
     this.context.lineWidth = 1;
   }
 
-  #mark(x, y) {
+  #mark(x, y, tint) {
     if (x < this.labels || x > this.width) return;
-    this.context.fillStyle = css("--bad");
+    this.context.fillStyle = tint;
     this.context.beginPath();
     this.context.moveTo(x - 4, y - 5);
     this.context.lineTo(x + 4, y - 5);
@@ -352,7 +358,8 @@ function describe({ span, wait, row }, store) {
   const holder = store.byId.get(span.message)?.name ?? "message";
   const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
   const where = span.kind === "suspended" ? "" : ` ${row.label}`;
-  const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}` : "";
+  const failure = span.outcome === "failed" && store.failureOf(span), handled = failure && store.wasHandled(failure);
+  const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}${handled ? ", and handled" : ""}` : "";
   const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
   if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;
   return `${what} ${VERBS[span.kind]}${where}${how}: ${went}`;
