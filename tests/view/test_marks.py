@@ -109,7 +109,10 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
         3 if passed_on else 1
     )
     marked = """() => {
-      const { chart } = tca, { top } = chart.layout.find(({ row }) => row.label === "eye"), scale = devicePixelRatio;
+      const { chart } = tca;
+      chart.chosen = null; // without the frame of what is chosen
+      chart.draw();
+      const { top } = chart.layout.find(({ row }) => row.label === "eye"), scale = devicePixelRatio;
       const [from, to] = chart.window, x = chart.labels + (1.6 - from) / (to - from) * (chart.width - chart.labels);
       const [red, green] = chart.context.getImageData(x * scale, (top + 0.5) * scale, 1, 1).data;
       return green > 100 ? "handled" : red > 150 ? "bad" : "none";
