@@ -11,6 +11,7 @@ from tca_tools.story import sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
 from tca_tools.waiting import waits_since, why_waiting
@@ -22,6 +23,8 @@ _MOST_LINES = 200
 _MOST_NOTES = 500
 _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
+_LONGEST_FAILURE = 2000
+"""Characters that a tooltip has of it."""
 
 
 def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str, Any] | None:
@@ -105,16 +108,22 @@ def _constraint_text(past: Past, constraint: Any) -> str:
     )
 
 
-def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, tuple[str, float | None]]:
-    """For tasks, what keeps each waiting and since when, or how it ended if not well."""
+def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, tuple[str, float | None, str]]:
+    """For tasks, what keeps each waiting and since when, or how it ended if not well; at last that as a whole."""
     with reading:
         then = Then(reading.feed.history, moment)
         found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
         return {
-            str(number): words.note_since(then, then.tasks[number])
+            str(number): _note(then, then.tasks[number])
             for number, task in found
             if task is not None and task.received <= then.moment
         }
+
+
+def _note(then: Then, task: TaskThen) -> tuple[str, float | None, str]:
+    text, since = words.note_since(then, task)
+    whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else text
+    return text, since, whole
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:
