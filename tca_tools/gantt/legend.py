@@ -16,6 +16,11 @@ _GREY = "#52606d"
 
 def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
     """Squares with their meanings, in as many lines as they need; and where what follows may begin."""
+    return _in_lines(meanings(chart), width, top)
+
+
+def meanings(chart: Chart) -> list[tuple[str, str]]:
+    """What a square may look like (attributes of a ``<rect>``), and what that means."""
     bars = [bar for row in chart.rows for bar in (*row.handled, *row.queued)]
     held = [one for row in chart.rows for one in row.held if one.end >= chart.start and one.start <= chart.end]
     shown = {bar.name for bar in bars}
@@ -29,7 +34,7 @@ def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
     items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
-    return _in_lines(items, width, top)
+    return items
 
 
 def _in_lines(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
