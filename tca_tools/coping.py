@@ -19,14 +19,16 @@ def went_on(past: Past, message: Message, time: float) -> bool:
     while not isinstance(message, Task):
         if message.role is Role.CONDITION and (monitor := past.tasks.get(message.about)):
             message = monitor
-        elif not message.message_class.has_reply:
+            continue
+        if not message.message_class.has_reply:
             return False  # nobody is told
-        elif message.by is None or message.by.outcome is not Outcome.FAILED:
+        run = message.by
+        if run is None or run.outcome is not Outcome.FAILED:
             return True
-        elif (asker := past.messages.get(message.by.message_id)) is None:
+        asker = past.messages.get(run.message_id)
+        if asker is None:
             return False
-        else:
-            message, time = asker, message.by.end or time  # older than what it asked, so this ends
+        message, time = asker, run.end or time  # older than what it asked, so this ends
     return _is_handled(message, time)
 
 
