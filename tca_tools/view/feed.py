@@ -94,6 +94,10 @@ class Feed:
         direct = sorted(self._direct, key=self._direct.__getitem__)
         return {name: dark(number) for number, name in enumerate(dict.fromkeys([*self._names, *direct]))}
 
+    def queries(self) -> list[str]:
+        """The messages whose senders are told of failures."""
+        return [name for name, known in self.history.formats.items() if known.message_class.has_reply]
+
     def apply(self, entry: Entry) -> None:
         """Take in what one event caused."""
         history, columns = self.history, self.columns

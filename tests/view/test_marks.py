@@ -11,7 +11,7 @@ from view.conftest import Look
 
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 
 pytestmark = pytest.mark.slow
 
@@ -100,6 +100,7 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     page = look(asking(passed_on=passed_on, task_fails=passed_on).write(tmp_path / "ask"))
     expect(page.locator("#counts")).to_be_attached()
     page.evaluate("tca.slider.setTime(2.5)")
+    expect(page.locator("#clock")).to_have_text("2.500 s")
     page.keyboard.press("[")
     expect(page.locator("#task h2")).to_have_text("look {3}")
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
@@ -122,3 +123,13 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     assert page.evaluate(marked) == tint
     page.locator("#tab-messages").click()
     expect(page.locator("#messages .line").filter(has_text="blind").first).to_have_class(re.compile(rf"\b{tint}\b"))
+
+
+def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_path: Path) -> None:
+    story = Story().module("eye", "look", "log").at(1.0)
+    for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
+        story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
+        story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
+    page = look(story.at(2.0).write(tmp_path / "direct"))
+    told = "tca.store.rows[0].failed.map((span) => [span.name, tca.store.hasCoped(span)])"
+    assert page.evaluate(told) == [["look", True], ["log", False]]

@@ -244,10 +244,7 @@ export class Chart {
   }
 
   // Red, or amber if the run went on after that failure.
-  #tintOf(span) {
-    const failure = span.outcome === "failed" && this.store.failureOf(span);
-    return css(failure && this.store.wasHandled(failure) ? "--handled" : "--bad");
-  }
+  #tintOf(span) { return css(span.outcome === "failed" && this.store.hasCoped(span) ? "--handled" : "--bad"); }
 
   #outline(x, y, width, tall, style, thick) {
     this.context.strokeStyle = style;

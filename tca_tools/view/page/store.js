@@ -262,6 +262,13 @@ export class Store {
     return failures.find((one) => one.time === time) ?? failures.find((one) => one.time >= time);
   }
 
+  // The same of a handling that failed.
+  hasCoped(span) {
+    if (!span.message) return this.head.queries.includes(span.name); // it came directly: who asked was told
+    const failure = this.failureOf(span);
+    return Boolean(failure) && this.wasHandled(failure);
+  }
+
   #hasGoneOn(id, time) {
     const task = this.byId.get(id);
     if (!task) return false;
