@@ -170,7 +170,8 @@ export class Chart {
       y += THIN;
     }
     for (const span of row.failed) {
-      if (this.#x(span.end) - this.#x(span.start) < 4) this.#mark(this.#x(span.end), top, this.#tintOf(span));
+      const x = this.#x(span.end);
+      if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
     context.fillStyle = css("--paper");
     context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
@@ -213,8 +214,9 @@ export class Chart {
       context.fillStyle = "rgb(255 255 255 / 62%)";
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
-    if (span.outcome && span.outcome !== "done") this.#outline(x, y, wide, tall, this.#tintOf(span), 2);
-    if (span.message && span.message === this.chosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
+    const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
+    if (span.outcome && span.outcome !== "done") this.#outline(x + inset, y + inset, wide - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
+    if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
       context.beginPath();
@@ -254,7 +256,6 @@ export class Chart {
   }
 
   #mark(x, y, tint) {
-    if (x < this.labels || x > this.width) return;
     this.context.fillStyle = tint;
     this.context.beginPath();
     this.context.moveTo(x - 4, y - 5);
