@@ -9,7 +9,7 @@ from typing import Any
 
 from tca_tools.garbage import no_garbage
 from tca_tools.notes import Notes
-from tca_tools.records import Claim, Handling, Hold, Message, Queueing, Task, Wait
+from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, Task, Wait
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.vocabulary import Outcome
@@ -27,6 +27,7 @@ class History(Notes):
         self._reply_waits: dict[int, Wait] = {}
         self._claim_waits: dict[int, Wait] = {}
         self._task_waits: dict[tuple[str, int, int], list[Wait]] = {}
+        self._offered: dict[tuple[str, str], Offer] = {}
 
     @classmethod
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
@@ -104,20 +105,29 @@ class History(Notes):
         self.formats.setdefault(fact.message, fact)
 
     def _handler(self, fact: facts.HandlerAdded) -> None:
-        self.handlers.setdefault(fact.message, {})[fact.module] = fact.resource
+        known = self._offered.get((fact.message, fact.module))
+        if known is None or known.resource != fact.resource:
+            self._withdraw(fact.message, fact.module)
+            offer = self._offered[fact.message, fact.module] = Offer(fact.module, fact.resource, self.time)
+            self.offers.setdefault(fact.message, []).append(offer)
 
     def _no_handler(self, fact: facts.HandlerRemoved) -> None:
-        self.handlers.get(fact.message, {}).pop(fact.module, None)
+        self._withdraw(fact.message, fact.module)
+
+    def _withdraw(self, message: str, module: str) -> None:
+        if offer := self._offered.pop((message, module), None):
+            offer.end = self.time
 
     def _received(self, fact: facts.Received) -> None:
         if fact.id <= 0 or fact.id in self.messages:
             return
         known = (fact.id, fact.message, fact.message_class, fact.sender, fact.origin, self.time, fact.body)
+        by = self._deliveries.get(fact.origin)
         if fact.message_class.is_task:
-            self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent))
+            self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
             self._constrain(fact)
         else:
-            self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about)
+            self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about, by=by)
         if fact.blocking and not fact.message_class.is_task:
             self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 

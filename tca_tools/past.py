@@ -5,7 +5,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from math import inf
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task, Wait
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -50,8 +50,8 @@ class Past:
         """By module and resource, the locks and reservations that were granted, one after the other."""
         self.runs: dict[tuple[str, str], list[Handling]] = {}
         """By module and resource, the handlings of what central delivered, as they began."""
-        self.handlers: dict[str, dict[str, str]] = {}
-        """For each message its handlers: module and resource."""
+        self.offers: dict[str, list[Offer]] = {}
+        """For each message who offered to handle it, oldest first."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor when its condition was tested, and whether it held."""
         self.formats: dict[str, facts.FormatDefined] = {}

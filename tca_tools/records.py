@@ -27,6 +27,10 @@ class State(StrEnum):
     KILLED = "killed"
 
 
+OVER = (State.ACHIEVED, State.FAILED, State.KILLED)
+"""States of a task that has ended."""
+
+
 @dataclass(slots=True)
 class Wait:
     """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim."""
@@ -89,6 +93,17 @@ class Claim:
 
     def __str__(self) -> str:
         return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)} {{{self.id}}}"
+
+
+@dataclass(slots=True)
+class Offer:
+    """A module handles a message, in one of its resources."""
+
+    module: str
+    resource: str
+    start: float
+    end: float | None = None
+    """When it took that back, or left."""
 
 
 Change = tuple[float, str, Any]
@@ -166,6 +181,8 @@ class Message:
     """The message that it was made for: the failing, tapped, killed or monitoring one."""
     answered: float | None = None
     """When its sender got the (last) answer; of queries only."""
+    by: Handling | None = field(default=None, repr=False, compare=False)
+    """The run of a handler that sent it, if that went on then."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"

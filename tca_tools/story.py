@@ -6,9 +6,10 @@ from math import nextafter
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.coping import told_to
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.records import OVER, Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.then import Then
 from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
 from tca_wire.points import TaskId
@@ -18,7 +19,6 @@ from tca_wire.wording import by_whom, place
 _NO_TIME = 1e-6
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
-_OVER = {State.ACHIEVED, State.FAILED, State.KILLED}
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
 
@@ -53,6 +53,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         told += _recoveries(past, message)
         told += _retries(message)
         told += _tests(past, message)
+    told += _tellings(past, message)
     told += _waits_in_queues(past, message)
     for handling in message.handlings:
         told += _run(past, handling)
@@ -128,6 +129,13 @@ _SAY: dict[str, Any] = {
 }
 
 
+def _tellings(past: Past, message: Message) -> Iterator[Sentence]:
+    """Who was told that a query failed, and went on or did not."""
+    for time, failure in message.became("failure"):
+        if failure and (who := told_to(past, message, time)):
+            yield Sentence(time, f"its failure is {who}")
+
+
 def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
     for handler in task.caught_by:
         if found := past.tasks.get(handler):
@@ -155,7 +163,7 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
         after = task.states[number + 1][0] if number + 1 < len(task.states) else None
         if state in _IS_TOLD or (after is not None and after - time < _NO_TIME):
             continue
-        if state in _OVER:
+        if state in OVER:
             yield Sentence(time, str(state))
             continue
         last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last

@@ -12,6 +12,7 @@ from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
+from tca_tools.coping import told_to, went_on
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, State, Task
 from tca_wire.failures import BAD_DATA, HANDLER_ERROR, NOT_BY_CHOICE
@@ -28,12 +29,15 @@ class Fate(StrEnum):
     REPLACED = "replaced"  # the task was killed, and in the end the top-level task was achieved without it
     KILLED = "killed"  # an exception handler was called, and the task was killed
     NOT_HANDLED = "not handled"  # no exception handler was found
-    ANSWERED = "answered"  # of a query or the like: its sender was told
+    COPED = "told to the asker, who went on"  # of a query
+    TOLD = "told to the asker"  # a program outside of handlers: with that nothing fails
+    ANSWERED = "told to the asker, who failed"  # and nobody handled that
+    UNTOLD = "told to nobody"  # of an inform or the like
     OPEN = "open"  # not decided when the journal ended
 
 
-GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED)
-"""After these the robot went on."""
+GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.COPED, Fate.TOLD)
+"""After these the robot went on, as far as the journal tells."""
 
 
 _RECEIVED, _START = attrgetter("received"), attrgetter("start")
@@ -57,7 +61,7 @@ class Case:
     """The exception handlers that were called, in order, each with where it ran."""
     fate: Fate
     why: str
-    """Of a task that was killed: why."""
+    """Of a task that was killed: why; of a query: who was told."""
     lost: float
     """Seconds of work that came to nothing: how long the handler that failed had run."""
     recovery: float
@@ -134,10 +138,12 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         name, _, words = text.partition(": ")
         failed = in_vain.get(time)
         by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
-        case = Case(message.id, str(message), name, words, time, by, [], Fate.ANSWERED, "", 0.0, 0.0)
+        case = Case(message.id, str(message), name, words, time, by, [], Fate.UNTOLD, "", 0.0, 0.0)
         case.lost = time - failed.start if failed else 0.0
         if isinstance(message, Task):
             _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
+        elif message.message_class.has_reply:
+            case.fate, case.why = _fate_of_query(past, message, time), told_to(past, message, time)
         yield case
 
 
@@ -174,6 +180,12 @@ def _fate(task: Task, was_caught: bool) -> Fate:
     if task.is_dealt_with and task.killed is None:
         return Fate.DEALT_WITH
     return Fate.KILLED if was_caught else Fate.NOT_HANDLED
+
+
+def _fate_of_query(past: Past, query: Message, time: float) -> Fate:
+    if not went_on(past, query, time):
+        return Fate.ANSWERED
+    return Fate.COPED if query.by or query.role else Fate.TOLD
 
 
 def _described(handler: Task) -> str:

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from tca_tools.past import Past
-from tca_tools.records import Message, State, Task
+from tca_tools.records import OVER, Message, State, Task
 
 ENDED_BADLY = (State.FAILED, State.KILLED)
 """States of a task that has ended and is not achieved."""
-_ENDED = (*ENDED_BADLY, State.ACHIEVED)
 _LONGEST_REASON = 200
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 
@@ -88,7 +87,7 @@ def span_of(past: Past) -> tuple[float, float]:
 
 def is_over(task: Task) -> bool:
     """Whether a task has ended."""
-    return task.state in _ENDED
+    return task.state in OVER
 
 
 def values(message: Message, name: str) -> list[tuple[float, Any]]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tca_tools.gantt.bars import Pick, chart
+from tca_tools.gantt.bars import ROOM, Pick, chart
 from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
 from tca_tools.garbage import no_garbage
@@ -12,8 +12,10 @@ from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.past import Past
+from tca_tools.records import OVER, Task
 from tca_tools.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
 from tca_tools.terminal import can_show, cut, line_width, printable
+from tca_wire.points import Moment
 
 
 @click.command()
@@ -60,10 +62,18 @@ def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
     if story:
         one = one_task(past, story)
         wanted = messages_of(past, subtree(past, [one]))
-        return Pick(rows, wanted, waited_for(past, one, wanted), past.tasks[one].received)
+        return Pick(rows, wanted, waited_for(past, one, wanted), *_life(past, past.tasks[one]))
     if asked.task is not None:
         return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
     return Pick(rows)
+
+
+def _life(past: Past, task: Task) -> tuple[float, float | None]:
+    """When a task was sent, and a little after its end, if it has ended: what it waited for may have gone on."""
+    if task.state not in OVER:
+        return task.received, None
+    end = max(task.states[-1][0], task.reached.get(Moment.END_ACHIEVING, 0.0))
+    return task.received, min(end + (end - task.received) * ROOM, past.time)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, pairwise
 from math import inf
+from operator import attrgetter
 from typing import Any
 
+from tca_tools.coping import has_coped
 from tca_tools.gantt import titles
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
@@ -17,7 +19,8 @@ from tca_wire.wording import place
 NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""
 
-_ROOM = 0.02
+ROOM = 0.02
+"""Beside the bars, of the time that they take."""
 
 
 @dataclass(slots=True)
@@ -45,6 +48,8 @@ class Bar:
     is_open: bool
     """Whether it went on when the journal ended."""
     has_failed: bool = False
+    has_coped: bool = False
+    """Whether the run went on after that failure."""
     waits: list[Part] = field(default_factory=list)
     is_suspended: bool = False
     is_beside: bool = False
@@ -121,7 +126,9 @@ class Pick:
     beside: Container[int] = ()
     """... and, paler, of these."""
     since: float | None = None
-    """When what is asked for began: there the chart begins if nothing else is asked for."""
+    """When what is asked for began: there the chart begins if nothing else is asked for ..."""
+    until: float | None = None
+    """... and there it ends: when that ended."""
 
     def row(self, module: str) -> bool:
         """Whether a module has rows."""
@@ -144,7 +151,7 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
     _Filler(past, pick, rows, start, end).fill()
     bars = [bar for row in rows.values() for bar in (*row.handled, *row.queued)]
     names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
-    start, end = _span_of(bars, past.time, pick.since if start is None else start, end)
+    start, end = _span_of(bars, past.time, pick, start, end)
     for row in rows.values():
         row.handled, row.queued = (_in_lanes(bars, start, end) for bars in (row.handled, row.queued))
     shown = [row for row in rows.values() if row.handled or row.queued or _shows_empty(row, pick)]
@@ -156,11 +163,12 @@ def _shows_empty(row: Row, pick: Pick) -> bool:
     return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
 
 
-def _span_of(bars: list[Bar], now: float, start: float | None, end: float | None) -> tuple[float, float]:
+def _span_of(bars: list[Bar], now: float, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
     """From when until when the chart goes: what was not asked for is where the bars are, with a little room."""
+    start, end = (pick.since if start is None else start), (pick.until if end is None else end)
     first = min((bar.start for bar in bars), default=0.0)
     last = max((bar.end for bar in bars), default=now)
-    room = (last - first) * _ROOM
+    room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
     end = min(last + room, now) if end is None else end
     return start, max(end, start)
@@ -236,6 +244,7 @@ class _Filler:
         past, end = self.past, self._until(handling.end)
         bar = Bar(handling.name, partial(titles.handled, past, handling), handling.start, end, handling.end is None)
         bar.has_failed = handling.outcome is Outcome.FAILED
+        bar.has_coped = bar.has_failed and has_coped(past, handling)
         bar.is_beside = self._is_beside(handling.message_id)
         for wait in handling.waits:
             until = end if wait.end is None else min(wait.end, end)
@@ -263,7 +272,7 @@ class _Filler:
         for (start, state), (end, _) in zip(task.states, ends, strict=True):
             if state is not State.SUSPENDED or not self.pick.message(task.id):
                 continue
-            where = _home(self.past, task)
+            where = _home(self.past, task, start, end)
             if self.pick.row(where[0]):
                 tell = partial(titles.suspended, self.past, task, start, end)
                 bar = Bar(task.name, tell, start, self._until(end), end is None, is_suspended=True)
@@ -276,12 +285,15 @@ class _Filler:
         return Held(start, self._until(claim.end), claim.is_reserved, claim.sender, tell)
 
 
-def _home(past: Past, task: Task) -> tuple[str, str]:
-    """Where a task was handled or, if it was not, would be."""
-    spans: list[Handling | Queueing] = [*task.handlings[:1], *task.queueings[:1]]
+def _home(past: Past, task: Task, start: float, end: float | None) -> tuple[str, str]:
+    """Where a task was handled or, if it was not, would have been while it was suspended, from *start* to *end*."""
+    spans: list[Handling | Queueing] = [*task.handlings[:1], *filter(attrgetter("module"), task.queueings)]
     if spans:
         return spans[0].module, spans[0].resource
-    return next(reversed(past.handlers.get(task.name, {}).items()), ("", ""))
+    for offer in reversed(past.offers.get(task.name, [])):
+        if (end is None or offer.start < end) and (offer.end is None or offer.end > start):
+            return offer.module, offer.resource
+    return "", ""
 
 
 def _in_lanes(bars: list[Bar], start: float, end: float) -> list[Bar]:

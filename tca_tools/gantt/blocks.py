@@ -48,6 +48,11 @@ class Block:
         return any(bar.has_failed for bar in self.bars)
 
     @property
+    def has_coped(self) -> bool:
+        """Whether the run went on after all that failed in it."""
+        return all(bar.has_coped for bar in self.bars if bar.has_failed)
+
+    @property
     def is_beside(self) -> bool:
         """Whether nothing in it is what was asked for."""
         return all(bar.is_beside for bar in self.bars)

@@ -16,6 +16,11 @@ _GREY = "#52606d"
 
 def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
     """Squares with their meanings, in as many lines as they need; and where what follows may begin."""
+    return _in_lines(meanings(chart), width, top)
+
+
+def meanings(chart: Chart) -> list[tuple[str, str]]:
+    """What a square may look like (attributes of a ``<rect>``), and what that means."""
     bars = [bar for row in chart.rows for bar in (*row.handled, *row.queued)]
     held = [one for row in chart.rows for one in row.held if one.end >= chart.start and one.start <= chart.end]
     shown = {bar.name for bar in bars}
@@ -24,11 +29,12 @@ def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
     items += [('fill="url(#suspended)"', "suspended")] * any(bar.is_suspended for bar in bars)
     items += [('class="locked"', "locked")] * any(not one.is_reserved for one in held)
     items += [('class="reserved"', "reserved")] * any(one.is_reserved for one in held)
-    items += [('class="failed"', "failed")] * any(bar.has_failed for bar in bars)
+    items += [('class="failed"', "failed")] * any(bar.has_failed and not bar.has_coped for bar in bars)
+    items += [('class="coped"', "failed, and handled")] * any(bar.has_coped for bar in bars)
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
     items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
-    return _in_lines(items, width, top)
+    return items
 
 
 def _in_lines(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:

@@ -9,7 +9,7 @@ from tca_tools.drawing import rectangle, text
 from tca_tools.gantt.bars import Bar, Chart, Row
 from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
 from tca_tools.gantt.colours import dark, light
-from tca_tools.gantt.shapes import CHARACTER, row_label
+from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, row_label
 from tca_tools.terminal import columns_of
 
 _LANE, _QUEUE_LANE = 24.0, 9.0
@@ -132,7 +132,7 @@ class Painter:
         shade = (_PALEST + (1 - _PALEST) * block.busy) * (0.4 if block.is_beside else 1.0)
         yield rectangle(f'fill="{colour}" fill-opacity="{shade:.2f}"', left, top + 2, right, _LANE - 4, block.title)
         if block.has_failed:
-            yield _failed(left, right, top + 2, self._scale.finest)
+            yield _failed(block, left, right, top + 2, self._scale.finest)
 
     def _handled(self, bar: Bar, top: float) -> Iterator[str]:
         scale, number, paled = self._scale, self._numbers[bar.name], _paled(bar)
@@ -151,7 +151,7 @@ class Painter:
             colour = light(number) if waits and waits[-1][1] >= right else dark(number)
             yield f'<path fill="{colour}" d="M{right:.1f} {y:.1f} l7 {height / 2:.1f} l-7 {height / 2:.1f} z"/>'
         if bar.has_failed:
-            yield _failed(left, right, y, scale.finest)
+            yield _failed(bar, left, right, y, scale.finest)
         yield from self._bar_label(bar.name, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4)
 
     def _bar_label(
@@ -172,11 +172,12 @@ class Painter:
             yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}" pointer-events="none">{text(words)}</text>'
 
 
-def _failed(left: float, right: float, top: float, finest: float) -> str:
-    """A red frame or, where that would hide all that is in it, a red foot."""
+def _failed(one: Bar | Block, left: float, right: float, top: float, finest: float) -> str:
+    """A frame or, where that would hide all that is in it, a foot: red, or amber if the run went on."""
     if right - left > _FRAMED:
-        return rectangle('class="failed"', left, top, right, _LANE - 4)
-    return rectangle('fill="#c81e1e"', left, top + _LANE - 9, max(right, left + 1.5 * finest), 5)
+        return rectangle(f'class="{"coped" if one.has_coped else "failed"}"', left, top, right, _LANE - 4)
+    colour = COPED if one.has_coped else FAILED
+    return rectangle(f'fill="{colour}"', left, top + _LANE - 9, max(right, left + 1.5 * finest), 5)
 
 
 def _paled(one: Bar | Block) -> str:

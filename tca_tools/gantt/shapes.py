@@ -8,10 +8,13 @@ MARGIN = 24.0
 CHARACTER = 6.5
 """Mean width of a character of the labels; a guess that must not be too small."""
 LONGEST_LABEL = 40
-OWN_STYLE = """\
-.on { fill: #ffffff; font-size: 11px; } .connected { fill: #f1f3f5; } .in { font-size: 11px; }
-.failed { fill: none; stroke: #c81e1e; stroke-width: 2; } .label { text-anchor: end; } .beside { opacity: 0.4; }
-.locked { fill: #f6c9c5; } .reserved { fill: #f9e3b4; }"""
+FAILED, COPED = "#c81e1e", "#d08a00"
+"""The colours of what failed, and of what did though the run went on."""
+OWN_STYLE = f"""\
+.on {{ fill: #ffffff; font-size: 11px; }} .connected {{ fill: #f1f3f5; }} .in {{ font-size: 11px; }}
+.failed {{ fill: none; stroke: {FAILED}; stroke-width: 2; }} .coped {{ fill: none; stroke: {COPED}; stroke-width: 2; }}
+.label {{ text-anchor: end; }} .beside {{ opacity: 0.4; }}
+.locked {{ fill: #f6c9c5; }} .reserved {{ fill: #f9e3b4; }}"""
 STYLE = drawing.STYLE + OWN_STYLE
 
 

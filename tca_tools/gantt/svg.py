@@ -53,9 +53,9 @@ def svg_text(chart: Chart, title: str) -> str:
     return document(width, height, title, OWN_STYLE, body)
 
 
-def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False) -> Pieces:
-    """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider."""
-    width = _plot_width(chart)
+def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
+    """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than *widest* (pixels)."""
+    width = min(_plot_width(chart), widest)
     label_width = max((columns_of(row_label(row)) for row in chart.rows), default=0) * CHARACTER + 12
     bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)
     depths = tuple(depth for depth in _DEPTHS if depth == 1 or (can_zoom and bars_at_all <= _MOST_SHAPES[depth]))

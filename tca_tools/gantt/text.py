@@ -15,7 +15,7 @@ _WIDEST_LABEL = 32
 _MOST_LANES = 8
 _MOST_QUEUE_LANES = 4
 """Of a longer queue only the length is shown."""
-_FAILED = "!"
+_FAILED, _COPED = "!", "~"
 _COLOURS = (
     "blue",
     "yellow",
@@ -90,7 +90,9 @@ def _legend(chart: Chart, width: int, blocks: Blocks) -> Iterator[str]:
     items += [(blocks.reserved, "reserved")] * any(one.is_reserved for one in held)
     items += [(blocks.connected, "connected")] * any(map(_is_idle, chart.rows))
     words = [f"{character * 2} {meaning}" for character, meaning in items]
-    words += [f"{blocks.handled}{_FAILED} failed"] * any(bar.has_failed for row in chart.rows for bar in row.handled)
+    failed = {bar.has_coped for row in chart.rows for bar in row.handled if bar.has_failed}
+    words += [f"{blocks.handled}{_FAILED} failed"] * (False in failed)
+    words += [f"{blocks.handled}{_COPED} failed, and handled"] * (True in failed)
     line = ""
     for word in words:
         if line and len(line) + 2 + len(word) > width:
@@ -163,9 +165,10 @@ def _paint(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -
             line[at] = blocks.waiting
     _write_name(line, bar.name)
     if bar.has_failed:
-        line[-1] = _FAILED
+        line[-1] = _COPED if bar.has_coped else _FAILED
+        colour = "yellow" if bar.has_coped else "red"
     cells.characters[first:behind] = line
-    cells.colours[first:behind] = ["red" if bar.has_failed else colour] * len(line)
+    cells.colours[first:behind] = [colour] * len(line)
 
 
 def _paint_run(

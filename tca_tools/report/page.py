@@ -19,7 +19,7 @@ _HERE = Path(__file__).parent
 _LONGEST_TEXT = 300
 
 
-def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt, strips: list[Strip]) -> str:
+def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | None, strips: list[Strip]) -> str:
     """The report of journal *name*, which can't be read to its end if *damage* says so, as HTML."""
     return (
         _environment()
@@ -31,7 +31,7 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt, stri
             run=found.summary,
             tree=tree,
             gantt=gantt,
-            gantt_svg=Markup(gantt.svg),  # noqa: S704 - made by svg_text, which escapes
+            drawn=Markup,  # of what the pictures' makers have escaped
             strips=strips,
             style=Markup((_HERE / "page.css").read_text()),  # noqa: S704 - a file of ours
             verdict=_verdict(found),

@@ -1,37 +1,58 @@
 """The pictures of a report, as SVG: a Gantt chart of the run or of a telling part, and how busy resources were."""
 
-import re
 from bisect import bisect_left
 from dataclasses import dataclass
+from math import ceil
 
 from tca_tools.analysis.failures import GOOD_FATES
 from tca_tools.analysis.spans import Cover
 from tca_tools.gantt.bars import Chart, chart
-from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.legend import meanings, patterns
+from tca_tools.gantt.shapes import STYLE
+from tca_tools.gantt.svg import pieces_of
 from tca_tools.history import History
 from tca_tools.report.contents import Contents
 
 _BARS_AT_MOST = 2500
 """A chart of more is of a part of the run."""
+_EDGE = 14
+"""Pixels at either side of the plot, where times and arrows may stand out."""
+_WIDEST = 1300.0
+"""Pixels of a plot, which is seen on most screens without scrolling."""
+_PAPER = 1250
+"""Pixels across a sheet on which letters are still legible."""
 _STRIPS, _CELLS = 24, 240
 
 
 @dataclass(frozen=True)
 class Gantt:
-    """A Gantt chart."""
+    """A Gantt chart: labels and plot, which stand side by side and are as wide as their letters need."""
 
-    svg: str
     start: float
     end: float
     is_whole: bool
     why: str
     """Why this part is shown, if it is one."""
+    legend: list[tuple[str, str]]
+    """Looks of a ``<rect>``, and what they mean."""
+    style: str
+    labels: str
+    plot: str
+    label_width: int
+    plot_width: int
+    height: int
 
     @property
     def width(self) -> int:
-        """How many pixels wide it is when its letters have their size."""
-        found = re.search(r'<svg [^>]*width="(\d+)', self.svg)
-        return int(found[1]) if found else 0
+        """Of labels and plot."""
+        return self.label_width + self.plot_width
+
+    @property
+    def strips(self) -> list[tuple[float, float]]:
+        """The plot in parts that fit on a sheet of paper beside the labels: where each begins, and how wide it is."""
+        number = ceil(self.plot_width / max(_PAPER - self.label_width, _PAPER / 2))
+        width = self.plot_width / number
+        return [(n * width, width) for n in range(number)]
 
 
 @dataclass(frozen=True)
@@ -43,22 +64,32 @@ class Strip:
     """Those that are not empty: the number of the part, and the busy share (0 to 1)."""
 
 
-def gantt(history: History, found: Contents) -> Gantt:
-    """What every module did when: in the whole run, or in a part that tells most."""
+def gantt(history: History, found: Contents) -> Gantt | None:
+    """What every module did when: in the whole run, or in a part that tells most; None if nothing was handled."""
     if not history.handlings and not history.queueings:
-        return Gantt("", 0.0, 0.0, True, "")
-    bars = len(history.handlings) + len(history.queueings)
-    if bars <= _BARS_AT_MOST:
-        drawing = chart(history)
-        return Gantt(svg_text(drawing, _title(drawing)), drawing.start, drawing.end, True, "")
+        return None
+    if len(history.handlings) + len(history.queueings) <= _BARS_AT_MOST:
+        return _drawn(chart(history), "")
     middle, why = _telling(found)
-    start, end = _window(history, middle)
-    drawing = chart(history, start, end)
-    return Gantt(svg_text(drawing, _title(drawing)), start, end, False, why)
+    return _drawn(chart(history, *_window(history, middle)), why)
 
 
-def _title(drawing: Chart) -> str:
-    return f"{drawing.start:.2f} to {drawing.end:.2f} s"
+def _drawn(drawing: Chart, why: str) -> Gantt:
+    pieces = pieces_of(drawing, "", widest=_WIDEST)
+    labels, plot, height = ceil(pieces.label_width), ceil(pieces.plot_width) + 2 * _EDGE, ceil(pieces.height)
+    return Gantt(
+        drawing.start,
+        drawing.end,
+        not why,
+        why,
+        meanings(drawing),
+        STYLE,
+        pieces.labels,
+        f'{patterns(drawing, of_names=False)}<g transform="translate({_EDGE} 0)">{pieces.plot}</g>',
+        labels,
+        plot,
+        height,
+    )
 
 
 def _telling(found: Contents) -> tuple[float, str]:

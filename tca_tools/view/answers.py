@@ -3,13 +3,15 @@
 from dataclasses import asdict
 from typing import Any
 
+from tca_tools.coping import told_to, went_on
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import Task
+from tca_tools.records import Message, Task
 from tca_tools.story import sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
 from tca_tools.waiting import waits_how, waits_since, why_waiting
@@ -21,6 +23,8 @@ _MOST_LINES = 200
 _MOST_NOTES = 500
 _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
+_LONGEST_FAILURE = 2000
+"""Characters that a tooltip has of it."""
 
 
 def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str, Any] | None:
@@ -44,7 +48,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             "data": data_text(message.body),
             "result": data_text(message.result),
             "failure_data": data_text(message.failure_data),
-            "failure": message.failure,
+            **_failure_answer(past, message),
             "story": told[-_LONGEST_STORY:],
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
@@ -55,6 +59,16 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
         if isinstance(message, Task) and message.received <= then.moment:
             answer |= _task_answer(past, then, then.tasks[message.id])
         return answer
+
+
+def _failure_answer(past: Past, message: Message) -> dict[str, Any]:
+    """Its failure as it stands, whether the run went on after it, and who was told."""
+    time = next((time for time, text in reversed(message.became("failure")) if text), message.received)
+    return {
+        "failure": message.failure,
+        "handled": bool(message.failure) and went_on(past, message, time),
+        "told": told_to(past, message, time) if message.failure else "",
+    }
 
 
 def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
@@ -95,16 +109,22 @@ def _constraint_text(past: Past, constraint: Any) -> str:
     )
 
 
-def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, tuple[str, float | None]]:
-    """For tasks, what keeps each waiting and since when, or how it ended if not well."""
+def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, tuple[str, float | None, str]]:
+    """For tasks, what keeps each waiting and since when, or how it ended if not well; at last that as a whole."""
     with reading:
         then = Then(reading.feed.history, moment)
         found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
         return {
-            str(number): words.note_since(then, then.tasks[number])
+            str(number): _note(then, then.tasks[number])
             for number, task in found
             if task is not None and task.received <= then.moment
         }
+
+
+def _note(then: Then, task: TaskThen) -> tuple[str, float | None, str]:
+    text, since = words.note_since(then, task)
+    whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else text
+    return text, since, whole
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:

@@ -36,6 +36,9 @@ TABLES = {
     "state.state": "B",
     "failure.message": "i",
     "failure.time": "d",
+    "failure.told": "B",  # whether whoever asked is told
+    "failure.asker": "i",  # the span of the handler that had asked, or -1
+    "failure.monitor": "i",  # of a condition: the monitor, or 0
     "hold.task": "i",
     "hold.before": "i",
     "hold.kind": "i",  # a text
@@ -91,6 +94,10 @@ class Feed:
         direct = sorted(self._direct, key=self._direct.__getitem__)
         return {name: dark(number) for number, name in enumerate(dict.fromkeys([*self._names, *direct]))}
 
+    def queries(self) -> list[str]:
+        """The messages whose senders are told of failures."""
+        return [name for name, known in self.history.formats.items() if known.message_class.has_reply]
+
     def apply(self, entry: Entry) -> None:
         """Take in what one event caused."""
         history, columns = self.history, self.columns
@@ -108,7 +115,7 @@ class Feed:
             if isinstance(fact, Received) and fact.id in history.messages:
                 self._names.setdefault(fact.message)
             elif isinstance(fact, Failed):
-                columns.add("failure", self._failed(fact.id), history.time)
+                self._tell_failure(self._failed(fact.id))
 
     def _failed(self, number: int) -> int:
         """The message that a failure was raised on, of which it may name only the delivery."""
@@ -116,6 +123,15 @@ class Feed:
             return number
         ended = (one for one in self.history.news if isinstance(one, Handling) and one.delivery == number)
         return next((one.message_id for one in ended), number)
+
+    def _tell_failure(self, number: int) -> None:
+        """With what says whether anybody copes with it (see coping.py): that may still be open."""
+        told, asker, monitor = False, -1, 0
+        if message := self.history.messages.get(number):
+            told = message.message_class.has_reply
+            asker = self._open.get(id(message.by), -1) if message.by else -1
+            monitor = message.about if message.role is Role.CONDITION else 0
+        self.columns.add("failure", number, self.history.time, told, asker, monitor)
 
     def _tell_birth(self, task: Task) -> None:
         self._names.setdefault(task.name)

@@ -110,9 +110,10 @@ def test_a_failure_that_is_raised_from_outside_and_one_of_a_query() -> None:
     where = story.at(3.0).received("where", MessageClass.QUERY, "user", blocking=True)
     story.delivered(where, "eye").at(3.5)
     fail(story, where, "blind", "")
-    blind, timeout = (kind.cases[0] for kind in failures(story.fold()))
+    timeout, blind = (kind.cases[0] for kind in failures(story.fold()))
     assert (timeout.raised_by, timeout.fate) == ("central", Fate.NOT_HANDLED)
-    assert near(blind.fate, blind.lost) == (Fate.ANSWERED, 0.5)
+    assert near(blind.fate, blind.lost) == (Fate.TOLD, 0.5)
+    assert blind.why == "told to user"
 
 
 def test_the_longest_waits_of_each_kind() -> None:

@@ -14,7 +14,7 @@ from tca_tools.gantt.bars import NO_HANDLER, Chart, Pick, chart
 from tca_tools.gantt.blocks import in_blocks, queue_lengths
 from tca_tools.gantt.svg import svg_text
 from tca_wire import facts
-from tca_wire.points import TaskId
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
 Tca = Callable[..., Result]
@@ -70,6 +70,20 @@ def test_a_suspended_task_shows_where_it_would_be_handled() -> None:
     bar = chart(story.fold()).rows[0].queued[0]
     assert (bar.is_suspended, bar.start, bar.end, bar.is_open) == (True, 1.0, 2.0, True)
     assert bar.title == "walk {1} suspended by panel from 1.000 s on, 1.000 s"
+
+
+def test_a_suspended_task_stays_where_it_would_have_been_handled_when_that_module_leaves() -> None:
+    story = Story().module("legs", "move", resource="left").at(0.5).module("wheels", "move")
+    move = story.at(1.0).command("move", "x")
+    story.say(facts.SuspendedOrResumed(TaskId(move), True)).at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False))
+    story.at(4.0)
+    for name in ("wheels", "legs"):
+        story.say(facts.HandlerRemoved("move", name), facts.ModuleLeft(name, "it said goodbye"))
+    late = story.command("move", "x")
+    story.say(facts.SuspendedOrResumed(TaskId(late), True)).at(5.0)
+    drawing = chart(story.fold())
+    suspended = {row.label: [bar.start for bar in row.queued if bar.is_suspended] for row in drawing.rows}
+    assert suspended == {"legs / left": [], "wheels": [1.0], NO_HANDLER: [4.0]}
 
 
 def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
@@ -135,6 +149,19 @@ def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca:
     assert titled["move {2} handled by legs"] == "beside"  # had the legs
     assert titled["look {3} handled by eyes"] == "beside"  # had locked them
     assert "adjust {5} handled by legs" not in titled
+
+
+def test_the_story_of_a_task_ends_with_it_though_others_go_on(tmp_path: Path, tca: Tca) -> None:
+    story = Story().module("legs", "move").module("user").at(1.0)
+    first, second = story.command("move", "user"), story.command("move", "user")
+    story.queued(second, "legs").acted(first, "legs", 1.0).acted(second, "legs", 1.0)
+    story.at(50.0).say(facts.WaitBegan("user", 0, TaskId(first), Moment.END_ACHIEVING)).at(60.0)
+    story.say(facts.WaitEnded("user", 0, TaskId(first))).at(70.0)
+    folder = story.write(tmp_path / "late")
+    assert tca("gantt", folder, "--story", second).stdout.splitlines()[0] == "late, story of 2: 1.00 to 3.04 s"
+    assert tca("gantt", folder, "--story", second, "--to", 9).stdout.startswith("late, story of 2: 1.00 to 9.00 s")
+    assert tca("gantt", folder, "--story", first).stdout.startswith("late, story of 1: 1.00 to 2.02 s")
+    assert tca("gantt", folder, "--story", first, "--at", 1.5).stdout.startswith("late, story of 1: 1.00 to 1.50 s")
 
 
 def test_as_it_was(tca: Tca, run: Path) -> None:

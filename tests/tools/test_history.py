@@ -10,7 +10,7 @@ from tca_tools.gantt.bars import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.history import History
-from tca_tools.records import State, Wait
+from tca_tools.records import Offer, State, Wait
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
@@ -146,7 +146,7 @@ def test_who_handles_what_in_which_format() -> None:
     story.say(first, facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "two"))
     story.say(facts.HandlerRemoved("walk", "one"))
     history = story.fold()
-    assert history.handlers == {"walk": {"two": "legs"}}
+    assert history.offers == {"walk": [Offer("one", "one", 0.0, 0.0), Offer("two", "legs", 0.0)]}
     assert history.formats == {"walk": first}
 
 

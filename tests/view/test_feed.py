@@ -141,7 +141,11 @@ def test_each_failure_is_told_with_its_message() -> None:
     for entry in story.entries:
         feed.apply(entry)
     page.take(feed)
-    assert page.table("failure") == [(move, 2.0), (move, 3.0), (99, 3.0)]
+    assert page.table("failure") == [
+        (move, 2.0, False, -1, 0),
+        (move, 3.0, False, -1, 0),
+        (99, 3.0, False, -1, 0),
+    ]
 
 
 def test_messages_have_the_colours_of_other_charts() -> None:

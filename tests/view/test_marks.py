@@ -1,15 +1,17 @@
 """Failures are found in the page: marks at the slider, keys from one to the next, and what failed under what."""
 
+import re
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
+from tools.test_coping import asking
 from view.conftest import Look
 
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 
 pytestmark = pytest.mark.slow
 
@@ -89,3 +91,45 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
     page.locator("#task .lead.bad .link").filter(has_text="task 63").click()
     expect(page.locator("#task h2")).to_have_text("heat {63}")
     expect(failed).to_be_visible()
+
+
+@pytest.mark.parametrize(("passed_on", "tint"), [(False, "handled"), (True, "bad")])
+def test_a_query_that_failed_is_amber_if_who_asked_went_on(
+    look: Look, tmp_path: Path, *, passed_on: bool, tint: str
+) -> None:
+    page = look(asking(passed_on=passed_on, task_fails=passed_on).write(tmp_path / "ask"))
+    expect(page.locator("#counts")).to_be_attached()
+    page.evaluate("tca.slider.setTime(2.5)")
+    expect(page.locator("#clock")).to_have_text("2.500 s")
+    page.keyboard.press("[")
+    expect(page.locator("#task h2")).to_have_text("look {3}")
+    expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
+    went = "failed then" if passed_on else "went on"
+    expect(page.locator("#task .lead").nth(1)).to_have_text(f"told to maps, whose handler of where {{2}} {went}")
+    assert page.evaluate("tca.store.failures.map((one) => tca.store.wasHandled(one))") == [not passed_on] * (
+        3 if passed_on else 1
+    )
+    marked = """() => {
+      const { chart } = tca;
+      chart.chosen = null; // without the frame of what is chosen
+      chart.draw();
+      const { top } = chart.layout.find(({ row }) => row.label === "eye"), scale = devicePixelRatio;
+      const [from, to] = chart.window, x = chart.labels + (1.6 - from) / (to - from) * (chart.width - chart.labels);
+      const [red, green] = chart.context.getImageData(x * scale, (top + 0.5) * scale, 1, 1).data;
+      return green > 100 ? "handled" : red > 150 ? "bad" : "none";
+    }"""
+    page.keyboard.press("End")
+    expect(page.locator("#clock")).to_have_text("5.000 s")
+    assert page.evaluate(marked) == tint
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .line").filter(has_text="blind").first).to_have_class(re.compile(rf"\b{tint}\b"))
+
+
+def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_path: Path) -> None:
+    story = Story().module("eye", "look", "log").at(1.0)
+    for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
+        story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
+        story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
+    page = look(story.at(2.0).write(tmp_path / "direct"))
+    told = "tca.store.rows[0].failed.map((span) => [span.name, tca.store.hasCoped(span)])"
+    assert page.evaluate(told) == [["look", True], ["log", False]]

@@ -66,3 +66,47 @@ def test_play_hurries_through_a_long_silence_and_says_so(look: Look, quiet: Path
     page.clock.run_for(3000)
     expect(page.locator("#play")).to_have_text("▶")
     expect(page.locator("#clock")).to_have_text("1:00:01.0")
+
+
+def test_a_zoomed_chart_follows_what_is_played_but_not_against_the_reader(look: Look, quiet: Path) -> None:
+    page = look(quiet, "#t=3.5", clock=True)
+    page.clock.run_for(500)
+    zoom = "([from, to]) => { Object.assign(tca.chart, { from, to }); tca.chart.draw(); }"
+    seen = "[...tca.chart.window, tca.chart.time]"
+    page.evaluate(zoom, [3.0, 4.0])
+    page.locator("#play").click()
+    for _ in range(20):
+        page.clock.run_for(100)
+        start, end, time = page.evaluate(seen)
+        assert start <= time <= end
+        assert end - start == pytest.approx(1.0)
+    assert start > 4
+    chart = page.locator("#chart")
+    for _ in range(2):  # drags the past into sight, twice nearly as much as is seen at a time ...
+        chart.hover(position={"x": 200, "y": 60})
+        page.mouse.down()
+        page.mouse.move(1390, chart.bounding_box()["y"] + 60)  # type: ignore[index]
+        page.clock.run_for(100)
+        page.mouse.up()
+    page.mouse.move(100, 100)
+    page.clock.run_for(700)
+    *panned, time = page.evaluate(seen)
+    assert panned[1] < time
+    page.clock.run_for(500)
+    assert page.evaluate(seen)[:2] == panned  # ... where it stays
+    page.keyboard.press("Space")
+    page.keyboard.press("Space")  # asks for it
+    page.clock.run_for(100)
+    start, end, time = page.evaluate(seen)
+    assert start <= time <= end
+
+
+def test_a_zoomed_chart_shows_where_one_steps(look: Look, quiet: Path) -> None:
+    page = look(quiet, "#t=2")
+    expect(page.locator("#clock")).to_have_text("2.000 s")
+    page.evaluate("Object.assign(tca.chart, { from: 1.5, to: 2.5 })")
+    for key, moment in (("ArrowRight", 11), ("ArrowRight", 3600), ("ArrowLeft", 11), ("End", 3601)):
+        page.keyboard.press(key)
+        start, end = page.evaluate("tca.chart.window")
+        assert start <= moment <= end
+        assert end - start == pytest.approx(1.0)

@@ -69,8 +69,8 @@ def test_a_message_is_no_task_and_has_its_story_too(address: str) -> None:
 def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
     assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
-        "4": ["waits until take steps {3} is being achieved", 0.6],
-        "7": ["waits until move leg {6} is achieved", 1.4],
+        "4": ["waits until take steps {3} is being achieved", 0.6, "waits until take steps {3} is being achieved"],
+        "7": ["waits until move leg {6} is achieved", 1.4, "waits until move leg {6} is achieved"],
     }
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}

@@ -1,13 +1,15 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
-import { css, length, prepared, seconds, ticks } from "./format.js";
+import { css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
+import { describe, firstWith, share } from "./spans.js";
 
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
+const AHEAD = 0.1; // where in the chart the cursor goes on that has run out of it
 
 export class Chart {
   constructor(store, { choose, setTime }) {
@@ -21,6 +23,7 @@ export class Chart {
     this.from = null; // the window in time; null: from the first message on, to the end
     this.to = null;
     this.scroll = 0;
+    this.held = null; // where the reader holds the chart
     this.labels = 120;
     this.layout = [];
     this.bar = new ScrollBar(this.canvas, (scroll) => {
@@ -31,9 +34,26 @@ export class Chart {
   }
 
   show(time) {
+    const [from, to] = this.window, wasSeen = this.time >= from && this.time <= to;
     this.time = time;
+    if (wasSeen && time > to) this.#moveTo(time, AHEAD); // who has panned away from the cursor is left alone
     this.draw();
     if (!this.hint.hidden) this.#showHint(this.pointer);
+  }
+
+  // Bring a moment into sight, if what is seen is a part of the run without it.
+  reveal(time) {
+    const [from, to] = this.window;
+    if (time < from || time > to) this.#moveTo(time, 0.5);
+  }
+
+  // What is seen is as long as before, with a moment at a share of it; nothing beyond the end of a run that has ended.
+  #moveTo(time, share) {
+    if (this.to === null || this.held) return;
+    const [from, to] = this.window, wide = to - from, { start, end, isLive } = this.store;
+    const first = time - wide * share, last = end + Math.max((end - start) * ROOM, 1e-6) - wide;
+    this.from = Math.max(isLive ? first : Math.min(first, last), this.#earliest);
+    this.to = this.from + wide;
   }
 
   // From the first message on; if that is what is seen, from the beginning of the run.
@@ -150,7 +170,8 @@ export class Chart {
       y += THIN;
     }
     for (const span of row.failed) {
-      if (this.#x(span.end) - this.#x(span.start) < 4) this.#mark(this.#x(span.end), top);
+      const x = this.#x(span.end);
+      if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
     context.fillStyle = css("--paper");
     context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
@@ -193,8 +214,9 @@ export class Chart {
       context.fillStyle = "rgb(255 255 255 / 62%)";
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
-    if (span.outcome && span.outcome !== "done") this.#outline(x, y, wide, tall, css("--bad"), 2);
-    if (span.message && span.message === this.chosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
+    const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
+    if (span.outcome && span.outcome !== "done") this.#outline(x + inset, y + inset, wide - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
+    if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
       context.beginPath();
@@ -223,6 +245,9 @@ export class Chart {
     this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
   }
 
+  // Red, or amber if the run went on after that failure.
+  #tintOf(span) { return css(span.outcome === "failed" && this.store.hasCoped(span) ? "--handled" : "--bad"); }
+
   #outline(x, y, width, tall, style, thick) {
     this.context.strokeStyle = style;
     this.context.lineWidth = thick;
@@ -230,9 +255,8 @@ export class Chart {
     this.context.lineWidth = 1;
   }
 
-  #mark(x, y) {
-    if (x < this.labels || x > this.width) return;
-    this.context.fillStyle = css("--bad");
+  #mark(x, y, tint) {
+    this.context.fillStyle = tint;
     this.context.beginPath();
     this.context.moveTo(x - 4, y - 5);
     this.context.lineTo(x + 4, y - 5);
@@ -279,7 +303,6 @@ export class Chart {
 
   #listen() {
     const { canvas } = this;
-    let held = null;
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       if (event.shiftKey || event.offsetX < this.labels) this.scroll += event.deltaY;
@@ -287,17 +310,19 @@ export class Chart {
       this.draw();
     }, { passive: false });
     canvas.addEventListener("pointerdown", (event) => {
-      held = { x: event.offsetX, y: event.offsetY, scroll: this.scroll, window: this.window, moved: false };
+      this.held = { x: event.offsetX, y: event.offsetY, scroll: this.scroll, window: this.window, moved: false };
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
-      if (held) this.#pan(event, held);
+      if (this.held) this.#pan(event, this.held);
       else this.#showHint(event);
     });
     canvas.addEventListener("pointerup", (event) => {
+      const { held } = this;
+      this.held = null;
       if (held && !held.moved) this.#click(event);
-      held = null;
     });
+    canvas.addEventListener("pointercancel", () => { this.held = null; });
     canvas.addEventListener("pointerleave", () => { this.hint.hidden = true; });
     canvas.addEventListener("dblclick", () => this.showAll());
   }
@@ -344,40 +369,6 @@ export class Chart {
 }
 
 function isNobody({ label }) { return label === "(no handler)"; }
-
-const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
-
-function describe({ span, wait, row }, store) {
-  const one = wait ?? span, end = Math.min(one.end, store.end);
-  const holder = store.byId.get(span.message)?.name ?? "message";
-  const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
-  const where = span.kind === "suspended" ? "" : ` ${row.label}`;
-  const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}` : "";
-  const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
-  if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;
-  return `${what} ${VERBS[span.kind]}${where}${how}: ${went}`;
-}
-
-// Which part of some seconds the spans of a lane between two places take.
-function share(lane, from, to, seconds) {
-  const sums = (lane.sums ??= [0]); // of the lengths of all before each place
-  while (sums.length <= to) {
-    const span = lane[sums.length - 1];
-    if (span.end === Infinity) return 1;
-    sums.push(sums[sums.length - 1] + span.end - span.start);
-  }
-  return Math.min((sums[to] - sums[from]) / seconds, 1);
-}
-
-// The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.
-function firstWith(list, holds, start = 0) {
-  let low = start, high = list.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (holds(list[middle])) high = middle; else low = middle + 1;
-  }
-  return low;
-}
 
 function fitted(context, text, width) {
   if (context.measureText(text).width <= width) return text;

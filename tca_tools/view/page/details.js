@@ -55,7 +55,10 @@ export class Details {
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
     for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`${about.how} ${reason}, for `), age(about.since));
-    if (about.failure) yield element("p", { class: "lead bad" }, ...this.#linked(about.failure));
+    if (about.failure) {
+      yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked(about.failure));
+      if (about.told) yield element("p", { class: "lead" }, ...this.#linked(about.told));
+    }
     if (about.killed) yield element("p", { class: "lead bad" }, ...this.#linked(`killed: ${about.killed}`));
   }
 

@@ -38,6 +38,36 @@ export function count(time) {
   for (const made of document.querySelectorAll(".age")) made.textContent = lasting(time - made.dataset.since);
 }
 
+// As much of a note as has room: who holds something before what he does meanwhile, and before all of its name; then
+// what comes first. Between words, if it must be cut. `widthOf` measures a text.
+export function abridged(text, room, widthOf) {
+  const hasRoom = (one) => widthOf(one) <= room;
+  const held = text.replaceAll(/(?: while handling|(?<=(?:locked|reserved)(?: it)?) for) [^,]*?\{\d+\}/g, "");
+  const brief = held.replaceAll(/, (?:which|but) ([^,]+?) has (locked|reserved)(?: it)?/g, ", $2 by $1"), bare = brief.replace(/^waits /, "");
+  const found = [text, held, brief, bare].find(hasRoom);
+  if (found !== undefined) return found;
+  const [, what, holder] = /^(.*)(, (?:locked|reserved) by .*)$/.exec(bare) ?? [];
+  return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(bare, 1, "", hasRoom) ?? `${bare.split(" ")[0]} …`;
+}
+
+// A text without as many of its last words as it takes to have room, with `end` behind it; but with the first `least`.
+function cutBehind(text, least, end, hasRoom) {
+  const words = text.split(" ");
+  while (words.length > least) {
+    words.pop();
+    const made = `${words.join(" ").replace(/,$/, "")} …${end}`;
+    if (hasRoom(made)) return made;
+  }
+  return undefined;
+}
+
+// Measures texts in the letters of an element.
+export function ruler(like) {
+  const context = document.createElement("canvas").getContext("2d"), { fontWeight, fontSize, fontFamily } = getComputedStyle(like);
+  context.font = `${fontWeight} ${fontSize} ${fontFamily}`;
+  return (text) => context.measureText(text).width;
+}
+
 // Round times between start and end, about `most` of them, with labels.
 export function ticks(start, end, most) {
   const shortest = (end - start) / Math.max(most, 1);

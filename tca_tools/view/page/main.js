@@ -32,8 +32,11 @@ function setTime(time, { keepPlaying = false } = {}) {
   if (!keepPlaying) slider.stop();
   if (keepPlaying || time === Infinity) tree.keepsUp = true;
   cursor = time >= store.end ? Infinity : Math.max(time, store.start);
+  if (!keepPlaying) reveal(cursor);
   draw();
 }
+
+function reveal(time) { chart.reveal(Math.min(time, store.end)); }
 
 // A bit on, while the run is played.
 function playTo(time) {
@@ -55,7 +58,7 @@ function choose(id) {
   remember();
 }
 
-const callbacks = { choose, setTime, playTo, ask };
+const callbacks = { choose, setTime, playTo, reveal, ask };
 const tree = new Tree(store, callbacks);
 const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);

@@ -30,8 +30,15 @@ export class Messages {
     if (now) this.panel.scrollTop = now.offsetTop - this.panel.clientHeight / 2;
   }
 
+  // Red, or amber if the run went on.
+  #tint({ kind, id, time }) {
+    if (!BAD.includes(kind)) return "";
+    const failure = kind === "failed" && this.store.failureAt(id, time);
+    return failure && this.store.wasHandled(failure) ? "handled" : "bad";
+  }
+
   #line(line, place) {
-    const kinds = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", BAD.includes(line.kind) ? "bad" : ""];
+    const kinds = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", this.#tint(line)];
     const text = line.text + (line.data ? `  ${line.data}` : "");
     const made = element("div", { class: kinds.filter(Boolean).join(" "), title: text },
       element("span", { class: "faint", text: `${seconds(line.time)}  ` }),

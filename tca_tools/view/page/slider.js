@@ -7,8 +7,8 @@ const EDGE = 7; // pixels beside the track
 const LONGEST_SILENCE = 5; // seconds: so long it takes at most, however slow the run is played, until the next message
 
 export class Slider {
-  constructor(store, { setTime, playTo }) {
-    Object.assign(this, { store, setTime, playTo });
+  constructor(store, { setTime, playTo, reveal }) {
+    Object.assign(this, { store, setTime, playTo, reveal });
     this.time = 0;
     this.playing = null;
     this.canvas = document.getElementById("slider");
@@ -73,6 +73,7 @@ export class Slider {
     document.getElementById("play").textContent = "❚❚";
     if (this.time >= this.store.last) this.time = this.store.start;
     this.playing = { last: performance.now(), frame: 0, time: this.time };
+    this.reveal(this.time);
     const tick = (now) => {
       const { playing } = this, speed = this.#speedAt(playing.time);
       playing.time += Math.max(now - playing.last, 0) / 1000 * speed;

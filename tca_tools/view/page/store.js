@@ -56,7 +56,8 @@ export class Store {
     this.rows = []; // of the chart: { label, handled, queued, held, connected, failed }; the first three are lanes of spans
     this.suspended = newRow("(suspended)");
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
-    this.failures = []; // as they were raised: { message, time }
+    this.failures = []; // as they were raised: { message, time, told, asker, monitor }
+    this.failuresOf = new Map(); // the same by message
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.end = 0; // of the run, as far as it has come
@@ -93,7 +94,7 @@ export class Store {
     this.#addTasks(columns);
     this.#addStates(columns);
     this.#addHolds(columns);
-    columns["failure.time"].forEach((time, i) => this.failures.push({ message: columns["failure.message"][i], time }));
+    this.#addFailures(columns);
     for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
     this.#addSpans(columns);
     this.lengths = head.lengths;
@@ -148,6 +149,16 @@ export class Store {
       if (!task || !before || task === before) continue;
       task.holds.push({ before, kind: this.texts[columns["hold.kind"][i]], time: columns["hold.time"][i] });
     }
+  }
+
+  #addFailures(columns) {
+    columns["failure.time"].forEach((time, i) => {
+      const [message, told, asker, monitor] = ["message", "told", "asker", "monitor"].map((name) => columns[`failure.${name}`][i]);
+      const failure = { message, time, told, asker, monitor };
+      this.failures.push(failure);
+      if (!this.failuresOf.has(message)) this.failuresOf.set(message, []);
+      this.failuresOf.get(message).push(failure);
+    });
   }
 
   #addSpans(columns) {
@@ -230,9 +241,36 @@ export class Store {
     return state !== NEVER && this.isOver(state) ? task.times[lastNotAfter(task.times, time)] : null;
   }
 
-  // Whether what had failed then went on, or still may: not if its task ended with the failure.
-  wasHandled({ message, time }) {
-    const task = this.byId.get(message);
+  // Whether the run went on after a failure, or still may (as coping.py has it): its task did not end with it; whoever
+  // had asked was told, and his handler did not fail; or that failure was handled.
+  wasHandled(failure) {
+    while (failure && !this.byId.has(failure.message)) {
+      if (failure.monitor) return this.#hasGoneOn(failure.monitor, failure.time);
+      if (!failure.told) return false;
+      const asker = this.spans[failure.asker];
+      if (asker?.outcome !== "failed") return true;
+      failure = this.failureOf(asker); // of what is older than what it asked
+    }
+    return failure ? this.#hasGoneOn(failure.message, failure.time) : false;
+  }
+
+  // The failure with which a handler ended, if there is one.
+  failureOf(span) { return this.failureAt(span.message, span.end); }
+
+  failureAt(message, time) {
+    const failures = this.failuresOf.get(message) ?? [];
+    return failures.find((one) => one.time === time) ?? failures.find((one) => one.time >= time);
+  }
+
+  // The same of a handling that failed.
+  hasCoped(span) {
+    if (!span.message) return this.head.queries.includes(span.name); // it came directly: who asked was told
+    const failure = this.failureOf(span);
+    return Boolean(failure) && this.wasHandled(failure);
+  }
+
+  #hasGoneOn(id, time) {
+    const task = this.byId.get(id);
     if (!task) return false;
     let place = Math.max(lastNotAfter(task.times, time), 0);
     const name = () => this.head.states[task.states[place]].name;

@@ -1,10 +1,11 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { age, element, seconds, soon } from "./format.js";
+import { abridged, age, element, ruler, seconds, soon } from "./format.js";
 import { Outline } from "./outline.js";
 
 const ROW = 24; // pixels, as in style.css
+const BESIDE = 150; // pixels of marks and numbers beside a name
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const GOAL = 1, MONITOR = 2;
 const ROLE_MARKS = {
@@ -21,7 +22,10 @@ export class Tree {
     this.spacer = document.getElementById("spacer");
     this.time = Infinity;
     this.rows = [];
-    this.notes = new Map(); // by task: { text, since, entered, asked }, where `entered` is when its state began
+    this.tall = 0; // the room for rows, in pixels
+    this.widest = 0; // of all names so far, in characters, with their depth
+    this.widthOf = ruler(this.scroller);
+    this.notes = new Map(); // by task: { text, since, whole, entered, asked }, where `entered` is when its state began
     this.asked = 0; // goes up with all that may change notes
     this.isAsking = false;
     this.found = new Set();
@@ -30,7 +34,7 @@ export class Tree {
     this.arrows.id = "arrows";
     this.scroller.addEventListener("scroll", () => this.#draw());
     for (const own of ["wheel", "pointerdown"]) this.scroller.addEventListener(own, () => { this.keepsUp = false; }, { passive: true });
-    new ResizeObserver(() => this.#draw()).observe(this.scroller);
+    new ResizeObserver(() => this.#resized()).observe(this.scroller);
     this.spacer.addEventListener("click", (event) => this.#click(event));
     this.spacer.addEventListener("dblclick", (event) => this.#toggle(this.#rowOf(event)));
     this.fetchNotes = soon(() => this.#fetchNotes(), 120);
@@ -47,9 +51,29 @@ export class Tree {
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
     const deepest = this.rows.reduce((depth, row) => Math.max(depth, row.depth), 1); // deep trees leave room for names
     this.spacer.style.setProperty("--deepest", Math.min(deepest, DEEPEST));
+    this.#makeRoom();
     this.#stay(stood);
     if (this.keepsUp) this.#keepUp();
     this.#draw();
+  }
+
+  // A chosen row that was in sight stays so when there is less room.
+  #resized() {
+    const { scrollTop, clientHeight } = this.scroller, { tall } = this;
+    this.tall = clientHeight;
+    const top = this.rows.findIndex((row) => row.task && row.task === this.outline.chosen) * ROW;
+    const wasSeen = top >= scrollTop && top + ROW <= scrollTop + tall;
+    if (wasSeen && top + ROW > scrollTop + clientHeight) this.scroller.scrollTop = top + ROW - clientHeight;
+    this.#draw();
+  }
+
+  // Names that are short leave room for reasons. The column only gets wider: what jumps can't be read.
+  #makeRoom() {
+    const { widest } = this;
+    for (const { task, depth } of this.rows) {
+      if (task) this.widest = Math.max(this.widest, task.name.length + Math.min(depth, DEEPEST) * 2);
+    }
+    if (this.widest !== widest) document.getElementById("tree").style.setProperty("--names", `${this.widest * 7.5 + BESIDE}px`);
   }
 
   // What a reader may be looking at: the chosen row, if he sees it, then those that he sees, from the top.
@@ -130,6 +154,7 @@ export class Tree {
     const first = Math.max(Math.floor(this.scroller.scrollTop / ROW) - 4, 0);
     const last = Math.min(first + Math.ceil(this.scroller.clientHeight / ROW) + 8, this.rows.length);
     const lines = [];
+    this.room = document.querySelector(".heads .why").clientWidth;
     this.related = this.#related(this.rows.slice(first, last));
     for (let place = first; place < last; place++) lines.push(this.#line(this.rows[place], place));
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
@@ -177,9 +202,11 @@ export class Tree {
     if (this.related.has(task)) cell.append(element("span", { class: "kind", text: [...this.related.get(task)].join(", ") }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const { text: note, since } = this.#note(task) ?? { text: "", since: null }, why = element("span", { class: "why", title: note });
-    if (since !== null) why.append(element("span", { class: "what", text: note }), ", for ", age(since));
-    else why.append(note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name);
+    const { text: note, since, whole } = this.#note(task) ?? { text: "", since: null, whole: "" };
+    const why = element("span", { class: "why", title: whole });
+    const lasted = since === null ? [] : [", for ", age(since)], told = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name;
+    const room = this.room - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
+    why.append(element("span", { class: "what", text: abridged(told, room, this.widthOf) }), ...lasted);
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
   }
@@ -201,8 +228,8 @@ export class Tree {
     this.isAsking = false;
     if (!notes) return;
     for (const task of tasks) {
-      const [text, since] = notes[task.id] ?? ["", null];
-      this.notes.set(task.id, { text, since, entered: this.store.entered(task, time), asked });
+      const [text, since, whole] = notes[task.id] ?? ["", null, ""];
+      this.notes.set(task.id, { text, since, whole, entered: this.store.entered(task, time), asked });
     }
     this.#draw();
   }

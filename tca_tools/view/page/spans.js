@@ -1,0 +1,38 @@
+// What the chart asks of spans of time: what one says, how full a lane is, where in it something lies.
+
+import { length, seconds } from "./format.js";
+
+const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
+
+export function describe({ span, wait, row }, store) {
+  const one = wait ?? span, end = Math.min(one.end, store.end);
+  const holder = store.byId.get(span.message)?.name ?? "message";
+  const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
+  const where = span.kind === "suspended" ? "" : ` ${row.label}`;
+  const handled = span.outcome === "failed" && store.hasCoped(span) ? ", and handled" : "";
+  const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}${handled}` : "";
+  const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
+  if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;
+  return `${what} ${VERBS[span.kind]}${where}${how}: ${went}`;
+}
+
+// Which part of some seconds the spans of a lane between two places take.
+export function share(lane, from, to, seconds) {
+  const sums = (lane.sums ??= [0]); // of the lengths of all before each place
+  while (sums.length <= to) {
+    const span = lane[sums.length - 1];
+    if (span.end === Infinity) return 1;
+    sums.push(sums[sums.length - 1] + span.end - span.start);
+  }
+  return Math.min((sums[to] - sums[from]) / seconds, 1);
+}
+
+// The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.
+export function firstWith(list, holds, start = 0) {
+  let low = start, high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (holds(list[middle])) high = middle; else low = middle + 1;
+  }
+  return low;
+}

@@ -1,0 +1,131 @@
+"""Who copes with a failure: a task that is handled again or dealt with, or who had asked and went on; seen in all tools."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+from click.testing import Result
+from tools.story import QUERY, Story
+
+from tca_tools.analysis.failures import Fate, failures
+from tca_tools.analysis.summary import summary
+from tca_tools.coping import told_to, went_on
+from tca_tools.gantt.bars import chart
+from tca_tools.gantt.shapes import COPED, FAILED
+from tca_tools.gantt.svg import svg_text
+from tca_tools.history import History
+from tca_tools.story import story as story_of
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role
+
+Tca = Callable[..., Result]
+LOOKED, ASKED = 2, 3
+
+
+def asking(*, passed_on: bool = False, task_fails: bool = False, dealt_with: bool = False) -> Story:
+    """A walk {1} asks where it is {2}; who handles that asks for a look {3}, which fails. What it then does, and the
+    walk, is told; the walk's failure may be dealt with.
+    """
+    story = Story().module("planner", "walk").module("maps", "where").module("eye", "look").module("expert", "help")
+    walk = story.at(1.0).goal("walk", "user")
+    story.delivered(walk, "planner")
+    where = story.at(1.1).received("where", QUERY, "planner", origin=walk, blocking=True)
+    story.delivered(where, "maps")
+    look = story.at(1.2).received("look", QUERY, "maps", origin=where, blocking=True)
+    story.delivered(look, "eye")
+    _fail(story.at(2.0), look).say(facts.Answered(look)).at(3.0)
+    if not passed_on:
+        story.returned(where).say(facts.Answered(where))
+    else:
+        _fail(story, where).say(facts.Answered(where))
+    story.at(4.0)
+    if not task_fails:
+        return story.returned(walk).reached(walk, *Moment).at(5.0)
+    _fail(story, walk)
+    if not dealt_with:
+        return story.say(facts.Unhandled(TaskId(walk))).reached(walk, *Moment).at(5.0)
+    handler = story.received("help", MessageClass.EXCEPTION, "central", 0)
+    story.say(facts.Caught(TaskId(walk), TaskId(handler), TaskId(walk), 9)).delivered(handler, "expert")
+    story.at(4.5).returned(handler).reached(handler, *Moment).say(facts.Recovered(TaskId(walk)))
+    return story.reached(walk, *Moment).at(5.0)
+
+
+def _fail(story: Story, number: int) -> Story:
+    return story.returned(number, Outcome.FAILED).say(facts.Failed(number, "blind", "fog"))
+
+
+def fates(past: History) -> dict[int, Fate]:
+    return {case.message_id: case.fate for kind in failures(past) for case in kind.cases}
+
+
+def test_who_asked_went_on() -> None:
+    past = asking().fold()
+    look = past.messages[ASKED]
+    assert went_on(past, look, 2.0)
+    assert told_to(past, look, 2.0) == "told to maps, whose handler of where {2} went on"
+    assert fates(past) == {ASKED: Fate.COPED}
+    assert all(kind.is_good for kind in failures(past))
+    assert summary(past).is_good
+    assert (2.0, f"its failure is {told_to(past, look, 2.0)}") in [
+        (one.time, one.text) for one in story_of(past, ASKED)
+    ]
+
+
+def test_who_asked_still_runs() -> None:
+    story = asking()
+    past = History.until(story.entries, 2.5)
+    assert went_on(past, past.messages[ASKED], 2.0)
+    assert told_to(past, past.messages[ASKED], 2.0) == "told to maps, whose handler of where {2} still runs"
+
+
+@pytest.mark.parametrize(
+    ("task_fails", "dealt_with", "end"), [(False, False, True), (True, False, False), (True, True, True)]
+)
+def test_a_failure_that_is_passed_on_is_followed(*, task_fails: bool, dealt_with: bool, end: bool) -> None:
+    past = asking(passed_on=True, task_fails=task_fails, dealt_with=dealt_with).fold()
+    assert [went_on(past, past.messages[number], time) for number, time in ((ASKED, 2.0), (LOOKED, 3.0))] == [end, end]
+    assert fates(past)[ASKED] is (Fate.COPED if end else Fate.ANSWERED)
+    after = ", and that was handled" if end else ""
+    assert told_to(past, past.messages[ASKED], 2.0) == f"told to maps, whose handler of where {{2}} failed then{after}"
+
+
+def test_of_an_inform_nobody_is_told_and_of_a_condition_its_monitor() -> None:
+    story = Story().module("eye", "hot?", "log").at(1.0)
+    log = story.received("log", MessageClass.INFORM, "user")
+    _fail(story.delivered(log, "eye").at(2.0), log)
+    monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
+    asked = story.received("hot?", QUERY, "central")
+    received = story.entries[-1].facts[-1]
+    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
+    _fail(story.delivered(asked, "eye").at(3.0), asked)
+    past = story.fold()
+    assert went_on(past, past.messages[asked], 3.0) is False  # nothing is known of the monitor yet
+    past = story.say(facts.Failed(monitor, "blind", "its condition: fog"), facts.Unhandled(TaskId(monitor))).fold()
+    assert fates(past) == {log: Fate.UNTOLD, asked: Fate.ANSWERED, monitor: Fate.NOT_HANDLED}
+    assert told_to(past, past.messages[asked], 3.0) == "told to central, for watch {2}"
+
+
+def test_charts_have_a_colour_of_its_own_for_it(tca: Tca, tmp_path: Path) -> None:
+    coped, failed = (svg_text(chart(story.fold()), "") for story in (asking(), asking(passed_on=True, task_fails=True)))
+    assert 'class="coped"' in coped
+    assert "failed, and handled" in coped
+    assert 'class="failed"' not in coped
+    assert 'class="coped"' not in failed
+    assert 'class="failed"' in failed
+    assert COPED != FAILED
+    bar = next(bar for row in chart(asking().fold()).rows for bar in row.handled if bar.name == "look")
+    assert bar.title.endswith(": failed, told to maps, whose handler of where {2} went on")
+    text = tca("gantt", asking().write(tmp_path / "ask"), COLUMNS="100").stdout
+    assert "█~ failed, and handled" in text
+    assert "█! failed" not in text
+
+
+def test_what_was_sent_directly_and_failed_was_told_to_who_asked() -> None:
+    story = Story().module("eye", "look", "log").at(1.0)
+    for name, kind in (("look", QUERY), ("log", MessageClass.INFORM)):
+        story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
+        story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
+    bars = {bar.name: bar.has_coped for row in chart(story.fold()).rows for bar in row.handled}
+    assert bars == {"look": True, "log": False}

@@ -1,0 +1,82 @@
+"""Reasons in the rows of the page: cut where that costs least, and whole at the mouse and in the pane."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import Story
+from view.conftest import Look
+
+from tca_wire import facts
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
+
+pytestmark = pytest.mark.slow
+
+WHOLE = "waits for controller of all legs, which terrain scanner has locked while handling scan the whole terrain {1}"
+TRACE = "it slipped on ice\n  File 'legs.py', line 7\n    " + "deep " * 80 + "at the root"
+
+
+def locked() -> Story:
+    """A move {2} waits for legs that another module has locked; one {3} has failed with a long text."""
+    story = Story().module("controller of all legs", "move").module("terrain scanner", "scan the whole terrain").at(1.0)
+    scan = story.command("scan the whole terrain", "user")
+    story.delivered(scan, "terrain scanner")
+    legs = "controller of all legs"
+    story.say(facts.Claimed(90, legs, legs, False, "terrain scanner", scan), facts.Granted(90)).at(2.0)
+    story.queued(story.command("move", "user"), legs)
+    failing = story.command("move", "user")
+    story.delivered(failing, legs).at(3.0).returned(failing, Outcome.FAILED)
+    return story.say(facts.Failed(failing, "slip", TRACE)).reached(failing, *Moment).at(5.0)
+
+
+def test_what_has_no_room_is_cut_behind_what_tells_most(look: Look, tmp_path: Path) -> None:
+    page = look(locked().write(tmp_path / "walk"))
+    why = page.locator(".row[data-task='2'] .why")
+    for width, text in {
+        2400: WHOLE,
+        1700: "waits for controller of all legs, which terrain scanner has locked",
+        1440: "waits for controller of all legs, locked by terrain scanner",
+    }.items():
+        page.set_viewport_size({"width": width, "height": 800})
+        expect(why).to_have_text(f"{text}, for 3.00 s")
+        expect(why).to_have_attribute("title", WHOLE)
+        assert why.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
+    page.set_viewport_size({"width": 1320, "height": 800})
+    expect(why).to_have_text(re.compile(r"^for controller.* …, locked by terrain scanner, for 3\.00 s$"))
+    why.click()
+    expect(page.locator("#task .lead")).to_have_text(f"{WHOLE}, for 3.00 s")
+
+
+def test_a_long_failure_is_whole_at_the_mouse_and_in_the_pane(look: Look, tmp_path: Path) -> None:
+    page = look(locked().write(tmp_path / "walk"))
+    why = page.locator(".row[data-task='3'] .why")
+    expect(why).to_contain_text("failed: slip: it slipped on ice")
+    expect(why).to_have_attribute("title", f"slip: {TRACE}")
+    why.click()
+    expect(page.locator("#task .lead.bad")).to_contain_text("at the root")
+
+
+def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
+    page = look(locked().write(tmp_path / "walk"))
+    for text, room, told in (
+        ("waits for legs, which eyes has reserved for scan {7}", 40, "waits for legs, which eyes has reserved"),
+        (
+            "waits for the lock of legs {8}, but eyes has locked it for scan {7}",
+            46,
+            "waits for the lock of legs {8}, locked by eyes",
+        ),
+        (
+            "waits for the lock of legs {8}, but legs is busy with move {4}",
+            40,
+            "for the lock of legs {8}, but legs is …",
+        ),
+        ("waits for all my legs, which eyes has locked", 26, "for all …, locked by eyes"),
+        ("waits for all my legs, which eyes has locked", 20, "for all my legs …"),
+        ("failed: slip: on ice", 12, "failed: …"),
+        ("unbroken" * 5, 12, "unbroken" * 5 + " …"),
+        ("", 12, ""),
+    ):
+        made = "([text, room]) => import('/page/format.js').then(({ abridged }) => abridged(text, room, (one) => one.length))"
+        assert page.evaluate(made, [text, room]) == told

@@ -1,0 +1,98 @@
+"""The report's chart in a real browser: it uses a wide screen, scrolls on a narrow one, and is legible on both and on paper."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from playwright.sync_api import Browser, Page
+from tools.story import Story, walking
+
+from tca_tools.report.__main__ import report
+
+pytestmark = pytest.mark.slow
+
+LEAST = 9  # pixels that letters are high, with what is above and below them
+LETTERS = "(root) => Math.min(...[...document.querySelectorAll(`${root} text`)].map((one) => one.getBoundingClientRect().height))"
+INSIDE = "document.documentElement.scrollWidth <= document.documentElement.clientWidth"
+
+
+def long_walk() -> Story:
+    """Many short moves of many modules with long names: a chart as wide as there are."""
+    story = Story()
+    for number in range(8):
+        story.module(f"gait planner of the {number}th leg", f"move {number}")
+    for number in range(160):
+        story.at(round(number * 0.5, 6)).acted(
+            story.command(f"move {number % 8}", "user"), f"gait planner of the {number % 8}th leg", 0.02
+        )
+    return story
+
+
+@pytest.fixture(params=[walking, long_walk])
+def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> Iterator[Page]:
+    """The page of a report."""
+    out = tmp_path / "run.html"
+    assert CliRunner().invoke(report, [str(request.param().write(tmp_path / "run")), "-o", str(out)]).exit_code == 0
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(out.as_uri())
+    yield page
+    context.close()
+
+
+def scrolls(page: Page) -> float:
+    """How far the chart can be scrolled, in pixels."""
+    return float(page.locator(".r-scroll").evaluate("(one) => one.scrollWidth - one.clientWidth"))
+
+
+def left_of(page: Page, what: str) -> float:
+    box = page.locator(what).bounding_box()
+    assert box is not None
+    return box["x"]
+
+
+@pytest.mark.parametrize("width", [2400, 1400])
+def test_a_wide_screen_shows_the_whole_chart(paged: Page, width: int) -> None:
+    paged.set_viewport_size({"width": width, "height": 900})
+    assert paged.evaluate(INSIDE)
+    assert scrolls(paged) == 0
+    assert paged.evaluate(LETTERS, ".r-plot") >= LEAST
+    chart, text = (paged.locator(what).bounding_box() for what in (".r-chart", "main > h2 >> nth=0"))
+    assert chart is not None
+    assert text is not None
+    assert chart["width"] > text["width"] + (300 if width > 2000 else 100)
+    assert chart["x"] + chart["width"] <= width
+
+
+@pytest.mark.parametrize("width", [900, 420])
+def test_a_narrow_screen_scrolls_the_plot_and_keeps_the_labels(paged: Page, width: int) -> None:
+    paged.set_viewport_size({"width": width, "height": 900})
+    assert paged.evaluate(INSIDE)
+    assert scrolls(paged) > 0
+    assert paged.evaluate(LETTERS, ".r-plot") >= LEAST
+    labels, plot = left_of(paged, "#r-labels"), left_of(paged, "#r-plot")
+    paged.locator(".r-scroll").evaluate("(one) => { one.scrollLeft = 40; }")
+    assert left_of(paged, "#r-labels") == labels
+    assert left_of(paged, "#r-plot") == pytest.approx(plot - 40, abs=1)
+
+
+def test_on_paper_the_chart_is_in_parts_that_can_be_read(paged: Page) -> None:
+    paged.emulate_media(media="print")
+    paged.set_viewport_size({"width": 1032, "height": 700})  # A4, landscape, without its margins
+    assert paged.evaluate(INSIDE)
+    strips = paged.locator(".r-strip").count()
+    shown = ".r-strip" if strips else ".r-plot"
+    assert strips != 1
+    if not strips:
+        assert paged.evaluate(LETTERS, shown) >= LEAST
+    widths = [box["width"] for one in paged.locator(shown).all() if (box := one.bounding_box())]
+    assert all(1000 < width <= 1032 for width in widths)
+    for one in paged.locator(".r-strip").all():
+        scale = one.evaluate("(one) => one.children[1].getScreenCTM().a")
+        assert scale >= 0.75  # of letters of 12 pixels
+        assert (
+            one.evaluate("(one) => Math.abs(one.children[0].getScreenCTM().a - one.children[1].getScreenCTM().a)")
+            < 0.02
+        )
+    assert paged.pdf(prefer_css_page_size=True).startswith(b"%PDF")
