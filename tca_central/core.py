@@ -60,6 +60,7 @@ class Central(State):
             (agenda.met, self._met),
             (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
+            (self.dispatcher.stranded, lambda handler: failures.pass_over(self, handler)),
         )
 
     def handle(self, event: Event) -> list[Effect]:
@@ -139,7 +140,7 @@ class Central(State):
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
         while True:
-            if agenda.is_busy or dispatcher.displaced or dispatcher.granted:
+            if agenda.is_busy or dispatcher.is_busy:
                 for waiting, take in self._takers:
                     while waiting:
                         take(waiting.popleft())

@@ -5,13 +5,14 @@ reports through the two functions it is given.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from tca_central.clock import Clock
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.resources import Claim, PendingLimit, Resource
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
+from tca_wire.vocabulary import Role
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -42,6 +43,7 @@ class Dispatcher:
         self.displaced: deque[tuple[Delivery, str]] = (
             deque()
         )  #: gave way to newer ones (why): to be told who waits for them
+        self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
@@ -72,6 +74,8 @@ class Dispatcher:
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
             self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
+            if delivery.role is Role.EXCEPTION:
+                self.stranded.append(delivery)
             return
         goes_on = False
         for resource in resources:
@@ -194,6 +198,11 @@ class Dispatcher:
                 self.freed.append((resource, None))
         delivery.withdraw()
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether something has come out that the core must take before it starts anything."""
+        return bool(self.displaced or self.granted or self.stranded)
+
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
         """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""
@@ -266,6 +275,12 @@ class Dispatcher:
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         return queued
+
+    def strand_all(self, messages: Iterable[MessageType]) -> None:
+        """A module is gone, with all that it handled: look at each exception handler that waits for a handler."""
+        waiting = (one for message in messages for one in message.waiting.values() if one.role is Role.EXCEPTION)
+        self.stranded.clear()
+        self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 
     def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""

@@ -89,6 +89,8 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     claims.end_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
+        if lost and module.connections:  # what these handle fails first, if they are lost, too
+            central.dispatcher.stranded.clear()
     orphans = central.dispatcher.slot_gone(connection)
     connection.orphans += [delivery.given_as for delivery in orphans]
     if connection.resource is not None:
@@ -98,6 +100,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         direct.slot_gone(central, connection, why, lost=lost)
     if not module.connections:
         remove_handlers(central, list(module.handlers.values()))
+        central.dispatcher.strand_all(central.registry.messages.values())
         claims.end_on_module(central, module, why)
         release_all(central, module)
         central.registry.forget_module(module)

@@ -43,6 +43,7 @@ from tca_wire.points import THIS, Moment
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
+STEPS = (oracle_failures.pass_over_all, oracle_monitors.start_all, oracle_slots.give, oracle_locks.end_deadlocks)
 
 
 class Oracle:
@@ -69,9 +70,8 @@ class Oracle:
 
     def _settle(self) -> None:
         oracle_rules.settle(self.world)
-        world = self.world
-        while oracle_monitors.start_all(world) or oracle_slots.give(world) or oracle_locks.end_deadlocks(world):
-            oracle_rules.settle(world)
+        while any(step(self.world) for step in STEPS):
+            oracle_rules.settle(self.world)
 
     def _compare(self, seen: Seen) -> None:
         """Whether central did just what it had to."""

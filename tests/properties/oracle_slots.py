@@ -2,7 +2,7 @@
 next, then the one that has waited longest. Those who want to lock or reserve a resource wait in the same line.
 """
 
-from properties import oracle_locks, oracle_rules, oracle_taps
+from properties import oracle_failures, oracle_locks, oracle_rules, oracle_taps
 from properties.oracle_records import Claim, Collector, Disagreement, Job, Node, World
 
 from tca_wire import facts
@@ -221,13 +221,16 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
         give_up(world, connection, job.number)
     oracle_locks.left(world, connection)
     is_last = module not in world.modules.values()
-    if connection not in world.slots or is_last:
+    if (is_own := connection not in world.slots) or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
+    if is_own and lost:  # what its slots handle fails first: what waits is spared until a module is gone
+        world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)
     if is_last:
         oracle_locks.module_left(world, module)
         world.last.pop((0, module), None)
+        world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]
     for job in orphans:
         job.slot, job.nested = "", False
