@@ -89,7 +89,7 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     claims.end_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        if lost and module.connections:  # what these handle fails first, if they are lost, too
+        if lost and module.connections:  # what these handle fails first, if they are lost, too (decision 59)
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.slot_gone(connection)
     connection.orphans += [delivery.given_as for delivery in orphans]
@@ -99,23 +99,24 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         direct.review_slots(central, connection)
         direct.slot_gone(central, connection, why, lost=lost)
     if not module.connections:
-        remove_handlers(central, list(module.handlers.values()))
-        central.dispatcher.strand_all(central.registry.messages.values())
-        claims.end_on_module(central, module, why)
-        release_all(central, module)
-        central.registry.forget_module(module)
-        central.tree.forget_module(module.name)
-        central.facts.append(facts.ModuleLeft(module.name, why))
-        notices.tell(central, MODULE_LEFT, Departure(module.name, why))
+        _forget(central, module, why)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _lose(central, delivery, module, why, lost=lost)
-        elif isinstance(delivery, Task):
-            if delivery.suspended or delivery.again:  # it will not be queued at once
-                central.facts.append(facts.Unqueued(delivery.given_as))
-            central.agenda.hand_back(delivery)
         else:
-            central.dispatcher.route(delivery)
+            _hand_on(central, delivery)
+
+
+def _forget(central: State, module: Module, why: str) -> None:
+    """A module is gone, with all that it handled, had and kept."""
+    remove_handlers(central, list(module.handlers.values()))
+    central.dispatcher.strand_all(central.registry.messages.values())
+    claims.end_on_module(central, module, why)
+    release_all(central, module)
+    central.registry.forget_module(module)
+    central.tree.forget_module(module.name)
+    central.facts.append(facts.ModuleLeft(module.name, why))
+    notices.tell(central, MODULE_LEFT, Departure(module.name, why))
 
 
 def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
@@ -126,6 +127,16 @@ def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost:
     if isinstance(delivery, Task) and delivery.given_as != delivery.id:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
     fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+
+
+def _hand_on(central: State, delivery: Delivery) -> None:
+    """Who left had not begun with it: somebody else may."""
+    if not isinstance(delivery, Task):
+        central.dispatcher.route(delivery)
+        return
+    if delivery.suspended or delivery.again:  # it will not be queued at once
+        central.facts.append(facts.Unqueued(delivery.given_as))
+    central.agenda.hand_back(delivery)
 
 
 # --- messages and handlers -------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
+    NAME: handle MESSAGE no more
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
@@ -220,6 +221,9 @@ class Transcript:
     def bye(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.Bye())
 
+    def unregister(self, name: str, message: str) -> list[Any]:
+        return self.player.receive(name, headers.Unregister(self.player.number(name), [message]))
+
     def lose(self, name: str) -> list[Any]:
         return [effect.header for effect in self.player.lose(name) if hasattr(effect, "header")]
 
@@ -264,6 +268,7 @@ COMMANDS: list[tuple[str, Any]] = [
      Transcript.kill),
     (rf"{NAME}: constrain (?P<what>.*)", Transcript.constrain),
     (rf"{NAME}: bye", Transcript.bye),
+    (rf"{NAME}: handle (?P<message>\w+) no more", Transcript.unregister),
     (rf"lose {NAME}", Transcript.lose),
     (rf"garbage {NAME}", Transcript.garbage),
     (rf"{NAME}: (?P<what>lock|reserve) (?P<resource>\w+)(?P<options>.*)", Transcript.lock),

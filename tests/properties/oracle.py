@@ -149,6 +149,10 @@ class Oracle:
             handlers = world.handlers.setdefault(handled.message, [])
             handlers.append(Handler(module, handled.resource, handled.pool))
 
+    def unregister(self, connection: str, header: headers.Unregister, _: bytes) -> None:
+        for name in header.messages:
+            oracle_slots.remove_handler(self.world, name, self.world.modules[connection])
+
     def bye(self, connection: str, _: headers.Bye, _body: bytes) -> None:
         self._leave(connection, lost=False)
 
@@ -177,7 +181,7 @@ class Oracle:
         world = self.world
         kind = world.kinds[header.message]
         if header.when_killed and kind.is_task and world.seen.is_accepted_as(0):
-            if not (header.if_handled and not self._is_served(header.message)):
+            if not (header.if_handled and not oracle_slots.is_served(world, header.message)):
                 parent = world.node(header.parent)
                 assert parent
                 if parent.killed:
@@ -185,7 +189,7 @@ class Oracle:
                 else:
                     parent.parting.append(header.message)
             return
-        if header.if_handled and not self._is_served(header.message):
+        if header.if_handled and not oracle_slots.is_served(world, header.message):
             return
         (birth,) = world.seen.sent
         if kind.is_task:
@@ -203,10 +207,6 @@ class Oracle:
             oracle_slots.wait(world, job)
         else:
             oracle_slots.send_statement(world, job)
-
-    def _is_served(self, message: str) -> bool:
-        handlers = self.world.handlers.get(message, [])
-        return any((one.module, one.resource) in self.world.slots.values() for one in handlers)
 
     def _new_task(self, connection: str, header: headers.Send, task: int) -> None:
         world = self.world
@@ -300,8 +300,7 @@ class Oracle:
             self.world.endings.append(ending)
 
     def attach(self, connection: str, header: headers.Attach, _: bytes) -> None:
-        where = header.message or self.world.node(header.task)
-        self._attach(header.attachment, where, self.world.modules[connection])
+        self._attach(header.attachment, header.message or self.world.node(header.task), self.world.modules[connection])
 
     def _attach(self, wanted: Any, where: Any, by: str) -> None:
         world = self.world
@@ -377,6 +376,7 @@ def _words(moments: int) -> str:
 MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Hello: Oracle.hello,
     headers.Register: Oracle.register,
+    headers.Unregister: Oracle.unregister,
     headers.Bye: Oracle.bye,
     headers.Send: Oracle.send,
     headers.Reply: Oracle.reply,

@@ -151,7 +151,7 @@ def pass_over_all(world: World) -> bool:
     world.spared &= stranded(world)
     if not (due := stranded(world) - world.spared):
         return False
-    said = [fact.task for fact in world.seen.facts if isinstance(fact, facts.Killed)]
+    said = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
     for node in sorted(due, key=lambda one: (one.arrival, said.index(one.id) if one.id in said else 0)):
         if not node.killed:
             kill(world, node)

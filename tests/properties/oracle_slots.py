@@ -212,6 +212,12 @@ def remove_handler(world: World, message: str, module: str) -> None:
                 answered(world, job, done=False)
 
 
+def is_served(world: World, message: str) -> bool:
+    """Whether somebody handles a message and has a slot for it."""
+    handlers = world.handlers.get(message, [])
+    return any((one.module, one.resource) in world.slots.values() for one in handlers)
+
+
 def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     """A connection is gone; what it was handling and did not end."""
     module = world.modules.pop(connection)
