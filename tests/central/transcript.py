@@ -64,14 +64,8 @@ class Transcript:
     def module(self, name: str, handles: str, capacity: str, pool: str, pending: str, resource: str) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
         known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
-        self.player.module(
-            name,
-            *words,
-            capacity=int(capacity or 1),
-            pool=pool or "",
-            pending=int(pending or 0),
-            resource=resource or "",
-        )
+        numbers: dict[str, Any] = {"capacity": int(capacity or 1), "pending": int(pending or 0)}
+        self.player.module(name, *words, pool=pool or "", resource=resource or "", **numbers)
         new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
         return [header for header, _ in new if isinstance(header, headers.Answer)]
 
