@@ -152,9 +152,9 @@ def _check_suspension(central: State, task: Task) -> None:
 
 
 def _check_stranded(central: State) -> None:
-    """No exception handler waits until somebody handles it, but while a module is half gone."""
+    """No exception handler waits until somebody handles it, but while a module is leaving."""
     modules = central.registry.modules.values()
-    if all(any(one.resource is None for one in module.connections.values()) for module in modules):
+    if all(module.handlers for module in modules if module.resources):
         for message in central.registry.messages.values():
             waits = [one for one in message.waiting.values() if one.role is Role.EXCEPTION]
             assert not waits, f"{waits}: nobody handles '{message.name}', and the search does not go on"

@@ -89,8 +89,8 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     claims.end_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        if lost and module.connections:  # what these handle fails first, if they are lost, too (decision 59)
-            central.dispatcher.stranded.clear()
+        if module.connections:
+            _is_leaving(central)
     orphans = central.dispatcher.slot_gone(connection)
     connection.orphans += [delivery.given_as for delivery in orphans]
     if connection.resource is not None:
@@ -105,6 +105,13 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
             _lose(central, delivery, module, why, lost=lost)
         else:
             _hand_on(central, delivery)
+
+
+def _is_leaving(central: State) -> None:
+    """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when it is gone
+    exception handlers that wait for it are passed over (decision 59).
+    """
+    central.dispatcher.stranded.clear()
 
 
 def _forget(central: State, module: Module, why: str) -> None:
@@ -187,6 +194,8 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in names if name in handlers])
+    if not header.messages:
+        _is_leaving(central)
     central.send(connection, header.number, Accepted(header.number))
 
 

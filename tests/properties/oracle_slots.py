@@ -230,7 +230,7 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     if (is_own := connection not in world.slots) or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
-    if is_own and lost:  # what its slots handle fails first: what waits is spared until a module is gone
+    if is_own:  # what its slots have at work ends first: what waits is spared until a module is gone
         world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)
     if is_last:
