@@ -169,7 +169,7 @@ class Central(State):
         """
         startable = [task for task in self.agenda.startable if task.requested and not task.killed]
         self.agenda.startable.clear()
-        stranded = [task for task in startable if task.role is Role.EXCEPTION and not task.message.handlers]
+        stranded = [task for task in startable if task.is_stranded]
         watching = [task for task in startable if task.message.message_class.is_monitor]
         first = stranded or watching or startable
         if len(first) < len(startable):

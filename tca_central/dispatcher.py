@@ -12,7 +12,6 @@ from tca_central.clock import Clock
 from tca_central.registry import Connection, Delivery, Handler, MessageType, ModuleResource
 from tca_central.resources import Claim, PendingLimit, Resource
 from tca_wire.facts import HandlerRemoved, Queued, Unqueued
-from tca_wire.vocabulary import Role
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
@@ -74,7 +73,7 @@ class Dispatcher:
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
             self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
-            if delivery.role is Role.EXCEPTION:
+            if delivery.is_stranded:
                 self.stranded.append(delivery)
             return
         goes_on = False
@@ -258,12 +257,10 @@ class Dispatcher:
         self.route_all(queued)
 
     def handlers_gone(self, handlers: list[Handler]) -> list[Delivery]:
-        """What waited for those handlers goes to the ones before them, or waits. What was meant for them alone (copies
-        of a broadcast or multi-query) is returned.
+        """What waited for those handlers, out of its queues: to be routed to the ones before them, or to wait; but for
+        what was meant for them alone (copies of a broadcast or multi-query).
         """
-        queued = [delivery for handler in handlers for delivery in self._handler_gone(handler)]
-        self.route_all([delivery for delivery in queued if not delivery.message.fans_out])
-        return [delivery for delivery in queued if delivery.message.fans_out]
+        return [delivery for handler in handlers for delivery in self._handler_gone(handler)]
 
     def _handler_gone(self, handler: Handler) -> list[Delivery]:
         message = handler.message
@@ -278,7 +275,7 @@ class Dispatcher:
 
     def strand_all(self, messages: Iterable[MessageType]) -> None:
         """A module is gone, with all that it handled: look at each exception handler that waits for a handler."""
-        waiting = (one for message in messages for one in message.waiting.values() if one.role is Role.EXCEPTION)
+        waiting = (one for message in messages for one in message.waiting.values() if one.is_stranded)
         self.stranded.clear()
         self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 

@@ -201,10 +201,29 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
-    for delivery in central.dispatcher.handlers_gone(handlers):
+    queued = central.dispatcher.handlers_gone(handlers)
+    _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
+    for delivery in queued:
+        if not delivery.message.fans_out:
+            continue
         why = f"module '{handlers[0].module.name}' no longer handles it"
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, Failure(MODULE_LOST, why))
         else:
             central.facts.append(facts.Dropped(delivery.id, why))
     direct.review(central, [handler.message for handler in handlers])
+
+
+def _route_again(central: State, queued: list[Delivery]) -> None:
+    """What waited goes to the handlers before those that are gone, or waits. Where exception handlers are passed over
+    instead that may end other tasks, which must not be delivered first.
+    """
+    stranded = [delivery for delivery in queued if delivery.is_stranded]
+    others = [delivery for delivery in queued if not delivery.is_stranded]
+    central.dispatcher.route_all(stranded)
+    if stranded:
+        tasks = [one for one in others if isinstance(one, Task)]
+        central.facts.extend(facts.Unqueued(task.given_as) for task in tasks)
+        central.agenda.startable.extend(tasks)
+        others = [one for one in others if not isinstance(one, Task)]
+    central.dispatcher.route_all(others)
