@@ -1,6 +1,7 @@
 """Messages that go from module to module directly: a map that is asked a thousand times a second, and an observer."""
 
 import sys
+import threading
 import time
 
 from tca_module import Condition, Inform, Module, Query, Task
@@ -16,9 +17,13 @@ def height(_: Task, x: float) -> float:
     return 0.1 * x
 
 
+has_heard = threading.Event()
+
+
 @observer.handles(HEARD)
 def heard(_: Task, x: float) -> None:
     print("asked for", x)
+    has_heard.set()
 
 
 def say_how() -> None:
@@ -35,5 +40,6 @@ if __name__ == "__main__":
         tap = planner.tap(Condition.WHEN_SENT, HEIGHT, HEARD)  # the observer is to hear of it
         say_how()
         planner.query(HEIGHT, 7.0)
+        has_heard.wait(10)  # an inform comes when it comes: who leaves before it is there does not hear it
         tap.remove()
         say_how()

@@ -60,6 +60,7 @@ class Central(State):
             (agenda.met, self._met),
             (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
+            (self.dispatcher.stranded, lambda handler: failures.pass_over(self, handler)),
         )
 
     def handle(self, event: Event) -> list[Effect]:
@@ -139,7 +140,7 @@ class Central(State):
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
         while True:
-            if agenda.is_busy or dispatcher.displaced or dispatcher.granted:
+            if agenda.is_busy or dispatcher.is_busy:
                 for waiting, take in self._takers:
                     while waiting:
                         take(waiting.popleft())
@@ -163,22 +164,26 @@ class Central(State):
         waiter.met(self, task)
 
     def _start_all(self) -> None:
-        """Everything has settled but these tasks, which may start. Monitors come first, with all that follows from
-        their start: they take no slot from anyone.
+        """Everything has settled but these tasks, which may start. First come exception handlers that nobody handles,
+        which ends others, then monitors, which take no slot from anyone; each with all that follows from that.
         """
         startable = [task for task in self.agenda.startable if task.requested and not task.killed]
         self.agenda.startable.clear()
+        stranded = [task for task in startable if task.is_stranded]
         watching = [task for task in startable if task.message.message_class.is_monitor]
-        if watching:
-            self.agenda.startable.extend(task for task in startable if not task.message.message_class.is_monitor)
+        first = stranded or watching or startable
+        if len(first) < len(startable):
+            is_first = set(first)
+            self.agenda.startable.extend(task for task in startable if task not in is_first)
+        if first is not watching:
+            for task in first:
+                self._count_attempt(task)
+            self.dispatcher.route_all(first)
+            return
         for task in watching:
             if not task.killed:  # one that fails at once may end others
                 self._count_attempt(task)
                 monitors.start(self, task)
-        if not watching:
-            for task in startable:
-                self._count_attempt(task)
-            self.dispatcher.route_all(startable)
 
     def _count_attempt(self, task: Task) -> None:
         if task.again:

@@ -5,7 +5,7 @@ reports through the two functions it is given.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from tca_central.clock import Clock
@@ -42,6 +42,7 @@ class Dispatcher:
         self.displaced: deque[tuple[Delivery, str]] = (
             deque()
         )  #: gave way to newer ones (why): to be told who waits for them
+        self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver, or queue until a slot of a resource that handles the message is free.
@@ -72,6 +73,8 @@ class Dispatcher:
         if not resources:
             delivery.message.waiting[delivery.id] = delivery
             self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
+            if delivery.is_stranded:
+                self.stranded.append(delivery)
             return
         goes_on = False
         for resource in resources:
@@ -194,6 +197,11 @@ class Dispatcher:
                 self.freed.append((resource, None))
         delivery.withdraw()
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether something has come out that the core must take before it starts anything."""
+        return bool(self.displaced or self.granted or self.stranded)
+
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
         """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""
@@ -249,12 +257,10 @@ class Dispatcher:
         self.route_all(queued)
 
     def handlers_gone(self, handlers: list[Handler]) -> list[Delivery]:
-        """What waited for those handlers goes to the ones before them, or waits. What was meant for them alone (copies
-        of a broadcast or multi-query) is returned.
+        """What waited for those handlers, out of its queues: to be routed to the ones before them, or to wait; but for
+        what was meant for them alone (copies of a broadcast or multi-query).
         """
-        queued = [delivery for handler in handlers for delivery in self._handler_gone(handler)]
-        self.route_all([delivery for delivery in queued if not delivery.message.fans_out])
-        return [delivery for delivery in queued if delivery.message.fans_out]
+        return [delivery for handler in handlers for delivery in self._handler_gone(handler)]
 
     def _handler_gone(self, handler: Handler) -> list[Delivery]:
         message = handler.message
@@ -266,6 +272,12 @@ class Dispatcher:
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))
         return queued
+
+    def strand_all(self, messages: Iterable[MessageType]) -> None:
+        """A module is gone, with all that it handled: look at each exception handler that waits for a handler."""
+        waiting = (one for message in messages for one in message.waiting.values() if one.is_stranded)
+        self.stranded.clear()
+        self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
 
     def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""

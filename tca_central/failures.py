@@ -14,7 +14,7 @@ from tca_central import claims
 from tca_central.errors import RequestError
 from tca_central.intervals import KILLED
 from tca_central.making import make_task, suspend
-from tca_central.registry import Attached, Connection
+from tca_central.registry import Attached, Connection, Delivery
 from tca_central.state import Failure, Recovery, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
@@ -194,16 +194,16 @@ def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
         return None
     trouble: Recovery = undecided.context
     trouble.passed[trouble.attached.id, trouble.failure.name] = None
-    trouble.failure = _also(trouble.failure, undecided, task, failure)
+    where = f" in {task}" if task is not undecided else ""
+    reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
+    trouble.failure = _also(trouble.failure, undecided, reason)
     return undecided
 
 
-def _also(first: Failure, undecided: Task, task: Task, failure: Failure) -> Failure:
+def _also(first: Failure, undecided: Task, why: str) -> Failure:
     """A failure of which is said, where people look first, who could not decide about it, and why."""
-    where = f" in {task}" if task is not undecided else ""
-    why = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")[:LONGEST_REASON]
     line, newline, rest = first.text.partition(NEWLINE)
-    told = f"{line}; exception handler {undecided} could not decide: {why}".removeprefix("; ")
+    told = f"{line}; exception handler {undecided} could not decide: {why[:LONGEST_REASON]}".removeprefix("; ")
     return first._replace(text=f"{told}{newline}{rest}"[:LONGEST_TEXT])
 
 
@@ -257,6 +257,17 @@ def _leave_behind(central: State, task: Task, why: str, by: str) -> None:
     for listener in task.rare.listeners:
         if listener.reached != ALL_MOMENTS:
             kill(central, listener, why, by)
+
+
+def pass_over(central: State, handler: Delivery) -> None:
+    """An exception handler waits that nobody handles any more: the search goes on after it."""
+    assert isinstance(handler, Task)
+    if handler.killed or handler.queues != ():  # somebody handles it again
+        return
+    why = f"nobody handles '{handler.message.name}' any more"
+    trouble: Recovery = handler.context
+    trouble.failure = _also(trouble.failure, handler, why)
+    kill(central, handler, why)
 
 
 # --- what an exception handler decides -------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from tca_wire.points import (
     START_PLANNING,
     TaskId,
 )
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import MessageClass, Role
 
 
 def check_invariants(central: State) -> None:
@@ -44,6 +44,7 @@ def check_invariants(central: State) -> None:
     root_children = tree.root.children or {}
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
     _check_resources(central)
+    _check_stranded(central)
     for holder, claims in central.claimed_for.items():
         assert claims, f"{holder}: no claims"
         is_there = holder.given_as in central.dispatcher.attended or central.tree.tasks.get(TaskId(holder.id)) is holder
@@ -148,6 +149,15 @@ def _check_suspension(central: State, task: Task) -> None:
     assert task.suspended or not is_noted, f"{task}: noted as suspended"
     above = task.parent is not None and task.parent.suspended
     assert is_noted or above or not task.suspended, f"{task}: suspended, and not noted"
+
+
+def _check_stranded(central: State) -> None:
+    """No exception handler waits until somebody handles it, but while a module is leaving."""
+    modules = central.registry.modules.values()
+    if all(module.handlers for module in modules if module.resources):
+        for message in central.registry.messages.values():
+            waits = [one for one in message.waiting.values() if one.role is Role.EXCEPTION]
+            assert not waits, f"{waits}: nobody handles '{message.name}', and the search does not go on"
 
 
 def _check_resources(central: State) -> None:

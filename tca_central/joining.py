@@ -91,6 +91,8 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
     claims.end_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
+        if module.connections:
+            _is_leaving(central)
     orphans = central.dispatcher.slot_gone(connection)
     connection.orphans += [delivery.given_as for delivery in orphans]
     if connection.resource is not None:
@@ -99,22 +101,31 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         direct.review_slots(central, connection)
         direct.slot_gone(central, connection, why, lost=lost)
     if not module.connections:
-        remove_handlers(central, list(module.handlers.values()))
-        claims.end_on_module(central, module, why)
-        release_all(central, module)
-        central.registry.forget_module(module)
-        central.tree.forget_module(module.name)
-        central.facts.append(facts.ModuleLeft(module.name, why))
-        notices.tell(central, MODULE_LEFT, Departure(module.name, why))
+        _forget(central, module, why)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _lose(central, delivery, module, why, lost=lost)
-        elif isinstance(delivery, Task):
-            if delivery.suspended or delivery.again:  # it will not be queued at once
-                central.facts.append(facts.Unqueued(delivery.given_as))
-            central.agenda.hand_back(delivery)
         else:
-            central.dispatcher.route(delivery)
+            _hand_on(central, delivery)
+
+
+def _is_leaving(central: State) -> None:
+    """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when it is gone
+    exception handlers that wait for it are passed over (decision 59).
+    """
+    central.dispatcher.stranded.clear()
+
+
+def _forget(central: State, module: Module, why: str) -> None:
+    """A module is gone, with all that it handled, had and kept."""
+    remove_handlers(central, list(module.handlers.values()))
+    central.dispatcher.strand_all(central.registry.messages.values())
+    claims.end_on_module(central, module, why)
+    release_all(central, module)
+    central.registry.forget_module(module)
+    central.tree.forget_module(module.name)
+    central.facts.append(facts.ModuleLeft(module.name, why))
+    notices.tell(central, MODULE_LEFT, Departure(module.name, why))
 
 
 def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
@@ -126,6 +137,16 @@ def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost:
         central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
     happened(central, delivery, RETURNED | FAILURE)
     fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+
+
+def _hand_on(central: State, delivery: Delivery) -> None:
+    """Who left had not begun with it: somebody else may."""
+    if not isinstance(delivery, Task):
+        central.dispatcher.route(delivery)
+        return
+    if delivery.suspended or delivery.again:  # it will not be queued at once
+        central.facts.append(facts.Unqueued(delivery.given_as))
+    central.agenda.hand_back(delivery)
 
 
 # --- messages and handlers -------------------------------------------------------------------------------------------
@@ -176,15 +197,36 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in names if name in handlers])
+    if not header.messages:
+        _is_leaving(central)
     central.send(connection, header.number, Accepted(header.number))
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
     """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
-    for delivery in central.dispatcher.handlers_gone(handlers):
+    queued = central.dispatcher.handlers_gone(handlers)
+    _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
+    for delivery in queued:
+        if not delivery.message.fans_out:
+            continue
         why = f"module '{handlers[0].module.name}' no longer handles it"
         if delivery.message.message_class.has_reply:
             fail_delivery(central, delivery, Failure(MODULE_LOST, why))
         else:
             central.facts.append(facts.Dropped(delivery.id, why))
     direct.review(central, [handler.message for handler in handlers])
+
+
+def _route_again(central: State, queued: list[Delivery]) -> None:
+    """What waited goes to the handlers before those that are gone, or waits. Where exception handlers are passed over
+    instead that may end other tasks, which must not be delivered first.
+    """
+    stranded = [delivery for delivery in queued if delivery.is_stranded]
+    others = [delivery for delivery in queued if not delivery.is_stranded]
+    central.dispatcher.route_all(stranded)
+    if stranded:
+        tasks = [one for one in others if isinstance(one, Task)]
+        central.facts.extend(facts.Unqueued(task.given_as) for task in tasks)
+        central.agenda.startable.extend(tasks)
+        others = [one for one in others if not isinstance(one, Task)]
+    central.dispatcher.route_all(others)

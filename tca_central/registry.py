@@ -211,6 +211,11 @@ class Delivery:
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: handled inside a wait of its slot's own, beyond the capacity
 
+    @property
+    def is_stranded(self) -> bool:
+        """Whether it is an exception handler that nobody handles."""
+        return self.role is Role.EXCEPTION and not self.message.handlers
+
     def withdraw(self) -> None:
         """Leave the queues."""
         self.ticket += 1

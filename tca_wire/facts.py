@@ -24,6 +24,7 @@ from tca_wire.facts_of_watching import (
     TapAdded,
     TapFired,
     Unhandled,
+    _Fact,
 )  # fmt: skip
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
@@ -39,10 +40,6 @@ __all__ = [
     "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed", "TapAdded", "TapFired",
     "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
 ]  # fmt: skip
-
-
-class _Fact(msgspec.Struct, frozen=True, array_like=True):
-    """What all facts share: an array whose first element is the kind."""
 
 
 class Opened(_Fact, frozen=True, tag="opened"):

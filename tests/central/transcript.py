@@ -6,6 +6,7 @@
                         [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
                         [every N] [at first] [duration N] [fire every N] [until POINT] [for ever] (monitors)
     NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | wait POINT [here] | give up | bye
+    NAME: handle MESSAGE no more
     NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise FAILURE[<KIND...] on TASK
     NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain POINT <= POINT, ...
     NAME: keep TASK | release TASK | inspect RELATION of TASK
@@ -69,14 +70,8 @@ class Transcript:
     def module(self, name: str, handles: str, capacity: str, pool: str, pending: str, resource: str) -> list[Any]:
         words = [part.strip() for part in handles.split(",")] if handles else []
         known = {connection: len(inbox) for connection, inbox in self.player.inbox.items()}
-        self.player.module(
-            name,
-            *words,
-            capacity=int(capacity or 1),
-            pool=pool or "",
-            pending=int(pending or 0),
-            resource=resource or "",
-        )
+        numbers: dict[str, Any] = {"capacity": int(capacity or 1), "pending": int(pending or 0)}
+        self.player.module(name, *words, pool=pool or "", resource=resource or "", **numbers)
         new = [item for connection, inbox in self.player.inbox.items() for item in inbox[known.get(connection, 0) :]]
         return [header for header, _ in new if isinstance(header, headers.Answer)]
 
@@ -229,6 +224,9 @@ class Transcript:
     def bye(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.Bye())
 
+    def unregister(self, name: str, message: str) -> list[Any]:
+        return self.player.receive(name, headers.Unregister(self.player.number(name), [message]))
+
     def lose(self, name: str) -> list[Any]:
         return [effect.header for effect in self.player.lose(name) if hasattr(effect, "header")]
 
@@ -274,6 +272,7 @@ COMMANDS: list[tuple[str, Any]] = [
      Transcript.kill),
     (rf"{NAME}: constrain (?P<what>.*)", Transcript.constrain),
     (rf"{NAME}: bye", Transcript.bye),
+    (rf"{NAME}: handle (?P<message>\w+) no more", Transcript.unregister),
     (rf"lose {NAME}", Transcript.lose),
     (rf"garbage {NAME}", Transcript.garbage),
     (rf"{NAME}: (?P<what>lock|reserve) (?P<resource>\w+)(?P<options>.*)", Transcript.lock),

@@ -127,3 +127,25 @@ def polling(monitor: PollingMonitor[None], *properties: Property, **options: Any
         me.monitor(monitor, period=1.0, **options)
 
     return scenario
+
+
+def helped(*properties: Property) -> Scenario:
+    """Two steps slip; a helper that may go comes to one at a time, and who stands by makes up for what it can't do."""
+    scenario = Scenario("two steps slip", *properties)
+    scenario.module("legs", capacity=2).handles(STEP)(slips)
+    scenario.module("helper", may_be_lost=1, may_leave=True).handles(HIGHER)(lambda _: None)
+    scenario.module("office").handles(REPLAN)(lambda _: None)
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        me.on_failure(SLIPPED, REPLAN, of=STEP)
+        me.on_failure(SLIPPED, HIGHER, of=STEP)
+        for one in [me.command(STEP, sequential=False) for _ in range(2)]:
+            one.wait()
+
+    return scenario
+
+
+def slips(_: Task) -> None:
+    """Each time."""
+    raise SLIPPED(text="ice")

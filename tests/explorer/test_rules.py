@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from explorer.recoveries import HIGHER, helped
 from explorer.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, walking
 
 from tca_central.agenda import Agenda
@@ -246,3 +247,21 @@ def test_a_broken_rule_is_found(
     assert result.violation is not None, report(result)
     if checked == "by promises and properties":
         assert result.violation.broken != "central's own invariants"
+
+
+# --- who waits for an exception handler is helped by somebody ---------------------------------------------------------
+
+ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(achieved(STEP)))
+
+
+def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over() -> None:
+    result = explore(helped(*ALL_ENDS))
+    assert result.ok, report(result)
+    assert not explore(helped(never(killed(HIGHER)))).ok
+
+
+def test_an_exception_handler_that_is_not_passed_over_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tca_central.failures.pass_over", lambda _central, _handler: None)
+    result = explore(helped(*ALL_ENDS))
+    assert result.violation is not None
+    assert "nobody handles 'higher', and the search does not go on" in result.violation.why

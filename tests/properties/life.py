@@ -34,7 +34,7 @@ small = st.integers(0, 1000)
 OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
     "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
     "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
-    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock",
+    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister",
 ]  # fmt: skip
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
@@ -318,6 +318,14 @@ class Life:
         others = [name for name in self.connections() if name != "user"]
         if others:
             self.player.receive(others[a % len(others)], headers.Bye())
+
+    def unregister_(self, a: int, b: int, *_: int) -> None:
+        """A module goes on, and handles one of its messages no longer."""
+        if handling := [module for module in self.central.registry.modules.values() if module.handlers]:
+            module = handling[a % len(handling)]
+            messages, name = list(module.handlers), next(iter(module.connections.values())).id.decode()
+            header = headers.Unregister(self.player.number(name), [messages[b % len(messages)]])
+            self.player.receive(name, header)
 
     def join_(self, a: int, *_: int) -> None:
         self.join(list(self.modules)[a % len(self.modules)])

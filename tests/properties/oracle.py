@@ -42,6 +42,7 @@ from tca_wire.points import THIS, Moment
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
+STEPS = (oracle_failures.pass_over_all, oracle_monitors.start_all, oracle_slots.give, oracle_locks.end_deadlocks)
 
 
 class Oracle:
@@ -68,9 +69,8 @@ class Oracle:
 
     def _settle(self) -> None:
         oracle_rules.settle(self.world)
-        world = self.world
-        while oracle_monitors.start_all(world) or oracle_slots.give(world) or oracle_locks.end_deadlocks(world):
-            oracle_rules.settle(world)
+        while any(step(self.world) for step in STEPS):
+            oracle_rules.settle(self.world)
 
     def _compare(self, seen: Seen) -> None:
         """Whether central did just what it had to."""
@@ -148,6 +148,10 @@ class Oracle:
             handlers = world.handlers.setdefault(handled.message, [])
             handlers.append(Handler(module, handled.resource, handled.pool))
 
+    def unregister(self, connection: str, header: headers.Unregister, _: bytes) -> None:
+        for name in header.messages:
+            oracle_slots.remove_handler(self.world, name, self.world.modules[connection])
+
     def bye(self, connection: str, _: headers.Bye, _body: bytes) -> None:
         self._leave(connection, lost=False)
 
@@ -177,7 +181,7 @@ class Oracle:
         world = self.world
         kind = world.kinds[header.message]
         if header.when_killed and kind.is_task and world.seen.is_accepted_as(0):
-            if not (header.if_handled and not self._is_served(header.message)):
+            if not (header.if_handled and not oracle_slots.is_served(world, header.message)):
                 parent = world.node(header.parent)
                 assert parent
                 if parent.killed:
@@ -185,7 +189,7 @@ class Oracle:
                 else:
                     parent.parting.append(header.message)
             return
-        if header.if_handled and not self._is_served(header.message):
+        if header.if_handled and not oracle_slots.is_served(world, header.message):
             return
         (birth,) = world.seen.sent
         if kind.is_task:
@@ -203,10 +207,6 @@ class Oracle:
             oracle_slots.wait(world, job)
         else:
             oracle_slots.send_statement(world, job)
-
-    def _is_served(self, message: str) -> bool:
-        handlers = self.world.handlers.get(message, [])
-        return any((one.module, one.resource) in self.world.slots.values() for one in handlers)
 
     def _new_task(self, connection: str, header: headers.Send, task: int) -> None:
         world = self.world
@@ -299,8 +299,7 @@ class Oracle:
             self.world.endings.append(ending)
 
     def attach(self, connection: str, header: headers.Attach, _: bytes) -> None:
-        where = header.message or self.world.node(header.task)
-        self._attach(header.attachment, where, self.world.modules[connection])
+        self._attach(header.attachment, header.message or self.world.node(header.task), self.world.modules[connection])
 
     def _attach(self, wanted: Any, where: Any, by: str) -> None:
         world = self.world
@@ -368,6 +367,7 @@ def _words(moments: int) -> str:
 MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Hello: Oracle.hello,
     headers.Register: Oracle.register,
+    headers.Unregister: Oracle.unregister,
     headers.Bye: Oracle.bye,
     headers.Send: Oracle.send,
     headers.Reply: Oracle.reply,

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from properties import oracle_locks, oracle_monitors, oracle_rules, oracle_taps
 from properties.oracle_records import SH, Attachment, Ending, Node, Trouble, World
 
+from tca_wire import facts
 from tca_wire.vocabulary import Condition, Role, Scope
 
 MOST_NESTED = 8  # calls of one attachment inside one another
@@ -141,6 +142,26 @@ def _pass_over(world: World, handler: Node) -> None:
     if not had_decided:
         handler.failing.passed.add((handler.failing.attachment, handler.failing.names[0]))
         _search_on(world, handler)
+
+
+def pass_over_all(world: World) -> bool:
+    """Exception handlers that wait and that nobody handles any more cannot decide, in the order in which they came to
+    wait; whether there were any.
+    """
+    world.spared &= stranded(world)
+    if not (due := stranded(world) - world.spared):
+        return False
+    said = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
+    for node in sorted(due, key=lambda one: (one.arrival, said.index(one.id) if one.id in said else 0)):
+        if not node.killed:
+            kill(world, node)
+    return True
+
+
+def stranded(world: World) -> set[Node]:
+    """The exception handlers that wait, and that nobody handles."""
+    waiting = {node for node in world.nodes.values() if node.waiting and node.role is Role.EXCEPTION}
+    return {node for node in waiting if not world.handlers.get(node.message)}
 
 
 def _candidates(world: World, node: Node, after: Trouble | None) -> Iterator[tuple[Node, Attachment]]:

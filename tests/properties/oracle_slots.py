@@ -2,7 +2,7 @@
 next, then the one that has waited longest. Those who want to lock or reserve a resource wait in the same line.
 """
 
-from properties import oracle_locks, oracle_rules, oracle_taps
+from properties import oracle_failures, oracle_locks, oracle_rules, oracle_taps
 from properties.oracle_records import Claim, Collector, Disagreement, Job, Node, World
 
 from tca_wire import facts
@@ -212,6 +212,12 @@ def remove_handler(world: World, message: str, module: str) -> None:
                 answered(world, job, done=False)
 
 
+def is_served(world: World, message: str) -> bool:
+    """Whether somebody handles a message and has a slot for it."""
+    handlers = world.handlers.get(message, [])
+    return any((one.module, one.resource) in world.slots.values() for one in handlers)
+
+
 def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     """A connection is gone; what it was handling and did not end."""
     module = world.modules.pop(connection)
@@ -221,13 +227,16 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
         give_up(world, connection, job.number)
     oracle_locks.left(world, connection)
     is_last = module not in world.modules.values()
-    if connection not in world.slots or is_last:
+    if (is_own := connection not in world.slots) or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
+    if is_own:  # what its slots have at work ends first: what waits is spared until a module is gone
+        world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)
     if is_last:
         oracle_locks.module_left(world, module)
         world.last.pop((0, module), None)
+        world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]
     for job in orphans:
         job.slot, job.nested = "", False
