@@ -13,7 +13,6 @@ from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, T
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import kill_reason
 
 
 class History(Notes):
@@ -141,6 +140,7 @@ class History(Notes):
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
         self._unqueue(fact.id)
+        self._number(fact)
         queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
@@ -148,6 +148,10 @@ class History(Notes):
         if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
             message.queueings.append(queueing)
             self._touch(message.id)
+
+    def _number(self, fact: facts.Queued | facts.Delivered) -> None:
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet
@@ -163,6 +167,7 @@ class History(Notes):
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
         self._unqueue(fact.id)
+        self._number(fact)
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         handling.delivery = fact.id
@@ -232,7 +237,8 @@ class History(Notes):
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            self._change(task, "killed", kill_reason(fact.why, fact.by))
+            self._change(task, "killed", fact.why)
+            self._change(task, "killed_by", fact.by)
             self._end_suspension(task)
             self._unqueue(fact.task)
 

@@ -39,6 +39,8 @@ class Past:
         self.births = array("d")
         """When each task was sent."""
         self.messages: dict[int, Message] = {}
+        self.message_of: dict[int, int] = {}
+        """For each delivery that has a number of its own its message: of retries, and of what goes to many."""
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.modules: dict[str, ModuleRecord] = {}
@@ -90,10 +92,14 @@ class Past:
         claim = self.claims.get(message_id)
         return str(claim) if claim else f"{self.name(message_id)} {{{message_id}}}"
 
-    def name(self, message_id: int) -> str:
-        """A message's name."""
-        message = self.messages.get(message_id)
+    def name(self, number: int) -> str:
+        """The name of a message, or of the message of a delivery."""
+        message = self.delivered(number)
         return message.name if message else UNKNOWN
+
+    def delivered(self, delivery: int) -> Message | None:
+        """The message of a delivery."""
+        return self.messages.get(self.message_of.get(delivery, delivery))
 
     def place(self, clock: float) -> int:
         """How many entries say that they are no later than *clock*."""

@@ -8,7 +8,7 @@ from typing import Any
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
-from tca_wire.wording import place
+from tca_wire.wording import kill_reason, place
 
 
 class State(StrEnum):
@@ -187,6 +187,13 @@ class Message:
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
 
+    def was(self, name: str, moment: float) -> Any:
+        """What one of its fields was at a moment."""
+        for time, field_name, old in self.changes:
+            if time > moment and field_name == name:
+                return old
+        return getattr(self, name)
+
     def became(self, name: str) -> list[tuple[float, Any]]:
         """What was written over one of its fields, and when, oldest first."""
         written = [(time, old) for time, field_name, old in self.changes if field_name == name]
@@ -213,7 +220,9 @@ class Task(Message):
     """The constraints on moments of this task."""
     reached: dict[Moment, float] = field(default_factory=dict)
     killed: str | None = None
-    """Why it was killed, and by whom."""
+    """Why it was killed, as central gave it."""
+    killed_by: str = ""
+    """The module that wanted it killed, or "central" ("": the journal does not tell)."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)
@@ -227,6 +236,11 @@ class Task(Message):
     """When it was retried, by whom, and whether with other data."""
     states: list[tuple[float, State]] = field(default_factory=list)
     """From when on it was in which state."""
+
+    @property
+    def why_killed(self) -> str | None:
+        """Why, and by whom; None if it was not killed."""
+        return None if self.killed is None else kill_reason(self.killed, self.killed_by)
 
     @property
     def suspension(self) -> Suspension | None:

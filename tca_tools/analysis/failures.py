@@ -171,7 +171,7 @@ def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple
     if after:
         case.fate = Fate.DEALT_WITH if mine else Fate.NOT_HANDLED
     else:
-        case.fate, case.why = _fate(task, bool(mine)), task.killed or ""
+        case.fate, case.why = _fate(task, bool(mine)), task.why_killed or ""
 
 
 def _fate(task: Task, was_caught: bool) -> Fate:

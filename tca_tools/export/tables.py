@@ -64,7 +64,7 @@ def _tasks(past: Past) -> Iterator[Row]:
         depths[task.id] = depths.get(task.parent, 0) + 1
         reached = [task.reached.get(moment) for moment in MOMENTS]
         known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
-        yield *known, *reached, task.killed, task.is_suspended
+        yield *known, *reached, task.killed, task.killed_by or None, task.is_suspended
 
 
 def _states(past: Past) -> Iterator[Row]:
@@ -137,7 +137,7 @@ TABLES = (
         {
             "id": _INT, "name": _TEXT, "parent": _INT, "depth": _INT, "state": _TEXT,
             **{describe_moments(moment)[0].replace(" ", "_"): _SECONDS for moment in MOMENTS},
-            "killed": _TEXT, "suspended": _FLAG,
+            "killed": _TEXT, "killed_by": _TEXT, "suspended": _FLAG,
         },
         _tasks,
     ),

@@ -19,9 +19,8 @@ class Recording:
         """The entries of each event: one, or several of the same number."""
         self.failures: list[int] = []
         """The places at which something failed."""
-        self._copies: dict[int, int] = {}
         self.past: Past = History.until(self._kept(entries))
-        self.wording = Wording(lambda number: self.past.name(self._copies.get(number, number)))
+        self.wording = Wording(self.past.name)
         self.depths = _depths(self.past)
         self.sizes = _sizes(self.past)
 
@@ -33,9 +32,7 @@ class Recording:
                 number = entry.number
             self.events[-1].append(entry)
             for fact in entry.facts:
-                if isinstance(fact, facts.Delivered | facts.Queued) and fact.id != fact.message_id:
-                    self._copies[fact.id] = fact.message_id
-                elif isinstance(fact, facts.Failed) and self.failures[-1:] != [len(self.events) - 1]:
+                if isinstance(fact, facts.Failed) and self.failures[-1:] != [len(self.events) - 1]:
                     self.failures.append(len(self.events) - 1)
             yield entry
 

@@ -30,7 +30,7 @@ def failure_chain(past: Past, number: TaskId) -> list[Link]:
     waiting: list[tuple[Message, int]] = [(task, 0)]
     seen = {task.id}
     if not _raised(task) and task.killed is not None:
-        links.append(Link(_changed(task, "killed"), 0, f"{task} was killed: {task.killed}"))
+        links.append(Link(_changed(task, "killed"), 0, f"{task} was killed: {task.why_killed}"))
         waiting = [(culprit, 1) for culprit in _culprits(past, task)]
     while waiting and len(links) < _MOST_LINKS:
         message, depth = waiting.pop()
@@ -81,7 +81,7 @@ def _end(task: Task) -> str:
     if task.state is State.RECOVERING:
         return f"{task} is being recovered"
     if task.killed is not None:
-        return f"{task} was killed: {task.killed}"
+        return f"{task} was killed: {task.why_killed}"
     if task.state is State.FAILED:
         return f"{task}: nobody dealt with its failure"
     return f"{task}: its failure was dealt with" if task.is_dealt_with else f"{task}: {task.state} after all"

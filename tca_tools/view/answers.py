@@ -78,7 +78,7 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
         "how": waits_how(task),
         "since": waits_since(task),
         "failure": task.failure,
-        "killed": task.killed,
+        "killed": task.why_killed,
         "data": data_text(task.body),
         "result": data_text(task.result),
         "failure_data": data_text(task.failure_data),

@@ -41,6 +41,14 @@ def test_messages_and_tasks() -> None:
     assert rows(history, "tasks")[0]["killed"].startswith("failure 'terrain collision'")
 
 
+def test_who_killed_a_task_has_a_column_of_its_own() -> None:
+    story = Story().at(1.0)
+    for by in ("user", "central", ""):
+        story.say(facts.Killed(TaskId(story.goal("walk", "user")), "it rains", by))
+    told = [(row["killed"], row["killed_by"]) for row in rows(story.fold(), "tasks")]
+    assert told == [("it rains", "user"), ("it rains", "central"), ("it rains", None)]
+
+
 def test_states_handlings_queueings_and_waits() -> None:
     history = walking().fold()
     second = [(row["state"], row["start"], row["end"]) for row in rows(history, "states") if row["task"] == 3]

@@ -61,7 +61,8 @@ def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Even
 
 def _failures_and_kills(trace: Trace, track: Track, span: Span, task: Task) -> list[Event]:
     news = [(time, "failed", {"failure": text}) for time, text in task.became("failure") if text]
-    news += [(time, "killed", {"why": why}) for time, why in task.became("killed") if why is not None]
+    kills = [(time, why) for time, why in task.became("killed") if why is not None]
+    news += [(time, "killed", {"why": why, "by": task.was("killed_by", time) or None}) for time, why in kills]
     found = []
     for time, name, details in news:
         place = int(min(trace.nanoseconds(time), span.last))
