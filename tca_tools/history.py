@@ -122,6 +122,7 @@ class History(Notes):
             return
         known = (fact.id, fact.message, fact.message_class, fact.sender, fact.origin, self.time, fact.body)
         by = self._deliveries.get(fact.origin)
+        by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
         if fact.message_class.is_task:
             self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
             self._constrain(fact)
@@ -193,9 +194,16 @@ class History(Notes):
         start = min(max(0.0, end - fact.seconds), end)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
         handling.direct_from = fact.sender
+        handling.by = self._run_of(fact.origin, fact.sender)
         self.handlings.append(handling)
         self.news.append(handling)
         self._module(fact.module).resources.setdefault(fact.resource, 1)
+
+    def _run_of(self, delivery: int, module: str) -> Handling | None:
+        """The run of a module's handler that a delivery stood for: it may be over when central is told of that."""
+        message = self.delivered(delivery)
+        runs = reversed(message.handlings) if message else ()
+        return next((run for run in runs if run.delivery == delivery and run.module == module), None)
 
     def _direct_lost(self, fact: facts.LostDirectly) -> None:
         self.lost_directly[fact.message] = self.lost_directly.get(fact.message, 0) + fact.number

@@ -56,11 +56,12 @@ class Notes(Past):
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
+            task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
                 task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, by=above.by))
         else:
-            task.parent = ROOT
+            task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))
 
     def _suspend(self, top: Task, by: str) -> None:

@@ -68,6 +68,8 @@ class Handling:
     waits: list[Wait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
+    by: "Handling | None" = field(default=None, repr=False, compare=False)
+    """Of such a message the run of a handler that sent it."""
     delivery: int = 0
     """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
 
@@ -215,6 +217,8 @@ class Task(Message):
     """A message that is a node of the task tree."""
 
     parent: TaskId = ROOT
+    top: TaskId = ROOT
+    """The top-level task above it, or itself."""
     children: list[TaskId] = field(default_factory=list)
     holds: list[Hold] = field(default_factory=list)
     """The constraints on moments of this task."""

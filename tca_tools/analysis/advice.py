@@ -12,7 +12,8 @@ from typing import NamedTuple
 from tca_tools.analysis.causes import Doing, Step
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
-from tca_tools.analysis.failures import GOOD_FATES, Kind
+from tca_tools.analysis.failures import Kind
+from tca_tools.coping import GOOD_FATES
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Cover

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
+from tca_tools.coping import ENDED_TASKS, Fate, fate
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.selection import lineage, subtree
@@ -62,7 +63,7 @@ def _links_of(past: Past, message: Message, depth: int) -> Iterator[Link]:
     if isinstance(message, Task):
         told += _recoveries(past, message, depth)
     yield from sorted(told, key=lambda link: link.time)
-    if isinstance(message, Task) and (end := _end(message)):
+    if isinstance(message, Task) and (end := _end(past, message)):
         yield Link(message.states[-1][0], depth, end)
 
 
@@ -74,17 +75,17 @@ def _recoveries(past: Past, task: Task, depth: int) -> Iterator[Link]:
             yield Link(handler.received, depth, f"exception handler {handler} was called{by}{how}")
 
 
-def _end(task: Task) -> str:
+def _end(past: Past, task: Task) -> str:
     """What became of it, if it failed."""
-    if not _raised(task):
+    if not (raised := _raised(task)):
         return ""
-    if task.state is State.RECOVERING:
+    became = fate(past, task, raised[-1][0])
+    if became is Fate.OPEN:
         return f"{task} is being recovered"
-    if task.killed is not None:
-        return f"{task} was killed: {task.why_killed}"
-    if task.state is State.FAILED:
-        return f"{task}: nobody dealt with its failure"
-    return f"{task}: its failure was dealt with" if task.is_dealt_with else f"{task}: {task.state} after all"
+    if became not in ENDED_TASKS:
+        return f"{task}: its failure was dealt with" if became is Fate.DEALT_WITH else f"{task}: {task.state} after all"
+    end = f"{task}: nobody dealt with its failure" if task.killed is None else f"{task} was killed: {task.why_killed}"
+    return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
 
 
 def _causes(past: Past, message: Message) -> list[Message]:
