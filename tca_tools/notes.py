@@ -6,7 +6,7 @@ history.py says which fact writes what.
 from collections.abc import Iterator
 
 from tca_tools.past import UNKNOWN, Past
-from tca_tools.records import Handling, Message, ModuleRecord, Suspension, Task
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
 
@@ -16,6 +16,8 @@ class Notes(Past):
 
     def __init__(self) -> None:
         super().__init__()
+        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
+        """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
 

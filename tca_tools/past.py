@@ -5,7 +5,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from math import inf
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task, Wait
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -44,8 +44,6 @@ class Past:
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.modules: dict[str, ModuleRecord] = {}
-        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
-        """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}

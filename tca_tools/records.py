@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 from tca_wire.constraints import Constraint
@@ -195,6 +196,11 @@ class Message:
             if time > moment and field_name == name:
                 return old
         return getattr(self, name)
+
+    def written(self, name: str, moment: float = inf) -> float:
+        """When one of its fields was last written over, until a moment; else when it was sent."""
+        times = (time for time, field_name, _ in reversed(self.changes) if field_name == name and time <= moment)
+        return next(times, self.received)
 
     def became(self, name: str) -> list[tuple[float, Any]]:
         """What was written over one of its fields, and when, oldest first."""

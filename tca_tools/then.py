@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import islice
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Hold, Queueing, State, Suspension, Task, Wait

@@ -19,7 +19,6 @@ from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
-
 _RECEIVED, _START = attrgetter("received"), attrgetter("start")
 _OF_CENTRAL = NOT_BY_CHOICE - {HANDLER_ERROR, BAD_DATA}
 """Failures that central itself raises, where no handler has failed with them."""

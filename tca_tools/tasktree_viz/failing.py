@@ -31,7 +31,7 @@ def failure_chain(past: Past, number: TaskId) -> list[Link]:
     waiting: list[tuple[Message, int]] = [(task, 0)]
     seen = {task.id}
     if not _raised(task) and task.killed is not None:
-        links.append(Link(_changed(task, "killed"), 0, f"{task} was killed: {task.why_killed}"))
+        links.append(Link(task.written("killed"), 0, f"{task} was killed: {task.why_killed}"))
         waiting = [(culprit, 1) for culprit in _culprits(past, task)]
     while waiting and len(links) < _MOST_LINKS:
         message, depth = waiting.pop()
@@ -52,10 +52,6 @@ def _raised(message: Message) -> list[tuple[float, str]]:
         if new:
             found.append((time, str(new)))
     return found
-
-
-def _changed(message: Message, name: str) -> float:
-    return next((time for time, field, _ in reversed(message.changes) if field == name), message.received)
 
 
 def _links_of(past: Past, message: Message, depth: int) -> Iterator[Link]:
@@ -106,7 +102,7 @@ def _is_named(cause: Message, failed: Message) -> bool:
 def _culprits(past: Past, task: Task) -> list[Task]:
     """Whose failure, not dealt with, killed the tree that a task was in: who is named there, or the last one before."""
     top = lineage(past, TaskId(task.id))[-1]
-    killed = _changed(task, "killed")
+    killed = task.written("killed")
     found = [
         (raised[-1][0], past.tasks[number])
         for number in subtree(past, [top])
