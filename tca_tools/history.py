@@ -141,7 +141,8 @@ class History(Notes):
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
         self._unqueue(fact.id)
-        self._number(fact)
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
         queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
@@ -149,10 +150,6 @@ class History(Notes):
         if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
             message.queueings.append(queueing)
             self._touch(message.id)
-
-    def _number(self, fact: facts.Queued | facts.Delivered) -> None:
-        if fact.id != fact.message_id:
-            self.message_of[fact.id] = fact.message_id
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet
@@ -168,7 +165,8 @@ class History(Notes):
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
         self._unqueue(fact.id)
-        self._number(fact)
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         handling.delivery = fact.id

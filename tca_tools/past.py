@@ -92,7 +92,7 @@ class Past:
 
     def name(self, number: int) -> str:
         """The name of a message, or of the message of a delivery."""
-        message = self.delivered(number)
+        message = self.messages.get(number) or self.delivered(number)
         return message.name if message else UNKNOWN
 
     def delivered(self, delivery: int) -> Message | None:

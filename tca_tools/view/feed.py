@@ -115,14 +115,13 @@ class Feed:
         for fact in entry.facts:
             if isinstance(fact, Received) and fact.id in history.messages:
                 self._names.setdefault(fact.message)
-        self._tell_failures(entry)
+        self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good)
 
-    def _tell_failures(self, entry: Entry) -> None:
-        for fact in entry.facts:
-            if isinstance(fact, Failed):
-                self._tell_failed(fact)
+    def _tell_failures(self, failed: list[Failed]) -> None:
+        for fact in failed:
+            self._tell_failed(fact)
         for run, span in self._ended_badly:  # of which there is no such fact
             self._tell_failure(failing(self.history, run), 0, self.history.time if run.end is None else run.end, span)
         self._ended_badly.clear()

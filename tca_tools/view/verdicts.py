@@ -16,8 +16,10 @@ class Verdicts:
         """Those of which it is not settled: what failed, and when."""
         self._good: set[int] = set()
         """Those of them after which the run went on, as it was told last."""
-        self._hinged: dict[tuple[int, bool], dict[int, None]] = {}
-        """Which failures hinge on a record, by its identity: on each change of it, or (True) on its end."""
+        self._on_change: dict[int, dict[int, None]] = {}
+        """Which failures hinge on a record, by its identity."""
+        self._on_end: dict[int, dict[int, None]] = {}
+        """Which hinge on a task's end."""
         self._new: dict[int, None] = {}
 
     def follow(self, number: int, failed: Failing, time: float) -> None:
@@ -29,9 +31,11 @@ class Verdicts:
         """The failures of which it is otherwise than it was, now that so many records have changed."""
         again, self._new = self._new, {}
         for record in news:
-            again |= self._hinged.pop((id(record), False), {})
-            if isinstance(record, Task) and record.state in OVER:
-                again |= self._hinged.pop((id(record), True), {})
+            key = id(record)
+            if key in self._on_change:
+                again |= self._on_change.pop(key)
+            if key in self._on_end and isinstance(record, Task) and record.state in OVER:
+                again |= self._on_end.pop(key)
         for number in again:
             if number in self._failures:
                 yield from self._look_at(number, *self._failures[number])
@@ -43,7 +47,7 @@ class Verdicts:
         (self._good.add if is_good else self._good.discard)(number)
         open_still = hinges(self._past, failed, time)
         for record, at_end in open_still:
-            self._hinged.setdefault((id(record), at_end), {})[number] = None
+            (self._on_end if at_end else self._on_change).setdefault(id(record), {})[number] = None
         if not open_still:
             del self._failures[number]
             self._good.discard(number)
