@@ -41,6 +41,7 @@ def check_invariants(central: State) -> None:
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders.get(task.id, set()), f"{task}"
         _check_delivery(central, task)
         _check_suspension(central, task)
+    _check_watches(central)
     root_children = tree.root.children or {}
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
     _check_resources(central)
@@ -54,6 +55,12 @@ def check_invariants(central: State) -> None:
     _check_variables(central)
     _check_kept(central)
     _check_routes(central)
+
+
+def _check_watches(central: State) -> None:
+    """Exactly those monitors are known that watch, or are still to."""
+    watches = (task.rare.watch for task in central.tree.tasks.values() if task.rare and task.rare.watch)
+    assert central.watches == {watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)}
 
 
 def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict[int, set[tuple[int, int, int]]]]:

@@ -15,7 +15,7 @@ from tca_central.making import data_for, make, make_delivery
 from tca_central.registry import Connection
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
-from tca_central.watching import Watch, end_watch, stop
+from tca_central.watching import Watch, end_watch, enlist, stop
 from tca_wire import facts, headers
 from tca_wire.failures import OVERLOAD
 from tca_wire.formats import NIL
@@ -65,6 +65,7 @@ def start(central: State, task: Task) -> None:
         return
     if watch.is_over:  # it is retried
         watch = task.more.watch = Watch(task, watch.options, watch.parts)
+        enlist(central, task)
     watch.began = central.clock.now
     central.agenda.started(task)
     central.agenda.happened.append((task, DELIVERED))

@@ -27,7 +27,7 @@ from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
-from tca_central.watching import become_monitor, check_options, ends_by_itself
+from tca_central.watching import become_monitor, check_options, ends_by_itself, enlist
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.failures import OVERLOAD
@@ -151,6 +151,7 @@ def _route_task(
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
+    enlist(central, task)
     for attachment in header.attachments:
         attach(central, attachment, task, connection.module.called)
     if header.keep:

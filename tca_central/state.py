@@ -95,6 +95,7 @@ class State:
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.attached: dict[int, Attached] = {}  #: all exception handlers, by id
         self.taps: dict[int, Tap] = {}  #: all wiretaps, by id
+        self.watches: dict[int, Any] = {}  #: the monitors that watch or are still to, by their tasks' ids
         self.asked: dict[int, Any] = {}  #: by delivery, the monitors whose conditions are being tested
         self.suspects: deque[Delivery | Claim[Connection] | tuple[Connection, int]] = (
             deque()

@@ -201,10 +201,10 @@ def variables(central: State) -> list[dict[str, Any]]:
     return found
 
 
-def attached(central: State) -> dict[str, list[dict[str, Any]]]:
-    """The exception handlers, wiretaps and monitors in force, oldest first, at most SHOWN_TASKS of each (of monitors:
-    those among the SHOWN_TASKS oldest tasks). A *task* of 0 without a *message* is the root; a *failure* of "" is any.
-    *gone* are those of the modules that have left.
+def attached(central: State) -> dict[str, Any]:
+    """The exception handlers, wiretaps and monitors in force, oldest first (of monitors those that are handled again
+    last), at most SHOWN_TASKS of each, and in "totals" how many there are. A *task* of 0 without a *message* is the
+    root; a *failure* of "" is any. *gone* are those of the modules that have left.
     """
     programs = {module.called for module in central.registry.modules.values()}
     handlers = [
@@ -233,14 +233,12 @@ def attached(central: State) -> dict[str, list[dict[str, Any]]]:
         }
         for tap in itertools.islice(central.taps.values(), SHOWN_TASKS)
     ]
-    oldest = itertools.islice(central.tree.tasks.values(), SHOWN_TASKS)
-    monitors = [_monitor(central, task) for task in oldest if _watches(task)]
-    return {"exception_handlers": handlers, "wiretaps": wiretaps, "monitors": monitors}
-
-
-def _watches(task: Task) -> bool:
-    watch = task.rare.watch if task.rare is not None else None
-    return watch is not None and not watch.is_over
+    watches = itertools.islice(central.watches.values(), SHOWN_TASKS)
+    monitors = [_monitor(central, watch.task) for watch in watches]
+    totals = {
+        "exception_handlers": len(central.attached), "wiretaps": len(central.taps), "monitors": len(central.watches)
+    }  # fmt: skip
+    return {"exception_handlers": handlers, "wiretaps": wiretaps, "monitors": monitors, "totals": totals}
 
 
 def _monitor(central: State, task: Task) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from tca_central.making import data_for, make_statement, make_task
 from tca_central.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.state import State, involved
 from tca_central.task_tree import Task, taps_of
-from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself
+from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself, enlist
 from tca_wire import facts, headers
 from tca_wire.formats import NO_DATA, first_difference
 from tca_wire.headers import Accepted
@@ -287,4 +287,5 @@ def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
             options = replace(options, until=Point(TaskId(tapped.id), _WHILE[tap.condition]))
     if tap.listener.message_class.is_monitor:
         become_monitor(central, listener, options)
+        enlist(central, listener)
     return listener

@@ -84,11 +84,18 @@ def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
     task.more.watch = Watch(task, options, parts)
 
 
+def enlist(central: State, task: Task) -> None:
+    """A new task has its place in the tree: a monitor is known among those that watch, or are still to, if it lives."""
+    if task.message.message_class.is_monitor and not task.killed:
+        central.watches[task.id] = task.more.watch
+
+
 def stop(central: State, watch: Watch, why: str) -> None:
     """Watch no longer; what the monitor has sent comes to its own end."""
     if watch.is_over:
         return
     watch.is_over = True
+    central.watches.pop(watch.task.id, None)
     for timer in watch.timers:
         central.clock.cancel(timer)
     if watch.waits_for is not None:

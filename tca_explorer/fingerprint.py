@@ -36,7 +36,7 @@ IGNORED = {
         "suspects", "blocked", "look_after", "look_effort", "next_look",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
-        "asked",  # met as the conditions of monitors
+        "asked", "watches",  # met as the conditions of monitors, and at their tasks
     },
     "TaskTree": {
         "newest", "tasks",  # ids are only names; all tasks are met as children

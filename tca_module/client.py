@@ -102,7 +102,8 @@ class Client(Sender):
 
     def status(self, topic: Topic = "status", *, timeout: float | None = ACKNOWLEDGED_WITHIN) -> Any:
         """What central knows of a topic, as plain values: "status", "modules", "messages", "tree", "variables",
-        "load" (how busy everything is, and who waits longest) or "attached" (exception handlers and wiretaps).
+        "load" (how busy everything is, and who waits longest) or "attached" (exception handlers, wiretaps
+        and monitors; at most 10 000 of each, with how many there are).
 
         Raises Timeout if it does not say so within *timeout* seconds (None: waits for ever).
         """

@@ -139,7 +139,15 @@ def attached(client: Client) -> tuple[Any, str]:
         _table(["number", "monitor", "under", "sent by"], monitors),
     ]
     texts = ["\n".join(table) for table in tables if len(table) > 1]
+    texts += [f"only these are told: there are {cut}"] if (cut := attached_in_all(known)) else []
     return known, "\n\n".join(texts) or "no exception handlers, wiretaps or monitors"
+
+
+def attached_in_all(known: dict[str, Any]) -> str:
+    """Of what so much is attached that central does not tell all, how many there are: "12,000 monitors"; "" if none."""
+    totals: dict[str, int] = known["totals"]
+    cut = [f"{number:,} {kind.replace('_', ' ')}" for kind, number in totals.items() if number > len(known[kind])]
+    return ", ".join(cut)
 
 
 def attached_to(one: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ import click
 
 from tca_module.client import Client
 from tca_module.command_parts import SECONDS, central_option, printable, talking
-from tca_module.commands import attached_to
+from tca_module.commands import attached_in_all, attached_to
 from tca_module.errors import Refused
 from tca_module.task_handle import TaskHandle, TaskInfo
 from tca_wire.declarations import Failure
@@ -160,11 +160,17 @@ class _Attached(NamedTuple):
 
 def _find_attached(client: Client, what: str) -> _Attached:
     """What is attached under that number or name. Raises ClickException if that means nothing, or many."""
-    there = _all_attached(client)
+    known = client.status("attached")
+    there, cut = _all_attached(known), attached_in_all(known)
     number = int(what) if what.isdecimal() and what.isascii() else None
+    if cut and number is None:
+        msg = f"there are {cut}, of which central tells only the first by name: give the number of what you mean"
+        raise click.ClickException(msg)
     found = [one for one in there if (one.name == what if number is None else one.number == number)]
     if len(found) == 1:
         return found[0]
+    if cut and number is not None:  # it may be one of those that are not told
+        return _Attached(min(number, _HIGHEST), "", f"number {number}")
     if found:
         msg = f"{len(found)} that are attached are called '{what}': give the number of one, {_listed(found)}"
     else:
@@ -173,8 +179,7 @@ def _find_attached(client: Client, what: str) -> _Attached:
     raise click.ClickException(printable(msg))
 
 
-def _all_attached(client: Client) -> list[_Attached]:
-    known = client.status("attached")
+def _all_attached(known: dict[str, Any]) -> list[_Attached]:
     found = []
     for one in known["exception_handlers"]:
         failure = f"failure '{one['failure']}'" if one["failure"] else "any failure"

@@ -1,67 +1,155 @@
-"""Whether the run went on after a failure: its task was handled again or dealt with, or who had asked coped with it.
+"""What became of a failure, and whether the run went on after it. All tools ask here.
 
-Of a query that fails the sender is told; what he makes of it, the facts show: his handler ends well, or fails too, and
-then it depends on what became of that. A program outside of any handler is told, and nothing fails with it.
+A task's failure is followed through the task's states. Of a query that fails the sender is told; what he makes of it,
+the facts show: his handler ends well, or fails too, and then it depends on what became of that. A program outside of
+any handler is told, and nothing fails with it. Pure; each step is O(log) of what happened to one message.
 """
 
-from bisect import bisect_right
-from operator import itemgetter
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from enum import StrEnum
+from operator import attrgetter, itemgetter
 
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, State, Task
 from tca_wire.vocabulary import Outcome, Role
 
-_SINCE = itemgetter(0)
+_SINCE, _START = itemgetter(0), attrgetter("start")
+_UNDECIDED = (State.RECOVERING, State.FAILED)
+"""States in which a failure leaves its task first; what comes after them decides."""
+
+Failing = Message | Handling
+"""What fails: a message; or the run of a handler, of what is no message that central knows."""
 
 
-def went_on(past: Past, message: Message, time: float) -> bool:
+class Fate(StrEnum):
+    """What became of a failure."""
+
+    RETRIED = "retried"
+    DEALT_WITH = "dealt with"
+    REPLACED = "replaced"  # the task was killed, and in the end the top-level task was achieved without it
+    KILLED = "killed"  # an exception handler was called, and the task was killed
+    NOT_HANDLED = "not handled"  # no exception handler was found
+    COPED = "told to the asker, who went on"  # of a query
+    TOLD = "told to the asker"  # a program outside of handlers: with that nothing fails
+    ANSWERED = "told to the asker, who failed"  # and nobody handled that
+    UNTOLD = "told to nobody"  # of an inform or the like
+    OPEN = "open"  # not decided when the journal ended
+
+
+GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.COPED, Fate.TOLD)
+"""After these the robot went on, as far as the journal tells."""
+ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
+"""With these the task that failed came to its end."""
+
+
+def fate(past: Past, failed: Failing, time: float) -> Fate:
+    """What became of a failure at *time*, as far as the records go."""
+    if isinstance(failed, Task):
+        return _of_task(past, failed, time)
+    if not _has_asker(past, failed):
+        return Fate.UNTOLD
+    if failed.by is None and _monitor(past, failed) is None:
+        return Fate.TOLD
+    return Fate.COPED if went_on(past, failed, time) else Fate.ANSWERED
+
+
+def went_on(past: Past, failed: Failing, time: float) -> bool:
     """Whether the run went on, or still may, after what failed at *time*."""
-    while not isinstance(message, Task):
-        if message.role is Role.CONDITION and (monitor := past.tasks.get(message.about)):
-            message = monitor
-            continue
-        if not message.message_class.has_reply:
-            return False  # nobody is told
-        run = message.by
-        if run is None or run.outcome is not Outcome.FAILED:
-            return True
-        asker = past.messages.get(run.message_id)
-        if asker is None:
-            return False
-        message, time = asker, run.end or time  # older than what it asked, so this ends
-    return _is_handled(message, time)
+    *_, (last, when) = _passed_on(past, failed, time)
+    if isinstance(last, Task):
+        return _has_failed(last) and _of_task(past, last, when) in (*GOOD_FATES, Fate.OPEN)
+    return _has_asker(past, last)
 
 
 def has_coped(past: Past, handling: Handling) -> bool:
     """The same of the run of a handler that failed."""
-    message = past.messages.get(handling.message_id)
-    if message is not None:
-        return handling.end is not None and went_on(past, message, handling.end)
-    known = past.formats.get(handling.name)  # it came directly, or is one of many copies
+    return handling.end is not None and went_on(past, failing(past, handling), handling.end)
+
+
+def failing(past: Past, handling: Handling) -> Failing:
+    """What has failed if the run of a handler has: its message, unless that came directly."""
+    return past.messages.get(handling.message_id) or handling
+
+
+def hinges(past: Past, failed: Failing, time: float) -> list[tuple[Task | Handling, bool]]:
+    """What may still change whether the run went on: when this changes or (True) is over. Nothing: that is settled."""
+    *_, (last, when) = _passed_on(past, failed, time)
+    if not isinstance(last, Task):
+        return [(last.by, False)] if last.by is not None and last.by.end is None else []
+    if _of_task(past, last, when) in (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED):
+        return []
+    top = past.tasks[last.top]
+    return [(last, False), (top, True)]
+
+
+def told_to(past: Past, failed: Failing, time: float) -> str:
+    """Who is told of the failure of a query, and what came of it: "told to chef, who went on"."""
+    if not _has_asker(past, failed):
+        return ""
+    if isinstance(failed, Message) and failed.role is Role.CONDITION:
+        return f"told to central, for {past.describe(failed.about)}"
+    sender = failed.sender if isinstance(failed, Message) else failed.direct_from
+    if failed.by is None:
+        return f"told to {sender}"
+    asker = past.describe(failed.by.message_id)
+    if failed.by.end is None:
+        return f"told to {sender}, whose handler of {asker} still runs"
+    if failed.by.outcome is not Outcome.FAILED:
+        return f"told to {sender}, whose handler of {asker} went on"
+    after = ", and that was handled" if went_on(past, failed, time) else ""
+    return f"told to {sender}, whose handler of {asker} failed then{after}"
+
+
+def _passed_on(past: Past, failed: Failing, time: float) -> Iterator[tuple[Failing, float]]:
+    """What failed, and what failed with it, when: as far as a task, or who was told and did not fail."""
+    while True:
+        yield failed, time
+        if isinstance(failed, Task):
+            return
+        run = failed.by
+        if monitor := _monitor(past, failed):
+            failed = monitor
+        elif run is not None and run.outcome is Outcome.FAILED and _has_asker(past, failed):
+            failed, time = failing(past, run), run.end or time  # older than what it asked, so this ends
+        else:
+            return
+
+
+def _has_asker(past: Past, failed: Failing) -> bool:
+    """Whether somebody is told."""
+    if isinstance(failed, Message):
+        return failed.message_class.has_reply
+    known = past.formats.get(failed.name)
     return known is not None and known.message_class.has_reply
 
 
-def told_to(past: Past, message: Message, time: float) -> str:
-    """Who is told of the failure of a query, and what came of it: "told to chef, who went on"."""
-    if not message.message_class.has_reply:
-        return ""
-    if message.role is Role.CONDITION:
-        return f"told to central, for {past.describe(message.about)}"
-    if message.by is None:
-        return f"told to {message.sender}"
-    asker = past.describe(message.by.message_id)
-    if message.by.end is None:
-        return f"told to {message.sender}, whose handler of {asker} still runs"
-    if message.by.outcome is not Outcome.FAILED:
-        return f"told to {message.sender}, whose handler of {asker} went on"
-    after = ", and that was handled" if went_on(past, message, time) else ""
-    return f"told to {message.sender}, whose handler of {asker} failed then{after}"
+def _monitor(past: Past, failed: Failing) -> Task | None:
+    """The monitor whose condition it is."""
+    return past.tasks.get(failed.about) if isinstance(failed, Message) and failed.role is Role.CONDITION else None
 
 
-def _is_handled(task: Task, time: float) -> bool:
-    """Not if a task ended with its failure."""
-    if not task.failure and not any(name == "failure" for _, name, _ in task.changes):
-        return False
-    place = max(bisect_right(task.states, time, key=_SINCE) - 1, 0)
-    after = (state for _, state in task.states[place:] if state is not State.RECOVERING)
-    return next(after, State.RECOVERING) not in (State.FAILED, State.KILLED)
+def _has_failed(task: Task) -> bool:
+    return bool(task.failure) or any(name == "failure" for _, name, _ in task.changes)
+
+
+def _of_task(past: Past, task: Task, time: float) -> Fate:
+    """By the first state that decides: killed, or one in which the task goes on, or has ended well."""
+    first = max(bisect_right(task.states, time, key=_SINCE) - 1, 0)
+    decided = next((place for place in range(first, len(task.states)) if task.states[place][1] not in _UNDECIDED), None)
+    if decided is None and task.states[-1][1] is State.RECOVERING:
+        return Fate.OPEN
+    if decided is not None and task.states[decided][1] is not State.KILLED:
+        return Fate.RETRIED if _was_begun_again(task, time, task.states[decided][0]) else Fate.DEALT_WITH
+    if task.top != task.id and past.tasks[task.top].state is State.ACHIEVED:
+        return Fate.REPLACED
+    handlers = (past.tasks[one] for one in reversed(task.caught_by) if one in past.tasks)
+    last = next(handlers, None)
+    return Fate.KILLED if last is not None and last.received >= time else Fate.NOT_HANDLED
+
+
+def _was_begun_again(task: Task, time: float, end: float) -> bool:
+    """Whether it was to be handled again, or was, after *time* and until *end*."""
+    again = task.retries[bisect_right(task.retries, time, key=_SINCE) :][:1]
+    runs = task.handlings[bisect_left(task.handlings, time, key=_START) :][:1]
+    return any(when <= end for when in (*(one[0] for one in again), *(run.start for run in runs)))

@@ -13,7 +13,6 @@ from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, T
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import kill_reason
 
 
 class History(Notes):
@@ -123,6 +122,7 @@ class History(Notes):
             return
         known = (fact.id, fact.message, fact.message_class, fact.sender, fact.origin, self.time, fact.body)
         by = self._deliveries.get(fact.origin)
+        by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
         if fact.message_class.is_task:
             self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
             self._constrain(fact)
@@ -141,6 +141,8 @@ class History(Notes):
     def _queue(self, fact: facts.Queued) -> None:
         self._finish(fact.id)  # its handler left, and it waits for the next
         self._unqueue(fact.id)
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
         queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
         self._queued[fact.id] = queueing
         self.queueings.append(queueing)
@@ -163,6 +165,8 @@ class History(Notes):
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
         self._unqueue(fact.id)
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
         message = self.messages.get(fact.message_id)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         handling.delivery = fact.id
@@ -188,9 +192,16 @@ class History(Notes):
         start = min(max(0.0, end - fact.seconds), end)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
         handling.direct_from = fact.sender
+        handling.by = self._run_of(fact.origin, fact.sender)
         self.handlings.append(handling)
         self.news.append(handling)
         self._module(fact.module).resources.setdefault(fact.resource, 1)
+
+    def _run_of(self, delivery: int, module: str) -> Handling | None:
+        """The run of a module's handler that a delivery stood for: it may be over when central is told of that."""
+        message = self.delivered(delivery)
+        runs = reversed(message.handlings) if message else ()
+        return next((run for run in runs if run.delivery == delivery and run.module == module), None)
 
     def _direct_lost(self, fact: facts.LostDirectly) -> None:
         self.lost_directly[fact.message] = self.lost_directly.get(fact.message, 0) + fact.number
@@ -232,7 +243,8 @@ class History(Notes):
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            self._change(task, "killed", kill_reason(fact.why, fact.by))
+            self._change(task, "killed", fact.why)
+            self._change(task, "killed_by", fact.by)
             self._end_suspension(task)
             self._unqueue(fact.task)
 

@@ -6,7 +6,7 @@ history.py says which fact writes what.
 from collections.abc import Iterator
 
 from tca_tools.past import UNKNOWN, Past
-from tca_tools.records import Handling, Message, ModuleRecord, Suspension, Task
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
 
@@ -16,6 +16,8 @@ class Notes(Past):
 
     def __init__(self) -> None:
         super().__init__()
+        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
+        """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
 
@@ -56,11 +58,12 @@ class Notes(Past):
         if task.parent != ROOT and 0 < task.parent < task.id:
             parent = self._task(task.parent)
             parent.children.append(TaskId(task.id))
+            task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
                 task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, by=above.by))
         else:
-            task.parent = ROOT
+            task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))
 
     def _suspend(self, top: Task, by: str) -> None:

@@ -5,7 +5,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from math import inf
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task, Wait
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -39,11 +39,11 @@ class Past:
         self.births = array("d")
         """When each task was sent."""
         self.messages: dict[int, Message] = {}
+        self.message_of: dict[int, int] = {}
+        """For each delivery that has a number of its own its message: of retries, and of what goes to many."""
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.modules: dict[str, ModuleRecord] = {}
-        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
-        """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}
@@ -90,10 +90,14 @@ class Past:
         claim = self.claims.get(message_id)
         return str(claim) if claim else f"{self.name(message_id)} {{{message_id}}}"
 
-    def name(self, message_id: int) -> str:
-        """A message's name."""
-        message = self.messages.get(message_id)
+    def name(self, number: int) -> str:
+        """The name of a message, or of the message of a delivery."""
+        message = self.messages.get(number) or self.delivered(number)
         return message.name if message else UNKNOWN
+
+    def delivered(self, delivery: int) -> Message | None:
+        """The message of a delivery."""
+        return self.messages.get(self.message_of.get(delivery, delivery))
 
     def place(self, clock: float) -> int:
         """How many entries say that they are no later than *clock*."""

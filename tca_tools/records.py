@@ -3,12 +3,13 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
-from tca_wire.wording import place
+from tca_wire.wording import kill_reason, place
 
 
 class State(StrEnum):
@@ -68,6 +69,8 @@ class Handling:
     waits: list[Wait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
+    by: "Handling | None" = field(default=None, repr=False, compare=False)
+    """Of such a message the run of a handler that sent it."""
     delivery: int = 0
     """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
 
@@ -187,6 +190,18 @@ class Message:
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
 
+    def was(self, name: str, moment: float) -> Any:
+        """What one of its fields was at a moment."""
+        for time, field_name, old in self.changes:
+            if time > moment and field_name == name:
+                return old
+        return getattr(self, name)
+
+    def written(self, name: str, moment: float = inf) -> float:
+        """When one of its fields was last written over, until a moment; else when it was sent."""
+        times = (time for time, field_name, _ in reversed(self.changes) if field_name == name and time <= moment)
+        return next(times, self.received)
+
     def became(self, name: str) -> list[tuple[float, Any]]:
         """What was written over one of its fields, and when, oldest first."""
         written = [(time, old) for time, field_name, old in self.changes if field_name == name]
@@ -208,12 +223,16 @@ class Task(Message):
     """A message that is a node of the task tree."""
 
     parent: TaskId = ROOT
+    top: TaskId = ROOT
+    """The top-level task above it, or itself."""
     children: list[TaskId] = field(default_factory=list)
     holds: list[Hold] = field(default_factory=list)
     """The constraints on moments of this task."""
     reached: dict[Moment, float] = field(default_factory=dict)
     killed: str | None = None
-    """Why it was killed, and by whom."""
+    """Why it was killed, as central gave it."""
+    killed_by: str = ""
+    """The module that wanted it killed, or "central" ("": the journal does not tell)."""
     watched: str = ""
     """Of a monitor: why it watches no longer."""
     caught_by: list[TaskId] = field(default_factory=list)
@@ -227,6 +246,11 @@ class Task(Message):
     """When it was retried, by whom, and whether with other data."""
     states: list[tuple[float, State]] = field(default_factory=list)
     """From when on it was in which state."""
+
+    @property
+    def why_killed(self) -> str | None:
+        """Why, and by whom; None if it was not killed."""
+        return None if self.killed is None else kill_reason(self.killed, self.killed_by)
 
     @property
     def suspension(self) -> Suspension | None:

@@ -129,7 +129,7 @@ def messages_of(past: Past, tasks: Iterable[int]) -> set[int]:
     """These tasks, and the messages that were sent by their handlers, or by the handlers of such messages."""
     found = set(tasks)
     for number, message in past.messages.items():  # whoever sends is older than what he sends
-        if not isinstance(message, Task) and message.origin in found:
+        if not isinstance(message, Task) and past.message_of.get(message.origin, message.origin) in found:
             found.add(number)
     return found
 
@@ -144,7 +144,7 @@ def waited_for(past: Past, task: TaskId, of: set[int]) -> set[int]:
         for queueing in message.queueings:
             busy = Then(past, queueing.start).running(queueing.module, queueing.resource)
             found.update(handling.message_id for handling in busy)
-            found.update(claim.origin for claim in _claims_during(past, queueing))
+            found.update(past.message_of.get(claim.origin, claim.origin) for claim in _claims_during(past, queueing))
         if isinstance(message, Task):
             found.update(hold.constraint.before.task for hold in message.holds)
     above = set(lineage(past, task))

@@ -14,7 +14,7 @@ from tca_tools.then import Then
 from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import by_whom, place
+from tca_wire.wording import by_whom, kill_reason, place
 
 _NO_TIME = 1e-6
 _SHORTEST = 0.0005
@@ -49,6 +49,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         return []
     told = [_birth(past, message), *_changes(message)]
     if isinstance(message, Task):
+        told += _kills(message)
         told += _suspensions(past, message)
         told += _recoveries(past, message)
         told += _retries(message)
@@ -64,7 +65,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
 
 def sender_of(past: Past, message: Message) -> str:
     """Who sent it, and while doing what."""
-    origin = past.messages.get(message.origin)
+    origin = past.delivered(message.origin)
     return message.sender + (f" while handling {origin}" if origin else "")
 
 
@@ -123,10 +124,15 @@ def _changes(message: Message) -> Iterator[Sentence]:
 _SAY: dict[str, Any] = {
     "failure": lambda text: f"failed: {text}",
     "failure_data": lambda data: f"the failure's data: {data_text(data)}",
-    "killed": lambda why: f"killed: {why}",
     "dropped": lambda why: f"came to nothing: {why}",
     "watched": lambda why: f"watches no longer: {why}",
 }
+
+
+def _kills(task: Task) -> Iterator[Sentence]:
+    for time, why in task.became("killed"):
+        if why is not None:
+            yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}")
 
 
 def _tellings(past: Past, message: Message) -> Iterator[Sentence]:

@@ -9,13 +9,14 @@ from functools import cached_property
 from itertools import islice
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Hold, Queueing, State, Suspension, Task, Wait
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.wording import kill_reason
 
 _Span = TypeVar("_Span", Queueing, Handling, Wait, Suspension)
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
@@ -82,30 +83,30 @@ class TaskThen:
     @property
     def failure(self) -> str:
         """The failure raised on it."""
-        return str(self._before("failure"))
+        return str(self._record.was("failure", self._time))
 
     @property
-    def killed(self) -> str | None:
-        """Why it was killed, and by whom."""
-        why: str | None = self._before("killed")
-        return why
+    def why_killed(self) -> str | None:
+        """Why it was killed, and by whom; None if it was not."""
+        why: str | None = self._record.was("killed", self._time)
+        return None if why is None else kill_reason(why, self._record.was("killed_by", self._time))
 
     @property
     def body(self) -> bytes:
         """Its data."""
-        body: bytes = self._before("body")
+        body: bytes = self._record.was("body", self._time)
         return body
 
     @property
     def result(self) -> bytes:
         """What its handler returned."""
-        result: bytes = self._before("result")
+        result: bytes = self._record.was("result", self._time)
         return result
 
     @property
     def failure_data(self) -> bytes:
         """The data of the failure with which its handler ended last."""
-        failure_data: bytes = self._before("failure_data")
+        failure_data: bytes = self._record.was("failure_data", self._time)
         return failure_data
 
     @property
@@ -161,13 +162,6 @@ class TaskThen:
     def wait(self) -> Wait | None:
         """What its handler waited for."""
         return _going_on(self.handling.waits, self._time) if self.handling else None
-
-    def _before(self, name: str) -> Any:
-        """A field's value before it was next written over."""
-        for time, field, old in self._record.changes:
-            if time > self._time and field == name:
-                return old
-        return getattr(self._record, name)
 
 
 class Then:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from tca_tools.analysis.causes import Doing, Step
 from tca_tools.analysis.concurrency import Overlap
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
-from tca_tools.analysis.failures import GOOD_FATES, Kind
+from tca_tools.analysis.failures import Kind
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Cover
@@ -20,6 +20,7 @@ from tca_tools.analysis.summary import span_of
 from tca_tools.analysis.waits import locked_during
 from tca_tools.analysis.words import listed, moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
+from tca_tools.coping import GOOD_FATES
 from tca_tools.past import Past
 from tca_tools.story import awaited
 from tca_wire.wording import by_whom, place

@@ -7,38 +7,17 @@ killed, or the journal ended. Pure.
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import StrEnum
 from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
-from tca_tools.coping import told_to, went_on
+from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, fate, told_to
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, State, Task
+from tca_tools.records import Handling, Message, Task
 from tca_wire.failures import BAD_DATA, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
-
-
-class Fate(StrEnum):
-    """What became of a failure."""
-
-    RETRIED = "retried"
-    DEALT_WITH = "dealt with"
-    REPLACED = "replaced"  # the task was killed, and in the end the top-level task was achieved without it
-    KILLED = "killed"  # an exception handler was called, and the task was killed
-    NOT_HANDLED = "not handled"  # no exception handler was found
-    COPED = "told to the asker, who went on"  # of a query
-    TOLD = "told to the asker"  # a program outside of handlers: with that nothing fails
-    ANSWERED = "told to the asker, who failed"  # and nobody handled that
-    UNTOLD = "told to nobody"  # of an inform or the like
-    OPEN = "open"  # not decided when the journal ended
-
-
-GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.COPED, Fate.TOLD)
-"""After these the robot went on, as far as the journal tells."""
-
 
 _RECEIVED, _START = attrgetter("received"), attrgetter("start")
 _OF_CENTRAL = NOT_BY_CHOICE - {HANDLER_ERROR, BAD_DATA}
@@ -106,25 +85,13 @@ class Kind:
 def failures(past: Past) -> list[Kind]:
     """The failures by name and message: first those of which most were not overcome, then by what they cost."""
     kinds: dict[tuple[str, str], Kind] = {}
-    tops = _tops(past)
     for message in past.messages.values():
         if not message.failure and not message.changes:
             continue
         for case in _cases(past, message):
-            top = past.tasks.get(tops.get(message.id, 0))
-            if case.fate in (Fate.KILLED, Fate.NOT_HANDLED) and top and top.state is State.ACHIEVED:
-                case.fate = Fate.REPLACED
             key = (case.failure, message.name)
             kinds.setdefault(key, Kind(*key)).cases.append(case)
     return sorted(kinds.values(), key=lambda kind: (-kind.bad, -kind.cost))
-
-
-def _tops(past: Past) -> dict[int, int]:
-    """For each task the top-level task above it."""
-    tops: dict[int, int] = {}
-    for task in past.tasks.values():  # parents come before their children
-        tops[task.id] = tops.get(task.parent, task.id)
-    return tops
 
 
 def _cases(past: Past, message: Message) -> Iterator[Case]:
@@ -138,12 +105,11 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         name, _, words = text.partition(": ")
         failed = in_vain.get(time)
         by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
-        case = Case(message.id, str(message), name, words, time, by, [], Fate.UNTOLD, "", 0.0, 0.0)
+        why = told_to(past, message, time)
+        case = Case(message.id, str(message), name, words, time, by, [], fate(past, message, time), why, 0.0, 0.0)
         case.lost = time - failed.start if failed else 0.0
         if isinstance(message, Task):
             _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
-        elif message.message_class.has_reply:
-            case.fate, case.why = _fate_of_query(past, message, time), told_to(past, message, time)
         yield case
 
 
@@ -162,30 +128,13 @@ def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple
     mine = called[first : bisect_left(called, after[0], key=_RECEIVED) if after else None]
     case.chain = [_described(one) for one in mine]
     if after and not after[1]:
-        case.fate = Fate.RETRIED
         again = bisect_right(task.handlings, case.time, key=_START)
         case.recovery = (task.handlings[again].start if again < len(task.handlings) else after[0]) - case.time
         return
     ends = [one.reached.get(Moment.END_ACHIEVING, past.time) for one in mine]
     case.recovery = max(ends, default=case.time) - case.time
-    if after:
-        case.fate = Fate.DEALT_WITH if mine else Fate.NOT_HANDLED
-    else:
-        case.fate, case.why = _fate(task, bool(mine)), task.killed or ""
-
-
-def _fate(task: Task, was_caught: bool) -> Fate:
-    if task.is_recovering and task.killed is None:
-        return Fate.OPEN
-    if task.is_dealt_with and task.killed is None:
-        return Fate.DEALT_WITH
-    return Fate.KILLED if was_caught else Fate.NOT_HANDLED
-
-
-def _fate_of_query(past: Past, query: Message, time: float) -> Fate:
-    if not went_on(past, query, time):
-        return Fate.ANSWERED
-    return Fate.COPED if query.by or query.role else Fate.TOLD
+    if case.fate in ENDED_TASKS:
+        case.why = task.why_killed or ""
 
 
 def _described(handler: Task) -> str:

@@ -135,5 +135,5 @@ def _fate(task: Task) -> str:
     if task.state is State.FAILED:
         text = f"failed: {task.failure}"
     else:
-        text = f"was killed: {task.killed or 'nobody said why'}"
+        text = f"was killed: {task.why_killed or 'nobody said why'}"
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"

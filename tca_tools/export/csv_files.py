@@ -23,4 +23,5 @@ def write_csv(table: Table, past: Past, stream: BinaryIO) -> None:
 
 def _with_words(row: Row, flags: list[int]) -> Row:
     """A row whose flags are words that every reader of CSV takes for truth values."""
-    return tuple(str(value).lower() if place in flags else value for place, value in enumerate(row)) if flags else row
+    words = {True: "true", False: "false", None: None}
+    return tuple(words[value] if place in flags else value for place, value in enumerate(row)) if flags else row

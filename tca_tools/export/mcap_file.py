@@ -10,6 +10,7 @@ from typing import Any, BinaryIO, NamedTuple
 import msgspec
 from mcap.writer import Writer
 
+from tca_tools.coping import went_on
 from tca_tools.data import plain_data
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
@@ -26,10 +27,12 @@ _INFO, _WARNING, _ERROR = 2, 3, 4
 """Levels of Foxglove's log."""
 _LEVELS = {"failed": _ERROR, "killed": _WARNING, "dropped": _WARNING, "refused": _WARNING, "module left": _WARNING}
 
-_TEXT, _INT, _NUMBER = ({"type": kind} for kind in ("string", "integer", "number"))
+_TEXT, _INT, _NUMBER, _FLAG = ({"type": kind} for kind in ("string", "integer", "number", "boolean"))
 _TIME = object_schema("time", sec=_INT, nsec=_INT)
 _FACTS = object_schema("tca.Fact", t=_NUMBER, cause=_INT, kind=_TEXT)
-_TASKS = object_schema("tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT)
+_TASKS = object_schema(
+    "tca.Task", id=_INT, name=_TEXT, parent=_INT, sender=_TEXT, state=_TEXT, failure=_TEXT, handled=_FLAG
+)
 _RESOURCES = object_schema("tca.Resource", resource=_TEXT, running=_INT, queued=_INT)
 _LOG = object_schema(
     "foxglove.Log", timestamp=_TIME, level=_INT, message=_TEXT, name=_TEXT, file=_TEXT, line=_INT
@@ -67,7 +70,10 @@ def _from_entries(past: Past, entries: Iterable[Entry], nanoseconds: Nanoseconds
             place_in_past += 1  # else it is one of several records of one event
         time = nanoseconds(past.times[place_in_past])
         for fact in entry.facts:
-            yield Said(time, "/tca/log", "", _log_line(entry, fact, wording, time + began))
+            line = _log_line(entry, fact, wording, time + began)
+            if isinstance(fact, facts.Failed) and _has_coped(past, fact, past.times[place_in_past]):
+                line["level"] = _WARNING
+            yield Said(time, "/tca/log", "", line)
             yield Said(time, "/tca/facts", "", fact_row(entry, fact))
             if tell := _OF_FACT.get(type(fact)):
                 yield from tell(fact, time, names)
@@ -79,6 +85,11 @@ def _log_line(entry: Entry, fact: Fact, wording: Wording, time: int) -> dict[str
         "timestamp": {"sec": time // _SECOND, "nsec": time % _SECOND}, "level": _LEVELS.get(kind, _INFO),
         "message": f"{kind}: {wording.words(fact)}", "name": "tca", "file": "", "line": entry.number,
     }  # fmt: skip
+
+
+def _has_coped(past: Past, fact: facts.Failed, time: float) -> bool:
+    failed = past.delivered(fact.id)
+    return failed is not None and went_on(past, failed, time)
 
 
 def _sent(fact: facts.Received, time: int, names: dict[int, str]) -> Iterator[Said]:
@@ -121,9 +132,12 @@ def _states(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
     """Each change of a task's state."""
     changes = sorted((time, task.id) for task in past.tasks.values() for time, _ in task.states)
     for time, number in changes:
-        task = TaskThen(past, past.tasks[number], time)
+        record = past.tasks[number]
+        task = TaskThen(past, record, time)
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
         content |= {"state": str(task.state), "failure": task.failure}
+        if task.failure:
+            content["handled"] = went_on(past, record, record.written("failure", time))
         yield Said(nanoseconds(time), "/tca/tasks", "", content)
 
 

@@ -7,12 +7,15 @@ import json
 from collections.abc import Callable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise
+from operator import itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.coping import fate, has_coped, went_on
 from tca_tools.data import plain_data
 from tca_tools.past import Past
 from tca_tools.records import Message, Wait
 from tca_wire.points import MOMENTS, describe_moments
+from tca_wire.vocabulary import Outcome
 
 
 class Kind(StrEnum):
@@ -45,9 +48,29 @@ def _messages(past: Past) -> Iterator[Row]:
         yield (
             message.id, message.name, str(message.message_class), message.sender, message.origin or None,
             str(message.role) or None, message.about or None, message.received, _started(message), _ended(message),
-            message.answered, len(message.handlings), message.failure or None, message.dropped or None,
+            message.answered, len(message.handlings), message.failure or None, _went_on(past, message),
+            message.dropped or None,
             _json(message.body), _json(message.result), _json(message.failure_data),
         )  # fmt: skip
+
+
+def _went_on(past: Past, message: Message) -> bool | None:
+    """Whether the run went on after the failure that it has."""
+    return went_on(past, message, message.written("failure")) if message.failure else None
+
+
+def _failures(past: Past) -> Iterator[Row]:
+    found = [
+        (time, message, text)
+        for message in past.messages.values()
+        if message.failure or message.changes
+        for time, text in message.became("failure")
+        if text
+    ]
+    for time, message, text in sorted(found, key=itemgetter(0)):
+        name, _, words = text.partition(": ")
+        became = fate(past, message, time)
+        yield message.id, message.name, time, name, words or None, str(became), went_on(past, message, time)
 
 
 def _started(message: Message) -> float | None:
@@ -64,7 +87,7 @@ def _tasks(past: Past) -> Iterator[Row]:
         depths[task.id] = depths.get(task.parent, 0) + 1
         reached = [task.reached.get(moment) for moment in MOMENTS]
         known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
-        yield *known, *reached, task.killed, task.is_suspended
+        yield *known, *reached, task.killed, task.killed_by or None, task.is_suspended
 
 
 def _states(past: Past) -> Iterator[Row]:
@@ -77,7 +100,8 @@ def _handlings(past: Past) -> Iterator[Row]:
     for handling in past.handlings:
         yield (
             handling.message_id or None, handling.delivery or None, handling.name, handling.module, handling.resource,
-            handling.start, handling.end, handling.outcome and str(handling.outcome), handling.direct_from or None,
+            handling.start, handling.end, handling.outcome and str(handling.outcome),
+            has_coped(past, handling) if handling.outcome is Outcome.FAILED else None, handling.direct_from or None,
         )  # fmt: skip
 
 
@@ -128,7 +152,7 @@ TABLES = (
         {
             "id": _INT, "name": _TEXT, "class": _TEXT, "sender": _TEXT, "origin": _INT, "role": _TEXT, "about": _INT,
             "sent": _SECONDS, "started": _SECONDS, "ended": _SECONDS, "answered": _SECONDS, "handlings": _INT,
-            "failure": _TEXT, "dropped": _TEXT, "data": _JSON, "result": _JSON, "failure_data": _JSON,
+            "failure": _TEXT, "handled": _FLAG, "dropped": _TEXT, "data": _JSON, "result": _JSON, "failure_data": _JSON,
         },
         _messages,
     ),
@@ -137,7 +161,7 @@ TABLES = (
         {
             "id": _INT, "name": _TEXT, "parent": _INT, "depth": _INT, "state": _TEXT,
             **{describe_moments(moment)[0].replace(" ", "_"): _SECONDS for moment in MOMENTS},
-            "killed": _TEXT, "suspended": _FLAG,
+            "killed": _TEXT, "killed_by": _TEXT, "suspended": _FLAG,
         },
         _tasks,
     ),
@@ -146,9 +170,17 @@ TABLES = (
         "handlings",
         {
             "message": _INT, "delivery": _INT, "name": _TEXT, "module": _TEXT, "resource": _TEXT, "start": _SECONDS,
-            "end": _SECONDS, "outcome": _TEXT, "direct_from": _TEXT,
+            "end": _SECONDS, "outcome": _TEXT, "handled": _FLAG, "direct_from": _TEXT,
         },
         _handlings,
+    ),
+    Table(
+        "failures",
+        {
+            "message": _INT, "name": _TEXT, "time": _SECONDS, "failure": _TEXT, "text": _TEXT, "fate": _TEXT,
+            "handled": _FLAG,
+        },
+        _failures,
     ),
     Table(
         "queueings",

@@ -2,7 +2,7 @@
 
 from math import inf
 
-from tca_tools.coping import told_to
+from tca_tools.coping import failing, told_to
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, Task, Wait
 from tca_tools.waiting import for_whom
@@ -16,8 +16,9 @@ def handled(past: Past, handling: Handling) -> str:
     title = f"{_described(past, handling)} handled by {where} {_span(past, handling.start, handling.end)}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
-    if handling.outcome is Outcome.FAILED and (message := past.messages.get(handling.message_id)):
-        title += ", " + told_to(past, message, handling.end or past.time) if message.message_class.has_reply else ""
+    if handling.outcome is Outcome.FAILED:
+        told = told_to(past, failing(past, handling), handling.end or past.time)
+        title += f", {told}" if told else ""
     return title
 
 

@@ -15,7 +15,6 @@ from textual.widget import Widget
 from textual.widgets import Input
 
 from tca_tools.data import data_text
-from tca_tools.log import BAD_NEWS
 from tca_tools.records import State
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
@@ -30,6 +29,9 @@ from tca_wire.points import TaskId
 
 _STATE_WIDTH = 11
 _NAME_WIDTH = 44
+_HANDLED = "yellow"
+_TINTS = {True: "red", None: _HANDLED, False: ""}
+"""Of what is bad news, or was (None)."""
 
 
 def colour_of(state: State) -> str:
@@ -144,7 +146,7 @@ class MessagesPane(Widget):
             said = (
                 f"{kind:15} {printable(self._recording.wording.words(fact))}  {data_text(getattr(fact, 'body', b''))}"
             )
-            style = "red" if kind in BAD_NEWS else "bold" if is_here else "dim"
+            style = _TINTS[self._recording.is_bad_news(place, fact)] or ("bold" if is_here else "dim")
             line = Text.assemble((start, "bold" if is_here else "dim"), (said.rstrip(), style))
             line.truncate(max(self.size.width, 1), overflow="ellipsis")
             line.no_wrap = True
@@ -190,6 +192,8 @@ class StoryPane(Widget):
         clock = self._recording.time(self._recording.place_of_record(sentence.time))
         text = printable(sentence.by(then.moment, then.time))
         style = "red" if text.startswith(("failed", "killed")) else ""
+        if style and self._recording.has_coped(self._shown, sentence.time):
+            style = _HANDLED
         return Text.assemble((f"{clock:9.3f}  ", "dim"), (text, style))
 
 
@@ -208,8 +212,8 @@ class TimeBar(Widget):
         self._recording = recording
         self._say = say
         self.place = 0
-        self._marks: tuple[int, set[int]] = (0, set())
-        """For a width, the columns in which something failed."""
+        self._marks: tuple[int, dict[int, str]] = (0, {})
+        """For a width, the columns in which something failed, and in which colour that is shown."""
 
     def show(self, place: int) -> None:
         """Move the cursor."""
@@ -228,9 +232,10 @@ class TimeBar(Widget):
         here = self._column(self.place)
         bar = Text("━" * here + "●" + "─" * (width - here - 1), style="cyan")
         if self._marks[0] != width:
-            self._marks = width, {self._column(place) for place in self._recording.failures}
-        for column in self._marks[1]:
-            bar.stylize("bold red", column, column + 1)
+            bad = {self._column(place): "red" for place in self._recording.bad}
+            self._marks = width, {self._column(place): _HANDLED for place in self._recording.failures} | bad
+        for column, colour in self._marks[1].items():
+            bar.stylize(f"bold {colour}", column, column + 1)
         bar.stylize("bold white", here, here + 1)
         said = Text(self._say(), style="bold")
         said.truncate(width, overflow="ellipsis")

@@ -3,10 +3,13 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 
+from tca_tools.coping import went_on
 from tca_tools.history import History
+from tca_tools.log import BAD_NEWS
 from tca_tools.past import Past
 from tca_tools.then import Then
 from tca_wire import facts
+from tca_wire.facts import kind_of
 from tca_wire.points import ROOT, Moment
 from tca_wire.wording import Wording
 
@@ -19,9 +22,12 @@ class Recording:
         """The entries of each event: one, or several of the same number."""
         self.failures: list[int] = []
         """The places at which something failed."""
-        self._copies: dict[int, int] = {}
+        self._failed: list[tuple[int, int]] = []
+        """The same with what failed: a message or delivery."""
         self.past: Past = History.until(self._kept(entries))
-        self.wording = Wording(lambda number: self.past.name(self._copies.get(number, number)))
+        self.wording = Wording(self.past.name)
+        self.bad = {place for place, number in self._failed if not self._has_coped(place, number)}
+        """Those of them after which the run did not go on."""
         self.depths = _depths(self.past)
         self.sizes = _sizes(self.past)
 
@@ -33,11 +39,29 @@ class Recording:
                 number = entry.number
             self.events[-1].append(entry)
             for fact in entry.facts:
-                if isinstance(fact, facts.Delivered | facts.Queued) and fact.id != fact.message_id:
-                    self._copies[fact.id] = fact.message_id
-                elif isinstance(fact, facts.Failed) and self.failures[-1:] != [len(self.events) - 1]:
-                    self.failures.append(len(self.events) - 1)
+                if isinstance(fact, facts.Failed):
+                    self._note_failure(len(self.events) - 1, fact.id)
             yield entry
+
+    def _note_failure(self, place: int, number: int) -> None:
+        self._failed.append((place, number))
+        if self.failures[-1:] != [place]:
+            self.failures.append(place)
+
+    def _has_coped(self, place: int, number: int) -> bool:
+        failed = self.past.delivered(number)
+        return failed is not None and went_on(self.past, failed, self.past.times[place])
+
+    def has_coped(self, task: int, time: float) -> bool:
+        """Whether a task had failed at a time of the records, and the run went on after that."""
+        failed = self.past.tasks[task]
+        return bool(failed.was("failure", time)) and went_on(self.past, failed, failed.written("failure", time))
+
+    def is_bad_news(self, place: int, fact: facts.Fact) -> bool | None:
+        """Whether a fact is bad news; None: it was, and the run went on."""
+        if isinstance(fact, facts.Failed):
+            return None if self._has_coped(place, fact.id) else True
+        return kind_of(fact) in BAD_NEWS
 
     @property
     def last(self) -> int:

@@ -9,7 +9,8 @@ from markupsafe import Markup
 
 from tca_tools.analysis import words
 from tca_tools.analysis.causes import Doing
-from tca_tools.analysis.failures import GOOD_FATES, Kind
+from tca_tools.analysis.failures import Kind
+from tca_tools.coping import GOOD_FATES
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree

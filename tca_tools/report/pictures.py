@@ -4,8 +4,8 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from math import ceil
 
-from tca_tools.analysis.failures import GOOD_FATES
 from tca_tools.analysis.spans import Cover
+from tca_tools.coping import GOOD_FATES
 from tca_tools.gantt.bars import Chart, chart
 from tca_tools.gantt.legend import meanings, patterns
 from tca_tools.gantt.shapes import STYLE

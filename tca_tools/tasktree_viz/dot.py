@@ -137,7 +137,7 @@ def _label_lines(then: Then, task: TaskThen, said: list[str], with_data: bool) -
     yield _small(" ".join(filter(None, [task.state, _times(task)])))
     for line in said:
         yield f'<font point-size="9" color="{_HEAVY}">{escape(cut(printable(line), _LONGEST_NAME))}</font>'
-    if task.failure or task.killed is not None:
+    if task.failure or task.why_killed is not None:
         for line in wrap(words.note(then, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
             yield _small(line)
     if with_data and (data := words.data(task)):

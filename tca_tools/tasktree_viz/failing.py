@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
+from tca_tools.coping import ENDED_TASKS, Fate, fate
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.selection import lineage, subtree
@@ -30,7 +31,7 @@ def failure_chain(past: Past, number: TaskId) -> list[Link]:
     waiting: list[tuple[Message, int]] = [(task, 0)]
     seen = {task.id}
     if not _raised(task) and task.killed is not None:
-        links.append(Link(_changed(task, "killed"), 0, f"{task} was killed: {task.killed}"))
+        links.append(Link(task.written("killed"), 0, f"{task} was killed: {task.why_killed}"))
         waiting = [(culprit, 1) for culprit in _culprits(past, task)]
     while waiting and len(links) < _MOST_LINKS:
         message, depth = waiting.pop()
@@ -53,16 +54,12 @@ def _raised(message: Message) -> list[tuple[float, str]]:
     return found
 
 
-def _changed(message: Message, name: str) -> float:
-    return next((time for time, field, _ in reversed(message.changes) if field == name), message.received)
-
-
 def _links_of(past: Past, message: Message, depth: int) -> Iterator[Link]:
     told = [Link(time, depth, f"{message} failed: {text}") for time, text in _raised(message)]
     if isinstance(message, Task):
         told += _recoveries(past, message, depth)
     yield from sorted(told, key=lambda link: link.time)
-    if isinstance(message, Task) and (end := _end(message)):
+    if isinstance(message, Task) and (end := _end(past, message)):
         yield Link(message.states[-1][0], depth, end)
 
 
@@ -74,17 +71,17 @@ def _recoveries(past: Past, task: Task, depth: int) -> Iterator[Link]:
             yield Link(handler.received, depth, f"exception handler {handler} was called{by}{how}")
 
 
-def _end(task: Task) -> str:
+def _end(past: Past, task: Task) -> str:
     """What became of it, if it failed."""
-    if not _raised(task):
+    if not (raised := _raised(task)):
         return ""
-    if task.state is State.RECOVERING:
+    became = fate(past, task, raised[-1][0])
+    if became is Fate.OPEN:
         return f"{task} is being recovered"
-    if task.killed is not None:
-        return f"{task} was killed: {task.killed}"
-    if task.state is State.FAILED:
-        return f"{task}: nobody dealt with its failure"
-    return f"{task}: its failure was dealt with" if task.is_dealt_with else f"{task}: {task.state} after all"
+    if became not in ENDED_TASKS:
+        return f"{task}: its failure was dealt with" if became is Fate.DEALT_WITH else f"{task}: {task.state} after all"
+    end = f"{task}: nobody dealt with its failure" if task.killed is None else f"{task} was killed: {task.why_killed}"
+    return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
 
 
 def _causes(past: Past, message: Message) -> list[Message]:
@@ -105,7 +102,7 @@ def _is_named(cause: Message, failed: Message) -> bool:
 def _culprits(past: Past, task: Task) -> list[Task]:
     """Whose failure, not dealt with, killed the tree that a task was in: who is named there, or the last one before."""
     top = lineage(past, TaskId(task.id))[-1]
-    killed = _changed(task, "killed")
+    killed = task.written("killed")
     found = [
         (raised[-1][0], past.tasks[number])
         for number in subtree(past, [top])

@@ -23,7 +23,7 @@ def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | Non
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
     is_leaf = interval is Interval.PLANNING and not task.message_class.is_goal
-    if start is None or is_leaf or (start == end and task.killed is not None):
+    if start is None or is_leaf or (start == end and task.why_killed is not None):
         return None  # the moments of what was killed count as reached, though it was never begun
     return start, end
 
@@ -49,9 +49,9 @@ def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.failure:
         return failure_line(task.failure), None
-    if task.killed is not None:
+    if task.why_killed is not None:
         above = then.tasks.get(task.parent)
-        return "" if above and above.killed == task.killed else printable(task.killed), None
+        return "" if above and above.why_killed == task.why_killed else printable(task.why_killed), None
     if task.children and not task.handling and task.state in (State.ACHIEVING, State.PLANNING):
         return "", None  # for them, and they are shown
     reasons = why_waiting(then, TaskId(task.id))

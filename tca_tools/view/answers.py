@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from tca_tools.coping import told_to, went_on
+from tca_tools.coping import Fate, fate, told_to, went_on
 from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import Message, Task
@@ -63,10 +63,11 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
 
 def _failure_answer(past: Past, message: Message) -> dict[str, Any]:
     """Its failure as it stands, whether the run went on after it, and who was told."""
-    time = next((time for time, text in reversed(message.became("failure")) if text), message.received)
+    time = message.written("failure")
     return {
         "failure": message.failure,
         "handled": bool(message.failure) and went_on(past, message, time),
+        "replaced": bool(message.failure) and fate(past, message, time) is Fate.REPLACED,
         "told": told_to(past, message, time) if message.failure else "",
     }
 
@@ -78,7 +79,7 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
         "how": waits_how(task),
         "since": waits_since(task),
         "failure": task.failure,
-        "killed": task.killed,
+        "killed": task.why_killed,
         "data": data_text(task.body),
         "result": data_text(task.result),
         "failure_data": data_text(task.failure_data),

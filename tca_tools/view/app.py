@@ -88,7 +88,6 @@ def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
             "remark": reading.remark,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
             "colours": reading.feed.colours(),
-            "queries": reading.feed.queries(),
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,
             "kinds": [kind.name.lower() for kind in SpanKind],

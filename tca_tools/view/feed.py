@@ -9,15 +9,17 @@ from enum import IntEnum, IntFlag
 from operator import attrgetter
 from typing import Any
 
+from tca_tools.coping import Failing, failing
 from tca_tools.gantt.bars import NO_HANDLER
 from tca_tools.gantt.colours import dark
 from tca_tools.history import History
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
+from tca_tools.view.verdicts import Verdicts
 from tca_wire.facts import Entry, Failed, Received
 from tca_wire.vocabulary import Outcome, Role
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 STATES = list(State)
 OUTCOMES = [None, *Outcome]
@@ -34,11 +36,12 @@ TABLES = {
     "state.task": "i",  # a task's id
     "state.time": "d",
     "state.state": "B",
-    "failure.message": "i",
+    "suspended.by": "i",  # a text: of each state "suspended", in their order, who wanted that, in words
+    "failure.message": "i",  # or 0: of what came directly
     "failure.time": "d",
-    "failure.told": "B",  # whether whoever asked is told
-    "failure.asker": "i",  # the span of the handler that had asked, or -1
-    "failure.monitor": "i",  # of a condition: the monitor, or 0
+    "failure.span": "i",  # the run of a handler that ended with it, or -1
+    "verdict.failure": "i",  # the row of a failure
+    "verdict.good": "B",  # whether the run went on after it, from now on
     "hold.task": "i",
     "hold.before": "i",
     "hold.kind": "i",  # a text
@@ -88,15 +91,13 @@ class Feed:
         self._holds: dict[int, int] = {}
         self._names: dict[str, None] = {}  # of messages, as they came
         self._direct: dict[str, int] = {}  # of those that came without central, with the row of the first one
+        self._ended_badly: list[tuple[Handling, int]] = []  # with the newest entry: runs of handlers with their spans
+        self._verdicts = Verdicts(self.history)
 
     def colours(self) -> dict[str, str]:
         """The colour of each message, as in other charts of the run: by its place among the names (see bars.py)."""
         direct = sorted(self._direct, key=self._direct.__getitem__)
         return {name: dark(number) for number, name in enumerate(dict.fromkeys([*self._names, *direct]))}
-
-    def queries(self) -> list[str]:
-        """The messages whose senders are told of failures."""
-        return [name for name, known in self.history.formats.items() if known.message_class.has_reply]
 
     def apply(self, entry: Entry) -> None:
         """Take in what one event caused."""
@@ -114,24 +115,29 @@ class Feed:
         for fact in entry.facts:
             if isinstance(fact, Received) and fact.id in history.messages:
                 self._names.setdefault(fact.message)
-            elif isinstance(fact, Failed):
-                self._tell_failure(self._failed(fact.id))
+        self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
+        for row, is_good in self._verdicts.changed(news):
+            columns.add("verdict", row, is_good)
 
-    def _failed(self, number: int) -> int:
-        """The message that a failure was raised on, of which it may name only the delivery."""
-        if number in self.history.messages:
-            return number
-        ended = (one for one in self.history.news if isinstance(one, Handling) and one.delivery == number)
-        return next((one.message_id for one in ended), number)
+    def _tell_failures(self, failed: list[Failed]) -> None:
+        for fact in failed:
+            self._tell_failed(fact)
+        for run, span in self._ended_badly:  # of which there is no such fact
+            self._tell_failure(failing(self.history, run), 0, self.history.time if run.end is None else run.end, span)
+        self._ended_badly.clear()
 
-    def _tell_failure(self, number: int) -> None:
-        """With what says whether anybody copes with it (see coping.py): that may still be open."""
-        told, asker, monitor = False, -1, 0
-        if message := self.history.messages.get(number):
-            told = message.message_class.has_reply
-            asker = self._open.get(id(message.by), -1) if message.by else -1
-            monitor = message.about if message.role is Role.CONDITION else 0
-        self.columns.add("failure", number, self.history.time, told, asker, monitor)
+    def _tell_failed(self, fact: Failed) -> None:
+        """A failure was raised on a message, or on what the fact names by its delivery."""
+        number = self.history.message_of.get(fact.id, fact.id)
+        runs = [one for one in self._ended_badly if fact.id in (one[0].delivery, one[0].message_id)][:1]
+        for one in runs:
+            self._ended_badly.remove(one)
+        self._tell_failure(self.history.messages.get(number), number, self.history.time, runs[0][1] if runs else -1)
+
+    def _tell_failure(self, failed: Failing | None, message: int, time: float, span: int) -> None:
+        row = self.columns.add("failure", message, time, span)
+        if failed is not None:
+            self._verdicts.follow(row, failed, time)
 
     def _tell_birth(self, task: Task) -> None:
         self._names.setdefault(task.name)
@@ -145,6 +151,9 @@ class Feed:
             self._tell_birth(task)
         for time, state in task.states[told:]:
             self.columns.add("state", task.id, time, STATES.index(state))
+            if state is State.SUSPENDED:
+                by = next((one.by for one in reversed(task.suspensions) if one.start <= time), "")
+                self.columns.add("suspended", self.columns.text(by_whom(by)))
         self._states[task.id] = len(task.states)
         told = self._holds.get(task.id, 0)
         for hold in task.holds[told:]:
@@ -159,6 +168,8 @@ class Feed:
             self._direct.setdefault(handling.name, row)
         self._span(handling, SpanKind.HANDLING, row, handling.name, handling.message_id, handling.start)
         if handling.end is not None:
+            if handling.outcome is Outcome.FAILED:
+                self._ended_badly.append((handling, self._open[id(handling)]))
             self._end(handling, handling.end, OUTCOMES.index(handling.outcome))
 
     def _tell_queueing(self, queueing: Queueing) -> None:

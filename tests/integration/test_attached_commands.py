@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MOVE, SAY_MOVE, SOON, WALK, tca
 
+from tca_central.status import SHOWN_TASKS
 from tca_module import Client, Condition, Refused, connect
 from tca_module.commands import attached
 from tca_module.task_commands import detach
@@ -54,6 +55,21 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
     left = user.status("attached")
     assert len(left["exception_handlers"]) == 2
     assert left["wiretaps"][0]["modules"] == ["other script", "user"]  # also when one of them is gone
+
+
+def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_number(
+    robot: list[str], user: Client
+) -> None:
+    first = user.monitor(LOOK, period=1000.0)
+    refs = [user.monitor(LOOK, period=1000.0) for _ in range(SHOWN_TASKS)]
+    text = tca(attached)[1]
+    listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
+    assert listed == [first.id, *(ref.id for ref in refs[:-1])]
+    assert text.endswith(f"only these are told: there are {SHOWN_TASKS + 1:,} monitors\n")
+    assert tca(detach, "look")[2].startswith(f"there are {SHOWN_TASKS + 1:,} monitors, of which central tells only")
+    last = refs[-1].id
+    assert tca(detach, str(last))[:2] == (0, f"number {last}: detached\n")
+    assert first.id in [one["id"] for one in user.status("attached")["monitors"]]
 
 
 def test_what_outlives_its_module_is_detached(robot: list[str], user: Client, tmp_path: Path) -> None:

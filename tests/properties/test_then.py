@@ -28,7 +28,7 @@ def seen(then: Then) -> Any:
                 str(task),
                 task.state,
                 task.failure,
-                task.killed,
+                task.why_killed,
                 task.body,
                 task.result,
                 list(task.caught_by),
@@ -68,7 +68,7 @@ class WatchedPlayer(Player):
             for name in (
                 "state",
                 "failure",
-                "killed",
+                "why_killed",
                 "body",
                 "result",
                 "failure_data",

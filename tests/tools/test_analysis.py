@@ -8,11 +8,12 @@ from tca_tools.analysis import words
 from tca_tools.analysis.advice import Topic, advice
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path
-from tca_tools.analysis.failures import Fate, failures
+from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.spans import Cover, levels
 from tca_tools.analysis.summary import summary
 from tca_tools.analysis.waits import WaitKind, waits
+from tca_tools.coping import Fate
 from tca_tools.past import Past
 from tca_tools.records import State
 from tca_wire import facts

@@ -8,14 +8,15 @@ import pytest
 from click.testing import Result
 from tools.story import QUERY, Story
 
-from tca_tools.analysis.failures import Fate, failures
+from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
-from tca_tools.coping import told_to, went_on
+from tca_tools.coping import Fate, told_to, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.shapes import COPED, FAILED
 from tca_tools.gantt.svg import svg_text
 from tca_tools.history import History
 from tca_tools.story import story as story_of
+from tca_tools.tasktree_viz.failing import failure_chain
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
@@ -129,3 +130,72 @@ def test_what_was_sent_directly_and_failed_was_told_to_who_asked() -> None:
         story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
     bars = {bar.name: bar.has_coped for row in chart(story.fold()).rows for bar in row.handled}
     assert bars == {"look": True, "log": False}
+
+
+def test_who_asked_directly_is_followed_too() -> None:
+    """A note of a direct message may come when the handler that had sent it is long done."""
+    for task_fails in (False, True):
+        story = Story().module("cook", "bake").module("eye", "look").at(1.0)
+        story.say(facts.FormatDefined("look", QUERY, "{}", "{}", "eye"))
+        bake = story.goal("bake", "user")
+        story.delivered(bake, "cook").at(3.0)
+        if task_fails:
+            _fail(story, bake).say(facts.Unhandled(TaskId(bake)))
+        else:
+            story.returned(bake)
+        story.reached(bake, *Moment).at(4.0)
+        story.say(facts.HandledDirectly("look", "eye", "eye", "cook", bake, 1, 2.0, 0.2, Outcome.FAILED, "blind"))
+        bar = next(bar for row in chart(story.fold()).rows for bar in row.handled if bar.name == "look")
+        went = "failed then" if task_fails else "went on"
+        assert bar.has_coped is not task_fails
+        assert bar.title.endswith(f": failed, told to cook, whose handler of bake {{1}} {went}")
+
+
+def replacing(*, top_fails: bool = False) -> Story:
+    """A step {2} of a walk {1} fails, and is killed for that; the walk is achieved without it, or fails too."""
+    story = Story().module("legs", "step").at(1.0)
+    walk = story.goal("walk", "user")
+    step = story.goal("step", "user", walk)
+    _fail(story.delivered(step, "legs").at(2.0), step).say(facts.Unhandled(TaskId(step)))
+    story.say(facts.Killed(TaskId(step), "not needed", "user")).reached(step, *Moment).at(3.0)
+    if top_fails:
+        story.say(facts.Killed(TaskId(walk), "no way", "user"))
+    return story.reached(walk, *Moment).at(4.0)
+
+
+@pytest.mark.parametrize("top_fails", [False, True])
+def test_what_is_called_replaced_is_no_bad_news_anywhere(*, top_fails: bool) -> None:
+    past = replacing(top_fails=top_fails).fold()
+    step = past.tasks[TaskId(2)]
+    assert fates(past) == {2: Fate.NOT_HANDLED if top_fails else Fate.REPLACED}
+    assert went_on(past, step, 2.0) is not top_fails
+    assert ('class="coped"' in svg_text(chart(past), "")) is not top_fails
+    end = "step {2} was killed: not needed (by user)" + ("" if top_fails else "; walk {1} was achieved without it")
+    assert failure_chain(past, TaskId(2))[-1].text == end
+
+
+def test_of_two_failures_the_first_is_not_dealt_with_because_the_second_came() -> None:
+    """While an exception handler decides, another failure is raised on the same task; then it is killed."""
+    story = Story().module("legs", "step").module("expert", "help").at(1.0)
+    step = story.goal("step", "user")
+    _fail(story.delivered(step, "legs").at(2.0), step)
+    handler = story.received("help", MessageClass.EXCEPTION, "central", 0)
+    story.say(facts.Caught(TaskId(step), TaskId(handler), TaskId(step), 9)).delivered(handler, "expert").at(3.0)
+    story.say(facts.Failed(step, "hot", "")).at(4.0)
+    past = story.say(facts.Killed(TaskId(step), "too much", "expert")).reached(step, *Moment).fold()
+    (kinds,) = [[case.fate for kind in failures(past) for case in kind.cases]]
+    assert kinds == [Fate.KILLED, Fate.NOT_HANDLED]
+
+
+def test_what_was_dealt_with_stays_so_though_the_task_is_killed_later() -> None:
+    story = asking(passed_on=True, task_fails=True, dealt_with=True)
+    story.entries[-1].facts.clear()
+    past = story.say(facts.Killed(TaskId(1), "enough", "user")).fold()
+    assert fates(past)[1] is Fate.DEALT_WITH
+
+
+def test_what_names_itself_as_its_sender_is_followed_no_further() -> None:
+    story = Story().module("eye", "look").at(1.0).say(facts.Delivered(1, 1, "eye", "eye"))
+    look = story.received("look", QUERY, "eye", origin=1)
+    past = _fail(story.at(2.0), look).fold()
+    assert went_on(past, past.messages[look], 2.0)

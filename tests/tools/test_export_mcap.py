@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 from tools.story import Story, stumbling, walking
+from tools.test_coping import replacing
 
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.schemas import object_schema, plain_schema
@@ -141,6 +142,16 @@ def test_tasks_and_resources_over_time() -> None:
     assert [(content["running"], content["queued"]) for content in planner][-1] == (0, 0)
     assert max(content["queued"] for content in planner) == 2
     assert all(content["running"] >= 0 for content in planner)
+
+
+@pytest.mark.parametrize("top_fails", [False, True])
+def test_a_failure_says_whether_the_run_went_on_after_it(*, top_fails: bool) -> None:
+    topics = topics_of(replacing(top_fails=top_fails))
+    told = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
+    assert set(told) == {not top_fails}
+    assert all("handled" not in row for row in topics["/tca/tasks"].contents if not row["failure"])
+    levels = [row["level"] for row in topics["/tca/log"].contents if row["message"].startswith("failed: ")]
+    assert levels == [4 if top_fails else 3]  # Foxglove's error, or warning
 
 
 def test_all_facts_are_there_as_rows_and_as_a_log() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from pyarrow import parquet
 from tools.story import Story, stumbling, walking
+from tools.test_coping import asking, replacing
 
 from tca_tools.export.csv_files import write_csv
 from tca_tools.export.parquet_files import write_parquet
@@ -33,12 +34,41 @@ def test_messages_and_tasks() -> None:
     assert rows(history, "messages")[4] == {
         "id": 5, "name": "elevation map", "class": "query", "sender": "gait planner", "origin": 2, "role": None,
         "about": None, "sent": 0.8, "started": 0.8, "ended": 1.22, "answered": 1.22, "handlings": 1,
-        "failure": None, "dropped": None, "data": None, "result": '{"ok": true}', "failure_data": None,
+        "failure": None, "handled": None, "dropped": None, "data": None, "result": '{"ok": true}', "failure_data": None,
     }  # fmt: skip
     body = next(row for row in rows(history, "tasks") if row["id"] == 7)
     assert (body["name"], body["parent"], body["depth"], body["state"]) == ("move body", 2, 3, "failed")
     assert (body["start_achieving"], body["end_achieving"]) == (3.4, 4.5)
     assert rows(history, "tasks")[0]["killed"].startswith("failure 'terrain collision'")
+
+
+def test_every_failure_has_a_row_with_what_became_of_it() -> None:
+    history = asking(passed_on=True, task_fails=True, dealt_with=True).fold()
+    told = [
+        (row["message"], row["time"], row["failure"], row["text"], row["fate"]) for row in rows(history, "failures")
+    ]
+    assert told == [
+        (3, 2.0, "blind", "fog", "told to the asker, who went on"),
+        (2, 3.0, "blind", "fog", "told to the asker, who went on"),
+        (1, 4.0, "blind", "fog", "dealt with"),
+    ]
+    for name in ("failures", "messages", "handlings"):
+        assert {
+            row["handled"]
+            for row in rows(history, name)
+            if row.get("failure", row.get("outcome")) not in (None, "done")
+        } == {True}
+    lost = replacing(top_fails=True).fold()
+    assert [row["handled"] for row in rows(lost, "failures")] == [False]
+    assert [row["handled"] for row in rows(lost, "handlings")] == [False]
+
+
+def test_who_killed_a_task_has_a_column_of_its_own() -> None:
+    story = Story().at(1.0)
+    for by in ("user", "central", ""):
+        story.say(facts.Killed(TaskId(story.goal("walk", "user")), "it rains", by))
+    told = [(row["killed"], row["killed_by"]) for row in rows(story.fold(), "tasks")]
+    assert told == [("it rains", "user"), ("it rains", "central"), ("it rains", None)]
 
 
 def test_states_handlings_queueings_and_waits() -> None:
@@ -47,7 +77,7 @@ def test_states_handlings_queueings_and_waits() -> None:
     assert second == [("queued", 0.6, 1.4), ("planning", 1.4, 2.2), ("planned", 2.2, None)]
     assert rows(history, "handlings")[-1] == {
         "message": 7, "delivery": 7, "name": "move body", "module": "controller", "resource": "controller",
-        "start": 3.4, "end": None, "outcome": None, "direct_from": None,
+        "start": 3.4, "end": None, "outcome": None, "handled": None, "direct_from": None,
     }  # fmt: skip
     assert [(row["message"], row["start"], row["end"]) for row in rows(history, "queueings")] == [
         (2, 0.6, 0.7),

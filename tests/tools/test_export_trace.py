@@ -117,6 +117,7 @@ def test_failures_and_kills_are_instants(tmp_path: Path) -> None:
     }
     assert {one.details["failure"] for one in failed} == {"terrain collision: leg 4 met\x1b[31m rock"}
     assert all(one.parent for one in failed)
+    assert [one.details["handled"] for one in failed] == [False, False]
     killed = [one for one in read.slices if one.name == "killed"]
     assert len(killed) == 6
     assert {one.details["why"] for one in killed} == {"failure 'terrain collision' of move body {7} was not handled"}

@@ -7,8 +7,9 @@ import pytest
 from central.transcript import Transcript
 from tools.runs import OPENED, checked
 
-from tca_tools.analysis.failures import Fate, failures
+from tca_tools.analysis.failures import failures
 from tca_tools.check import rules
+from tca_tools.coping import Fate
 from tca_tools.history import History
 from tca_tools.tasktree_viz.told import story_lines
 from tca_wire import facts

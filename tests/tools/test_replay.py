@@ -7,10 +7,12 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from rich.text import Text
 from textual.pilot import Pilot
 from textual.widgets import Input
 from tools.runs import encoded, walk
 from tools.story import Story, arcs, stumbling
+from tools.test_coping import replacing
 
 from tca_tools.replay.app import Replay
 from tca_tools.replay.growth import growth_lines
@@ -90,6 +92,28 @@ def test_the_next_failure_and_what_became_of_it() -> None:
         assert "no failure follows" in str(app.query_one(TimeBar).render())
         await pilot.press("home", "F")
         assert "no failure before" in str(app.query_one(TimeBar).render())
+
+    play(app, act)
+
+
+@pytest.mark.parametrize(("top_fails", "colour"), [(False, "yellow"), (True, "red")])
+def test_a_failure_after_which_the_run_went_on_has_a_colour_of_its_own(*, top_fails: bool, colour: str) -> None:
+    app = replay(replacing(top_fails=top_fails).entries)
+
+    def coloured(pane: type[TimeBar | MessagesPane | StoryPane], text: str) -> set[str]:
+        """The colours of what holds a text."""
+        shown = app.query_one(pane).render()
+        assert isinstance(shown, Text)
+        spans = [(shown.plain[one.start : one.end], str(one.style)) for one in shown.spans]
+        return {style.removeprefix("bold ") for part, style in spans if text in part} & {"red", "yellow"}
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("f")
+        assert (app.recording.failures, app.recording.bad) == ([app.place], {app.place} if top_fails else set())
+        assert coloured(MessagesPane, "blind") == {colour}
+        assert coloured(StoryPane, "failed: blind") == {colour}
+        await pilot.press("home")
+        assert coloured(TimeBar, "") == {colour}
 
     play(app, act)
 

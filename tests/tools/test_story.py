@@ -4,6 +4,7 @@ from tools.story import ACTING, GOAL, QUERY, Story, locking, mopping, stumbling
 
 from tca_tools.history import History
 from tca_tools.records import State
+from tca_tools.selection import messages_of
 from tca_tools.story import story
 from tca_tools.tasktree_viz.words import note
 from tca_tools.then import Then
@@ -194,6 +195,25 @@ def test_who_killed_is_told_once_and_with_the_reason_that_was_given() -> None:
         "1.0 killed: too late",
         "1.0 killed: overload: one came",
     ]
+
+
+def test_what_a_retried_task_sends_tells_in_what_it_was_sent() -> None:
+    """A retried task is delivered under a new number: what it sends names that."""
+    tale = Story().module("chef", "mop floor").module("shelf", "where is it", "get").at(1.0)
+    mop = tale.goal("mop floor", "user")
+    tale.delivered(mop, "chef").at(2.0).returned(mop, Outcome.FAILED).say(facts.Failed(mop, "no mop", ""))
+    again = 9
+    tale.say(facts.Retried(TaskId(mop), b"", "user"), facts.Delivered(again, mop, "chef", "chef")).at(3.0)
+    asked = tale.received("where is it", QUERY, "chef", origin=again)
+    got = tale.command("get", "chef", mop, origin=again)
+    tale.say(facts.Returned(again, Outcome.DONE, b"")).at(4.0)
+    late = tale.received("where is it", QUERY, "chef", origin=again)  # from a thread that its handler left behind
+    history = tale.fold()
+    assert told(history, asked)[0] == "3.0 query sent by chef while handling mop floor {1}"
+    assert told(history, got)[0] == "3.0 command sent by chef while handling mop floor {1}, under mop floor {1}"
+    assert told(history, late)[0] == "4.0 query sent by chef while handling mop floor {1}"
+    assert history.name(again) == "mop floor"
+    assert messages_of(history, [mop]) == {mop, asked, late}
 
 
 def test_who_lets_a_task_be_handled_again_is_told() -> None:

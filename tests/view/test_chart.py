@@ -41,6 +41,31 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     assert page.evaluate(labels)[0] == "(suspended)"
 
 
+def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "mop", "dust").at(1.0)
+    for name, by in (("mop", "tca suspend"), ("dust", "")):  # an older journal does not tell
+        task = TaskId(story.command(name, "user"))
+        story.say(facts.SuspendedOrResumed(task, True, by)).at(2.0 if by else 4.0)
+    page = look(story.say(facts.Closed("done")).write(tmp_path / "still"))
+    expect(page.locator("#counts")).to_be_attached()
+    for lane, (time, told) in enumerate(
+        {1.5: "mop {1} suspended by the command 'tca suspend': ", 3.0: "dust {2} suspended: "}.items()
+    ):
+        x, y = page.evaluate(
+            """([time, lane]) => {
+          const { chart } = tca, place = chart.layout.find((one) => one.row.label === "(suspended)");
+          const [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
+          for (let y = place.top; y < place.bottom; y++) {
+            const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels);
+            if (chart.at(x, y)?.span?.message === lane + 1) return [box.left + x, box.top + y];
+          }
+        }""",
+            [time, lane],
+        )
+        page.mouse.move(x, y)
+        expect(page.locator("#hint")).to_contain_text(told)
+
+
 def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(6700.0)
     page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
@@ -9,13 +10,17 @@ from properties.test_then import WatchedPlayer
 from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
+from tca_tools.coping import Failing, has_coped, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.colours import dark
+from tca_tools.history import History
 from tca_tools.then import Then
+from tca_tools.view import verdicts
 from tca_tools.view.columns import parsed
 from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
 from tca_wire import facts
 from tca_wire.facts import Entry
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
 
@@ -84,9 +89,24 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     queued = sum(kind == SpanKind.QUEUED for _, kind, *_ in spans)
     assert queued == len(history.queueings)
     assert sum(kind == SpanKind.HELD for _, kind, *_ in spans) == sum(map(len, history.grants.values()))
+    assert_verdicts(page, history, player.entries)
     whole = Page()
     whole.take(player.feed)
     assert (whole.columns, whole.texts) == (page.columns, page.texts)
+
+
+def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
+    """What was told last of each failure is what the records say now; and each is told."""
+    last = dict(page.table("verdict"))
+    told = {(message, time, last.get(row, 0)) for row, (message, time, _) in enumerate(page.table("failure"))}
+    raised = {(entry.time, fact.id) for entry in entries for fact in entry.facts if isinstance(fact, facts.Failed)}
+    assert len(raised) <= len(page.table("failure"))
+    for message, time, is_good in told:
+        if message in history.messages:
+            assert is_good == went_on(history, history.messages[message], time)
+    spans = {span: last.get(row, 0) for row, (_, _, span) in enumerate(page.table("failure")) if span >= 0}
+    bad = [run for run in history.handlings if run.outcome is Outcome.FAILED]
+    assert sorted(spans.values()) == sorted(has_coped(history, run) for run in bad)
 
 
 def test_the_columns_of_a_walk() -> None:
@@ -142,9 +162,9 @@ def test_each_failure_is_told_with_its_message() -> None:
         feed.apply(entry)
     page.take(feed)
     assert page.table("failure") == [
-        (move, 2.0, False, -1, 0),
-        (move, 3.0, False, -1, 0),
-        (99, 3.0, False, -1, 0),
+        (move, 2.0, 1),
+        (move, 3.0, -1),
+        (99, 3.0, -1),
     ]
 
 
@@ -159,3 +179,35 @@ def test_messages_have_the_colours_of_other_charts() -> None:
     names = chart(feed.history).names
     assert "height" in names
     assert feed.colours() == {name: dark(number) for number, name in enumerate(names)}
+
+
+def test_a_verdict_is_told_when_it_changes_and_not_looked_at_for_anything_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many steps of a walk fail and are killed; what others do asks for no verdict, and the walk's end for one of each."""
+    asked: list[float] = []
+
+    def counted(past: History, failed: Failing, time: float) -> bool:
+        asked.append(time)
+        return went_on(past, failed, time)
+
+    monkeypatch.setattr(verdicts, "went_on", counted)
+    story = Story().module("legs", "step").at(1.0)
+    walk = story.goal("walk", "user")
+    for number in range(50):
+        step = story.command("step", "user", walk)
+        story.at(2.0 + number).delivered(step, "legs").returned(step, Outcome.FAILED).say(
+            facts.Failed(step, "slip", "")
+        )
+        story.say(facts.Killed(TaskId(step), "slipped", "user")).reached(step, *Moment)
+    story.at(60.0)
+    for _ in range(500):
+        story.acted(story.command("step", "user"), "legs", 0.1)
+    feed, page = Feed(), Page()
+    for entry in story.entries:
+        feed.apply(entry)
+    page.take(feed)
+    assert len(asked) <= 3 * 50
+    assert page.table("verdict") == []
+    for entry in story.at(200.0).reached(walk, *Moment).entries[-1:]:
+        feed.apply(entry)
+    page.take(feed)
+    assert page.table("verdict") == [(row, True) for row in range(50)]

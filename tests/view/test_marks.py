@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
-from tools.test_coping import asking
+from tools.test_coping import asking, replacing
 from view.conftest import Look
 
 from tca_wire import facts
@@ -41,7 +41,7 @@ def test_handled_failures_are_marked_and_found_too(look: Look, tmp_path: Path) -
     expect(page.locator("#clock")).to_have_text("2.000 s")
     page.keyboard.press("End")
     expect(page.locator("#clock")).to_have_text("8.000 s")
-    assert page.evaluate("tca.store.failures.map((one) => [one.time, tca.store.wasHandled(one)])") == [
+    assert page.evaluate("tca.store.failures.map((one) => [one.time, one.handled])") == [
         [2, True],
         [6, False],
     ]
@@ -93,6 +93,19 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
     expect(failed).to_be_visible()
 
 
+def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_path: Path) -> None:
+    page = look(replacing().write(tmp_path / "walk"))
+    expect(page.locator("#counts")).to_be_attached()
+    page.keyboard.press("[")
+    expect(page.locator("#task h2")).to_have_text("step {2}")
+    for line in page.locator("#task .lead").all():
+        expect(line).to_have_class("lead handled")
+    assert page.evaluate("tca.store.failures.map((one) => [one.handled, one.span.failure === one])") == [[True, True]]
+    page.evaluate("tca.slider.setTime(2)")
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(re.compile(r"\bhandled\b"))
+
+
 @pytest.mark.parametrize(("passed_on", "tint"), [(False, "handled"), (True, "bad")])
 def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     look: Look, tmp_path: Path, *, passed_on: bool, tint: str
@@ -106,9 +119,7 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
     went = "failed then" if passed_on else "went on"
     expect(page.locator("#task .lead").nth(1)).to_have_text(f"told to maps, whose handler of where {{2}} {went}")
-    assert page.evaluate("tca.store.failures.map((one) => tca.store.wasHandled(one))") == [not passed_on] * (
-        3 if passed_on else 1
-    )
+    assert page.evaluate("tca.store.failures.map((one) => one.handled)") == [not passed_on] * (3 if passed_on else 1)
     marked = """() => {
       const { chart } = tca;
       chart.chosen = null; // without the frame of what is chosen
@@ -131,5 +142,5 @@ def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_
         story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
         story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
     page = look(story.at(2.0).write(tmp_path / "direct"))
-    told = "tca.store.rows[0].failed.map((span) => [span.name, tca.store.hasCoped(span)])"
+    told = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
     assert page.evaluate(told) == [["look", True], ["log", False]]

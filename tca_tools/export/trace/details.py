@@ -34,6 +34,7 @@ def of_task(past: Past, task: Task) -> Details:
         "state": str(task.state),
         "failure": task.failure or None,
         "killed": task.killed,
+        "killed by": task.killed_by or None,
         "result": plain_data(task.result),
         "failure data": plain_data(task.failure_data),
     }

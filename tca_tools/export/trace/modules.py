@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, count, groupby
 from typing import Any
 
+from tca_tools.coping import has_coped
 from tca_tools.export.lanes import Span, in_lanes, levels, nested
 from tca_tools.export.trace.details import flow_through, flow_to, flows_from, of_handling, of_message, of_wait
 from tca_tools.export.trace.events import (
@@ -135,7 +136,7 @@ def _failure(trace: Trace, handling: Handling) -> dict[str, Any]:
     """The failure that was raised when a handling ended."""
     message = trace.past.messages.get(handling.message_id)
     texts = [text for time, text in message.became("failure") if time == handling.end] if message else []
-    return {"failure": texts[-1] if texts else None}
+    return {"failure": texts[-1] if texts else None, "handled": has_coped(trace.past, handling)}
 
 
 def _waits(trace: Trace, around: Span, handling: Handling) -> list[tuple[Span, Wait]]:

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import inf
 
+from tca_tools.coping import went_on
 from tca_tools.export.lanes import Span, in_lanes
-from tca_tools.export.trace.details import of_task
+from tca_tools.export.trace.details import Details, of_task
 from tca_tools.export.trace.events import Event, Kind, Trace, Track, slices, within
 from tca_tools.records import Task
 from tca_wire.points import Moment
@@ -60,8 +61,12 @@ def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Even
 
 
 def _failures_and_kills(trace: Trace, track: Track, span: Span, task: Task) -> list[Event]:
-    news = [(time, "failed", {"failure": text}) for time, text in task.became("failure") if text]
-    news += [(time, "killed", {"why": why}) for time, why in task.became("killed") if why is not None]
+    raised = [(time, text) for time, text in task.became("failure") if text]
+    news: list[tuple[float, str, Details]] = [
+        (time, "failed", {"failure": text, "handled": went_on(trace.past, task, time)}) for time, text in raised
+    ]
+    kills = [(time, why) for time, why in task.became("killed") if why is not None]
+    news += [(time, "killed", {"why": why, "by": task.was("killed_by", time) or None}) for time, why in kills]
     found = []
     for time, name, details in news:
         place = int(min(trace.nanoseconds(time), span.last))

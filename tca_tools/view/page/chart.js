@@ -246,7 +246,7 @@ export class Chart {
   }
 
   // Red, or amber if the run went on after that failure.
-  #tintOf(span) { return css(span.outcome === "failed" && this.store.hasCoped(span) ? "--handled" : "--bad"); }
+  #tintOf(span) { return css(span.failure?.handled ? "--handled" : "--bad"); }
 
   #outline(x, y, width, tall, style, thick) {
     this.context.strokeStyle = style;

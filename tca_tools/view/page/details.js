@@ -59,7 +59,7 @@ export class Details {
       yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked(about.failure));
       if (about.told) yield element("p", { class: "lead" }, ...this.#linked(about.told));
     }
-    if (about.killed) yield element("p", { class: "lead bad" }, ...this.#linked(`killed: ${about.killed}`));
+    if (about.killed) yield element("p", { class: `lead ${about.replaced ? "handled" : "bad"}` }, ...this.#linked(`killed: ${about.killed}`));
   }
 
   *#relations(about) {

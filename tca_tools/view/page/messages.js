@@ -33,8 +33,7 @@ export class Messages {
   // Red, or amber if the run went on.
   #tint({ kind, id, time }) {
     if (!BAD.includes(kind)) return "";
-    const failure = kind === "failed" && this.store.failureAt(id, time);
-    return failure && this.store.wasHandled(failure) ? "handled" : "bad";
+    return kind === "failed" && this.store.failureAt(id, time)?.handled ? "handled" : "bad";
   }
 
   #line(line, place) {

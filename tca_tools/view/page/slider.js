@@ -137,7 +137,7 @@ export class Slider {
   // Those that were handled lie below the others.
   #drawFailures(context, x, height) {
     const { failures, version } = this.store;
-    if (this.marks?.version !== version) this.marks = { version, ...Object.groupBy(failures, (one) => this.store.wasHandled(one) ? "handled" : "bad") };
+    if (this.marks?.version !== version) this.marks = { version, ...Object.groupBy(failures, (one) => one.handled ? "handled" : "bad") };
     for (const tint of ["handled", "bad"]) {
       context.fillStyle = css(`--${tint}`);
       for (const { time } of this.marks[tint] ?? []) context.fillRect(x(time) - 1, height - 9, 2, 7);

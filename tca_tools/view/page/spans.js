@@ -8,8 +8,8 @@ export function describe({ span, wait, row }, store) {
   const one = wait ?? span, end = Math.min(one.end, store.end);
   const holder = store.byId.get(span.message)?.name ?? "message";
   const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
-  const where = span.kind === "suspended" ? "" : ` ${row.label}`;
-  const handled = span.outcome === "failed" && store.hasCoped(span) ? ", and handled" : "";
+  const where = span.kind === "suspended" ? span.by : ` ${row.label}`;
+  const handled = span.failure?.handled ? ", and handled" : "";
   const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}${handled}` : "";
   const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
   if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;

@@ -55,9 +55,11 @@ export class Store {
     this.top = [];
     this.rows = []; // of the chart: { label, handled, queued, held, connected, failed }; the first three are lanes of spans
     this.suspended = newRow("(suspended)");
-    this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits }
-    this.failures = []; // as they were raised: { message, time, told, asker, monitor }
+    this.suspensions = []; // the spans in it, as they began
+    this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure }
+    this.failures = []; // those of messages, as they were raised: { message, time, span, handled }
     this.failuresOf = new Map(); // the same by message
+    this.verdicts = []; // the same by their rows, with those of what came directly
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.end = 0; // of the run, as far as it has come
@@ -94,9 +96,9 @@ export class Store {
     this.#addTasks(columns);
     this.#addStates(columns);
     this.#addHolds(columns);
-    this.#addFailures(columns);
     for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
     this.#addSpans(columns);
+    this.#addFailures(columns);
     this.lengths = head.lengths;
     this.version += 1;
     this.end = this.last;
@@ -122,7 +124,7 @@ export class Store {
   }
 
   #addStates(columns) {
-    const ids = columns["state.task"];
+    const ids = columns["state.task"], known = this.suspensions.length;
     for (let i = 0; i < ids.length; i++) {
       const task = this.byId.get(ids[i]);
       task.times.push(columns["state.time"][i]);
@@ -130,6 +132,7 @@ export class Store {
       this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
       if (this.head.states[columns["state.state"][i]].name === "failed") noteFailure(task, columns["state.time"][i]);
     }
+    columns["suspended.by"].forEach((by, i) => { this.suspensions[known + i].by = this.texts[by]; });
   }
 
   #noteSuspension(task, state, time) {
@@ -138,7 +141,8 @@ export class Store {
       task.suspension = null;
     }
     if (this.head.states[state].name !== "suspended") return;
-    task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [] };
+    task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [], by: "" };
+    this.suspensions.push(task.suspension);
     putIntoLane(this.suspended.queued, task.suspension);
   }
 
@@ -153,12 +157,16 @@ export class Store {
 
   #addFailures(columns) {
     columns["failure.time"].forEach((time, i) => {
-      const [message, told, asker, monitor] = ["message", "told", "asker", "monitor"].map((name) => columns[`failure.${name}`][i]);
-      const failure = { message, time, told, asker, monitor };
+      const message = columns["failure.message"][i], span = this.spans[columns["failure.span"][i]];
+      const failure = { message, time, span, handled: false }; // handled: the run went on after it, or still may
+      this.verdicts.push(failure);
+      if (span) span.failure = failure;
+      if (!message) return;
       this.failures.push(failure);
       if (!this.failuresOf.has(message)) this.failuresOf.set(message, []);
       this.failuresOf.get(message).push(failure);
     });
+    columns["verdict.failure"].forEach((row, i) => { this.verdicts[row].handled = Boolean(columns["verdict.good"][i]); });
   }
 
   #addSpans(columns) {
@@ -167,7 +175,7 @@ export class Store {
       const span = {
         row: rows[i], kind: this.head.kinds[columns["span.kind"][i]], name: this.texts[columns["span.name"][i]],
         message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
-        end: Infinity, outcome: "", waits: [],
+        end: Infinity, outcome: "", waits: [], failure: null,
       };
       if (span.kind !== "connected") this.first = Math.min(this.first, span.start);
       this.spans.push(span);
@@ -241,42 +249,8 @@ export class Store {
     return state !== NEVER && this.isOver(state) ? task.times[lastNotAfter(task.times, time)] : null;
   }
 
-  // Whether the run went on after a failure, or still may (as coping.py has it): its task did not end with it; whoever
-  // had asked was told, and his handler did not fail; or that failure was handled.
-  wasHandled(failure) {
-    while (failure && !this.byId.has(failure.message)) {
-      if (failure.monitor) return this.#hasGoneOn(failure.monitor, failure.time);
-      if (!failure.told) return false;
-      const asker = this.spans[failure.asker];
-      if (asker?.outcome !== "failed") return true;
-      failure = this.failureOf(asker); // of what is older than what it asked
-    }
-    return failure ? this.#hasGoneOn(failure.message, failure.time) : false;
-  }
-
-  // The failure with which a handler ended, if there is one.
-  failureOf(span) { return this.failureAt(span.message, span.end); }
-
-  failureAt(message, time) {
-    const failures = this.failuresOf.get(message) ?? [];
-    return failures.find((one) => one.time === time) ?? failures.find((one) => one.time >= time);
-  }
-
-  // The same of a handling that failed.
-  hasCoped(span) {
-    if (!span.message) return this.head.queries.includes(span.name); // it came directly: who asked was told
-    const failure = this.failureOf(span);
-    return Boolean(failure) && this.wasHandled(failure);
-  }
-
-  #hasGoneOn(id, time) {
-    const task = this.byId.get(id);
-    if (!task) return false;
-    let place = Math.max(lastNotAfter(task.times, time), 0);
-    const name = () => this.head.states[task.states[place]].name;
-    while (name() === "recovering" && place + 1 < task.states.length) place++;
-    return !["failed", "killed"].includes(name());
-  }
+  // The failure that was raised on a message at a time.
+  failureAt(message, time) { return this.failuresOf.get(message)?.find((one) => one.time === time); }
 
   isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }
 }

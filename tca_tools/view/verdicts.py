@@ -1,0 +1,53 @@
+"""Whether the run went on after each failure, told anew whenever that changes. Pure; coping.py decides."""
+
+from collections.abc import Iterable, Iterator
+
+from tca_tools.coping import Failing, hinges, went_on
+from tca_tools.past import Past
+from tca_tools.records import OVER, Task
+
+
+class Verdicts:
+    """Failures by their numbers. Each is looked at again only when something changes on which its verdict hinges."""
+
+    def __init__(self, past: Past) -> None:
+        self._past = past
+        self._failures: dict[int, tuple[Failing, float]] = {}
+        """Those of which it is not settled: what failed, and when."""
+        self._good: set[int] = set()
+        """Those of them after which the run went on, as it was told last."""
+        self._on_change: dict[int, dict[int, None]] = {}
+        """Which failures hinge on a record, by its identity."""
+        self._on_end: dict[int, dict[int, None]] = {}
+        """Which hinge on a task's end."""
+        self._new: dict[int, None] = {}
+
+    def follow(self, number: int, failed: Failing, time: float) -> None:
+        """From now on, a failure that has just been raised; until told otherwise the run did not go on after it."""
+        self._failures[number] = failed, time
+        self._new[number] = None
+
+    def changed(self, news: Iterable[object]) -> Iterator[tuple[int, bool]]:
+        """The failures of which it is otherwise than it was, now that so many records have changed."""
+        again, self._new = self._new, {}
+        for record in news:
+            key = id(record)
+            if key in self._on_change:
+                again |= self._on_change.pop(key)
+            if key in self._on_end and isinstance(record, Task) and record.state in OVER:
+                again |= self._on_end.pop(key)
+        for number in again:
+            if number in self._failures:
+                yield from self._look_at(number, *self._failures[number])
+
+    def _look_at(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
+        is_good = went_on(self._past, failed, time)
+        if is_good != (number in self._good):
+            yield number, is_good
+        (self._good.add if is_good else self._good.discard)(number)
+        open_still = hinges(self._past, failed, time)
+        for record, at_end in open_still:
+            (self._on_end if at_end else self._on_change).setdefault(id(record), {})[number] = None
+        if not open_still:
+            del self._failures[number]
+            self._good.discard(number)
