@@ -101,6 +101,7 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
     for line in page.locator("#task .lead").all():
         expect(line).to_have_class("lead handled")
     assert page.evaluate("tca.store.failures.map((one) => [one.handled, one.span.failure === one])") == [[True, True]]
+    expect(page.locator(".row[data-task='2'] .why")).to_have_class("why handled")
     page.evaluate("tca.slider.setTime(2)")
     page.locator("#tab-messages").click()
     expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(re.compile(r"\bhandled\b"))

@@ -252,5 +252,8 @@ export class Store {
   // The failure that was raised on a message at a time.
   failureAt(message, time) { return this.failuresOf.get(message)?.find((one) => one.time === time); }
 
+  // The newest failure of a task at a time.
+  lastFailure(task, time) { return this.failuresOf.get(task)?.findLast((one) => one.time <= time); }
+
   isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }
 }

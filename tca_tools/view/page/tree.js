@@ -203,7 +203,8 @@ export class Tree {
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const { text: note, since, whole } = this.#note(task) ?? { text: "", since: null, whole: "" };
-    const why = element("span", { class: "why", title: whole });
+    const isHandled = name === "failed" && this.store.lastFailure(task.id, this.time)?.handled;
+    const why = element("span", { class: isHandled ? "why handled" : "why", title: whole });
     const lasted = since === null ? [] : [", for ", age(since)], told = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name;
     const room = this.room - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
     why.append(element("span", { class: "what", text: abridged(told, room, this.widthOf) }), ...lasted);
