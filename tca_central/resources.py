@@ -68,7 +68,9 @@ class Queue(Generic[Q]):
     def left(self) -> None:
         """An entry became void."""
         self.waiting -= 1
-        if len(self._heap) > 2 * self.waiting + VOID_ENTRIES:
+        if not self.waiting:
+            self._heap.clear()
+        elif len(self._heap) > 2 * self.waiting + VOID_ENTRIES:
             self._heap = [entry for entry in self._heap if entry[3].ticket == entry[2]]
             heapq.heapify(self._heap)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 from central.player import ANY, Player, before, point
 from central.reachable import reachable
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 from properties.test_central_properties import end_life
@@ -40,6 +40,7 @@ def held(central: Central) -> Counter[str]:
 
 
 @given(st.lists(operation, max_size=60))
+@example([("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2)  # a resource that has lost its slots
 @settings(max_examples=100, deadline=None)
 def test_when_everything_has_ended_central_holds_nothing_of_it(
     operations: list[tuple[str, int, int, int, int]],
