@@ -78,6 +78,7 @@ def _successors(place: Place) -> Iterator[Place]:
         yield Place(parent, moment)
         if moment == END_ACHIEVING and _decides(task, parent):
             yield Place(parent, END_HANDLING)
+            yield from (Place(asked, END_HANDLING) for asked in (task.rare.asked if task.rare else ()))
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -101,10 +102,11 @@ def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
     elif moment == END_HANDLING:
         if task.again or task.rare:
             yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
+            yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.asking if task.rare else ()))
     elif moment != START_HANDLING:
         yield from (Place(child, moment) for child in children)
 
 
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is."""
-    return task.again or (task.rare is not None and task.rare.recovering is child)
+    return (task.again and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)

@@ -169,8 +169,20 @@ def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send
     _check_end(task.message, parent, options)
     become_monitor(central, task, options)
     task.is_watcher = not (ends_by_itself(task.message, options) or options.for_ever)
-    is_own = parent.is_running and parent.given_as == header.origin
-    task.more.is_guest = task.is_watcher and not is_own
+    task.more.is_guest = not _is_of_handler(central, parent, header.origin)
+
+
+def _is_of_handler(central: State, parent: Task, origin: int) -> bool:
+    """Whether the handler of *parent*, or of what that has sent, sends, and so will again when *parent* is retried. Who
+    helps after a failure does not.
+    """
+    sending = central.dispatcher.attended.get(origin)
+    for above in sending.lineage() if isinstance(sending, Task) else ():
+        if above is parent:
+            return True
+        if above.role is Role.EXCEPTION or above.is_guest:
+            return False
+    return False
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:

@@ -217,13 +217,15 @@ def retry(world: World, node: Node) -> None:
     node.waiting = False
 
 
-def retry_now(world: World, node: Node) -> None:
-    """Somebody asks that a task be handled once more: what is under it ends first."""
+def retry_now(world: World, node: Node, connection: str) -> None:
+    """Somebody asks that a task be handled once more: what is under it ends first, but for the monitors of others."""
     oracle_monitors.stop(world, node)
     if SH not in node.past:
         oracle_taps.fire_again(world, node)
         return
     for child in world.children(node):
-        if not child.survives:
+        if not (child.survives or child.is_guest):
             kill(world, child)
+    at_work = [one for one in world.nodes.values() if one.slot == connection]
+    node.asking |= {one for one in at_work if one.role is Role.EXCEPTION and not one.nested}
     retry(world, node)

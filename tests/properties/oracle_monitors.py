@@ -36,6 +36,19 @@ def born(node: Node, options: WatchOptions | None) -> None:
     node.watches_over = node.kind is not MessageClass.POINT_MONITOR and not is_bounded
 
 
+def is_guest(world: World, parent: Node, origin: int) -> bool:
+    """Whether a monitor is put under a task by others than its handler and the handlers of what that has sent."""
+    senders = [node for node in world.nodes.values() if node.slot and node.given_as == origin]
+    if not senders:
+        return True
+    way = [senders[0]]  # up to that task
+    while way[-1] is not parent:
+        if way[-1].parent is None or way[-1].role is Role.EXCEPTION or way[-1].is_guest:
+            return True
+        way.append(way[-1].parent)
+    return False
+
+
 def start_all(world: World) -> bool:
     """The turn of monitors has come: no handler gets them. Whether there was any. Which of several is first is open."""
     monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]

@@ -64,7 +64,8 @@ class Node(Job):
     tap: "Tap | None" = None  # for which it was sent
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent
-    is_guest: bool = False  # such a one, that another than its parent's handler put there
+    is_guest: bool = False  # a monitor that nothing which its parent's handler has sent put there
+    asking: set["Node"] = field(default_factory=set)  # exception handlers that want it retried
     had_others: bool = False  # has had children that could be watched over
 
     @property
