@@ -185,11 +185,15 @@ class Life:
         if task := self.task(a):
             self.request(headers.Raise, task, FAILURES[b % 2])
 
-    def retry_(self, a: int, b: int, *_: int) -> None:
+    def retry_(self, a: int, b: int, c: int, d: int) -> None:
         handlers = [one for one in self.central.dispatcher.attended.values() if one.role is Role.EXCEPTION]
-        slot = handlers[a % len(handlers)].slot if handlers and b % 3 else None
-        name = slot.id.decode() if slot is not None else "user"
-        if task := self.task(a):
+        handler = handlers[a % len(handlers)] if handlers and b % 3 else None
+        name, task = "user", self.task(a)
+        if handler is not None and handler.slot is not None:
+            name = handler.slot.id.decode()
+            path = list(handler.context.failing.lineage())
+            task = TaskId(path[c % len(path)].id) if d % 4 else task  # what it may retry
+        if task:
             self.player.receive(name, headers.Retry(self.player.number(name), task, b % 2 == 0), b"\x08")
 
     def suspend_(self, a: int, b: int, *_: int) -> None:
@@ -213,7 +217,11 @@ class Life:
         tasks = [0, *self.central.tree.tasks]
         options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
-        origin = self.central.tree.tasks[TaskId(parent)].given_as if parent and d % 3 else 0
+        attended, origin = list(self.central.dispatcher.attended.values()), 0
+        if attended and d % 3 == 2:  # a handler, of whatever task
+            origin = attended[b % len(attended)].given_as
+        elif parent and d % 3:
+            origin = self.central.tree.tasks[TaskId(parent)].given_as
         self.player.send("user", name, under=parent, flags=Flags(d % 2), watch=options, origin=origin)
 
     def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:

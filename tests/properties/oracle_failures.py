@@ -226,6 +226,8 @@ def retry_now(world: World, node: Node, connection: str) -> None:
     for child in world.children(node):
         if not (child.survives or child.is_guest):
             kill(world, child)
-    at_work = [one for one in world.nodes.values() if one.slot == connection]
-    node.asking |= {one for one in at_work if one.role is Role.EXCEPTION and not one.nested}
+    at_work = [one for one in world.everything() if one.slot == connection]
+    asking = max(at_work, key=lambda one: one.turn, default=None)
+    if isinstance(asking, Node) and asking.role is Role.EXCEPTION:
+        node.asking.add(asking)
     retry(world, node)

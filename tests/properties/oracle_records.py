@@ -37,6 +37,7 @@ class Job:
     slot: str = ""  # the connection that has it
     given_as: int = 0
     nested: bool = False  # has a slot beyond the capacity
+    turn: int = 0  # how many were given away when it was
 
 
 @dataclass(eq=False)
@@ -249,7 +250,7 @@ class World:
     def __init__(self) -> None:
         self.time = 0.0  # of the event
         self.due_by = 0.0  # what is due by then has happened
-        self.step = self.round = 0
+        self.step = self.round = self.turns = 0
         self.kinds: dict[str, MessageClass] = {}
         self.parts: dict[str, list[str]] = {}
         self.handlers: dict[str, list[Handler]] = {}  # newest last

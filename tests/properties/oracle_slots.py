@@ -123,7 +123,8 @@ def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
 
 
 def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
-    job.nested = nested
+    world.turns += 1
+    job.nested, job.turn = nested, world.turns
     job.slot, job.wanted, job.waiting = slot, False, False
     oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
     if isinstance(job, Node):
