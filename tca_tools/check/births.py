@@ -72,12 +72,23 @@ def _plant(world: World, item: Item, fact: facts.Received) -> None:
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
+        item.is_guest = not item.role and item.message_class.is_monitor and not _is_of_handler(world, item, parent)
         item.is_suspended = parent.is_suspended and not item.role.leaves_safe
         if parent.is_killed:
             world.later.append(lambda: check_below(world, parent))
     _constrain(world, fact.constraints)
     if not item.is_goal:
         world.later.append(lambda: _check_birth(world, item))
+
+
+def _is_of_handler(world: World, item: Item, parent: Item) -> bool:
+    """Whether the handler of *parent*, or of what that has sent, has sent it; exception handlers are others."""
+    above = world.deliveries.get(item.origin) or world.items.get(item.origin)
+    if above is None or above.given_as != item.origin or not above.is_handled:
+        return False
+    while above is not None and above is not parent:
+        above = None if above.role is Role.EXCEPTION or above.is_guest else above.parent
+    return above is parent
 
 
 def _check_on_its_way(world: World, item: Item) -> None:
