@@ -24,7 +24,7 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     """The points that lead from *start* to *goal*, both included; None if nothing does."""
     if start == goal:
         return [start]
-    ahead = _Side(start, _successors)
+    ahead = _Side(start, successors)
     behind = _Side(goal, lambda place: predecessors(tree, place))
     while True:
         for side, other in ((ahead, behind), (behind, ahead)):
@@ -63,7 +63,8 @@ class _Side:
         return trail
 
 
-def _successors(place: Place) -> Iterator[Place]:
+def successors(place: Place) -> Iterator[Place]:
+    """The points that wait for a point, those already reached too."""
     task, moment = place
     for following in successors_within(task.is_goal, moment):
         yield Place(task, following)
@@ -78,7 +79,8 @@ def _successors(place: Place) -> Iterator[Place]:
         yield Place(parent, moment)
         if moment == END_ACHIEVING and _decides(task, parent):
             yield Place(parent, END_HANDLING)
-            yield from (Place(asked, END_HANDLING) for asked in (task.rare.asked if task.rare else ()))
+        if moment == END_ACHIEVING and task.rare is not None:
+            yield from (Place(asked, END_HANDLING) for asked in task.rare.asked)
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
