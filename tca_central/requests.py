@@ -27,7 +27,7 @@ from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
-from tca_central.watching import become_monitor, check_options, ends_by_itself
+from tca_central.watching import become_monitor, check_options, ends_by_itself, is_put_by_others
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.failures import OVERLOAD
@@ -81,7 +81,7 @@ def _received(
 
 def _make(central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes) -> Delivery:
     delivery = Delivery(central.new_id(), message, body, connection)
-    delivery.priority = header.priority
+    delivery.priority, delivery.origin = header.priority, header.origin
     central.facts.append(_received(connection, header, delivery, []))
     happened(central, delivery, SENT)
     return delivery
@@ -169,20 +169,7 @@ def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send
     _check_end(task.message, parent, options)
     become_monitor(central, task, options)
     task.is_watcher = not (ends_by_itself(task.message, options) or options.for_ever)
-    task.more.is_guest = not _is_of_handler(central, parent, header.origin)
-
-
-def _is_of_handler(central: State, parent: Task, origin: int) -> bool:
-    """Whether the handler of *parent*, or of what that has sent, sends, and so will again when *parent* is retried. Who
-    helps after a failure does not.
-    """
-    sending = central.dispatcher.attended.get(origin)
-    for above in sending.lineage() if isinstance(sending, Task) else ():
-        if above is parent:
-            return True
-        if above.role is Role.EXCEPTION or above.is_guest:
-            return False
-    return False
+    task.more.is_guest = is_put_by_others(central, parent, header.origin)
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:

@@ -117,8 +117,10 @@ class Life:
                 constraints.append(
                     before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
                 )
+        attended = list(self.central.dispatcher.attended.values())
+        origin = attended[a % len(attended)].given_as if attended and b % 2 else parent
         self.player.send(
-            senders[a % len(senders)], self.sent_name(b), under=parent,
+            senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
             if_handled=a % 5 == 0, keep=b % 4 == 1,
@@ -220,8 +222,10 @@ class Life:
         attended, origin = list(self.central.dispatcher.attended.values()), 0
         if attended and d % 3 == 2:  # a handler, of whatever task
             origin = attended[b % len(attended)].given_as
-        elif parent and d % 3:
-            origin = self.central.tree.tasks[TaskId(parent)].given_as
+        elif parent and d % 3:  # its own, while it is at work or afterwards
+            task = self.central.tree.tasks[TaskId(parent)]
+            is_or_was_handled = task.is_running or (task.returned and not task.killed)
+            origin = task.given_as if is_or_was_handled and not task.message.message_class.is_monitor else 0
         self.player.send("user", name, under=parent, flags=Flags(d % 2), watch=options, origin=origin)
 
     def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:

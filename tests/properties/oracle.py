@@ -197,6 +197,7 @@ class Oracle:
             return
         module = world.modules[connection]
         job = Job(birth.id, header.message, kind, connection, module, header.number, header.priority)
+        job.origin = header.origin
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)

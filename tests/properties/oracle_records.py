@@ -38,6 +38,9 @@ class Job:
     given_as: int = 0
     nested: bool = False  # has a slot beyond the capacity
     turn: int = 0  # how many were given away when it was
+    origin: int = 0  # the delivery whose handler sent it
+    about: "Job | None" = None  # what central made it for
+    tap: "Tap | None" = None  # for which it was sent
 
 
 @dataclass(eq=False)
@@ -62,7 +65,6 @@ class Node(Job):
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
     listeners: list["Node"] = field(default_factory=list)  # that die with it
-    tap: "Tap | None" = None  # for which it was sent
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent
     is_guest: bool = False  # a monitor that nothing which its parent's handler has sent put there

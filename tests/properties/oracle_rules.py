@@ -126,6 +126,7 @@ def make(world: World, message: str, role: Role, parent: Node, about: Job, tap: 
     """A task that central makes itself, for another message: it waits for nothing above it."""
     task = world.seen.take_made(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
+    node.about = about
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
     node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
     add(world, node, parent)
@@ -246,7 +247,7 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
         return True
     node.waiting = True
     if node.again:
-        node.again, node.recovering = False, None
+        node.again, node.recovering, node.given_as = False, None, 0
         oracle_locks.end_for(world, node)
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since

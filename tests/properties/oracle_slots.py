@@ -166,6 +166,7 @@ def copies(world: World, job: Job) -> list[Job]:
                 job.sent_for_listener,
                 resource,
             )
+            copy.origin, copy.about, copy.tap = job.origin, job.about, job.tap
             wait(world, copy)
             made.append(copy)
     return made
