@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.registry import Delivery
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Flags
@@ -220,13 +221,27 @@ class Life:
         options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
         attended, origin = list(self.central.dispatcher.attended.values()), 0
-        if attended and d % 3 == 2:  # a handler, of whatever task
-            origin = attended[b % len(attended)].given_as
+        if attended and d % 3 == 2:  # a handler, of whatever task or of what it is about
+            handled = attended[b % len(attended)]
+            origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
+            parent = living[c % len(living)] if living and a % 4 else parent
         elif parent and d % 3:  # its own, while it is at work or afterwards
             task = self.central.tree.tasks[TaskId(parent)]
             is_or_was_handled = task.is_running or (task.returned and not task.killed)
             origin = task.given_as if is_or_was_handled and not task.message.message_class.is_monitor else 0
         self.player.send("user", name, under=parent, flags=Flags(d % 2), watch=options, origin=origin)
+
+    def causes(self, handled: Delivery) -> list[int]:
+        """The tasks because of which a handler may have been called."""
+        about = handled.context
+        if handled.role is Role.LISTENER:
+            return [about.tapped.task]
+        if isinstance(handled, Task):
+            return [int(one.id) for one in handled.lineage()]
+        if handled.role:
+            return [int(one.id) for one in about.task.lineage()]
+        sending = self.central.dispatcher.attended.get(handled.origin)
+        return [sending.id] if sending is not None else []
 
     def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:
         tasks = list(self.central.tree.tasks)
