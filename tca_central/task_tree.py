@@ -17,8 +17,8 @@ _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIE
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped", "is_void",
-                 "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps", "void_followers",
+    __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped",
+                 "is_void", "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps", "void_followers",
                  "watch")  # fmt: skip
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class Rare:
         self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
         self.asking: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
         self.asked: list[Task] = []  #: of an exception handler: the tasks that it wants retried
-        self.is_guest = False  #: of a monitor: nothing that its parent's handler has sent put it there
+        self.is_guest = False  #: of a monitor: others have put it under its parent (watching.py)
         self.guests = 0  #: number of such children
         self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first

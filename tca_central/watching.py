@@ -85,8 +85,8 @@ def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
 
 
 def is_put_by_others(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor that the handler of delivery *origin* (0: nobody's) puts under *parent* comes from elsewhere than
-    from the handling of *parent*: then nobody puts it there again when that is retried, and a retry spares it.
+    """Whether a monitor that the handler of delivery *origin* (0: nobody's) puts under *parent* comes from elsewhere
+    than from the handling of *parent*: then nobody puts it there again when that is retried, and a retry spares it.
 
     Looks who sent what to that handler, back to *parent*. Who helps after a failure comes from elsewhere, and so does
     what a monitor of others has sent, and what wiretaps have that are fired for *parent* once.

@@ -226,7 +226,9 @@ def _may_reach(node: Node, moment: Moment, held: set[tuple[int, Moment]], childr
 def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
     if not node.wanted or node.killed or node.suspended:
         return False
-    if node.again and (node.slot or node.asking & set(world.nodes.values()) or not all(child.is_guest for child in children)):
+    if node.again and (
+        node.slot or node.asking & set(world.nodes.values()) or not all(child.is_guest for child in children)
+    ):
         return False
     firsts = [SP, SA] if node.delayed else [node.first]
     return all(_may_reach(node, moment, held, children) for moment in firsts)
