@@ -18,8 +18,8 @@ class Rare:
     """What only few tasks have: most tasks do without this object."""
 
     __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped",
-                 "is_void", "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps", "void_followers",
-                 "watch")  # fmt: skip
+                 "is_void", "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps",
+                 "void_followers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[Attached] = []  #: its exception handlers, newest last
