@@ -119,7 +119,7 @@ class Life:
                     before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
                 )
         attended = list(self.central.dispatcher.attended.values())
-        origin = attended[a % len(attended)].given_as if attended and b % 2 else parent
+        origin = attended[a % len(attended)].given_as if attended and b % 2 else 0
         self.player.send(
             senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
