@@ -86,7 +86,8 @@ class Agenda:
                 self._hold_again(self.tree.tasks[constraint.after.task])
         self.tree.become_last(task, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
-        if (parent.killed or (parent.again and not task.role)) and not task.survives:
+        is_late = parent.again and not (task.role or task.is_guest)
+        if (parent.killed or is_late) and not task.survives:
             self.kill(task, parent.killed or f"{parent} is retried")
             self.happened.append((task, KILLED))
         self._look_at.append(task)
@@ -122,14 +123,19 @@ class Agenda:
         self._look_at.append(task)
 
     def retry(self, task: Task) -> None:
-        """Let a task that has been started be handled once more, as soon as no handler has it and all under it has
-        ended. The moments that it has reached stay reached.
+        """Let a task that has been started be handled once more, as soon as no handler has it and all under it but
+        guests has ended. The moments that it has reached stay reached.
         """
         task.again, task.returned = True, False
         if task.rare:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
             task.rare.fired &= {tap.id for tap in taps_of(task) if not tap.before & to_come}
         self.hand_back(task)
+
+    def asked(self, task: Task, handler: Task) -> None:
+        """An exception handler that has asked for a retry has ended."""
+        task.more.asking.pop(handler, None)
+        self._look_at.append(task)
 
     def begin_anew(self, task: Task) -> None:
         """Let what wiretaps want done before a task that has not been started be done again."""
@@ -254,7 +260,7 @@ class Agenda:
         self._look_at.append(task)
 
     def _may_start(self, task: Task) -> bool:
-        if task.suspended or (task.again and (task.children or task.is_running)):
+        if task.suspended or (task.again and not task.is_clear):
             return False
         if task.delayed and not self._may_reach(task, START_ACHIEVING):
             return False
@@ -304,8 +310,9 @@ class Agenda:
         if task.held:
             self.holds.forget(task)
         self.ended.append(task)
-        if task.parent is not None and len(task.parent.children or ()) == task.parent.watchers:
-            self._look_at.append(task.parent)
+        parent = task.parent
+        if parent is not None and (parent.again or len(parent.children or ()) == parent.watchers):
+            self._look_at.append(parent)
 
     def _hold_again(self, task: Task) -> None:
         """A new constraint holds a task that was startable but has not been delivered: take it out of the queues."""

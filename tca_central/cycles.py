@@ -24,7 +24,7 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     """The points that lead from *start* to *goal*, both included; None if nothing does."""
     if start == goal:
         return [start]
-    ahead = _Side(start, _successors)
+    ahead = _Side(start, successors)
     behind = _Side(goal, lambda place: predecessors(tree, place))
     while True:
         for side, other in ((ahead, behind), (behind, ahead)):
@@ -63,7 +63,8 @@ class _Side:
         return trail
 
 
-def _successors(place: Place) -> Iterator[Place]:
+def successors(place: Place) -> Iterator[Place]:
+    """The points that wait for a point, those already reached too."""
     task, moment = place
     for following in successors_within(task.is_goal, moment):
         yield Place(task, following)
@@ -78,6 +79,8 @@ def _successors(place: Place) -> Iterator[Place]:
         yield Place(parent, moment)
         if moment == END_ACHIEVING and _decides(task, parent):
             yield Place(parent, END_HANDLING)
+        if moment == END_ACHIEVING and task.rare is not None:
+            yield from (Place(asked, END_HANDLING) for asked in task.rare.asked)
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -101,10 +104,11 @@ def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
     elif moment == END_HANDLING:
         if task.again or task.rare:
             yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
+            yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.asking if task.rare else ()))
     elif moment != START_HANDLING:
         yield from (Place(child, moment) for child in children)
 
 
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is."""
-    return task.again or (task.rare is not None and task.rare.recovering is child)
+    return (task.again and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)

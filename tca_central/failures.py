@@ -286,6 +286,8 @@ def handler_ended(central: State, handler: Task) -> None:
     with.
     """
     failing: Task = handler.context.failing
+    for asked in handler.more.asked:
+        central.agenda.asked(asked, handler)
     if handler.more.is_void:
         return
     is_deciding = failing.more.recovering is handler
@@ -299,26 +301,30 @@ def handler_ended(central: State, handler: Task) -> None:
         central.agenda.returned(failing)
 
 
-def _check_retry(connection: Connection, task: Task) -> None:
-    """Raises RequestError if an exception handler wants to retry what is not on the way from the failing task up: one
-    that retried itself would go on for ever.
+def _asking(connection: Connection, task: Task) -> Task | None:
+    """The exception handler that asks for a retry; None if somebody else does. Raises RequestError if it wants to retry
+    what is not on the way from the failing task up: one that retried itself would go on for ever.
     """
     asking = next(reversed(connection.handling), None)
-    if asking is not None and isinstance(asking.context, Recovery):
-        failing = asking.context.failing
-        if all(above is not task for above in failing.lineage()):
-            text = f"{asking} handles the failure of {failing}: it can retry that or a task above it, and not {task}"
-            raise RequestError(Refusal.PROTOCOL, text)
+    if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
+        return None
+    failing = asking.context.failing
+    if all(above is not task for above in failing.lineage()):
+        text = f"{asking} handles the failure of {failing}: it can retry that or a task above it, and not {task}"
+        raise RequestError(Refusal.PROTOCOL, text)
+    return asking
 
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
-    """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended."""
+    """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended. Monitors
+    that others have put under it go on.
+    """
     task = central.tree.task(header.task)
     if task is None or task.killed:
         ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
         central.ignore(connection, header.number, f"{ended}: it can't be retried")
         return
-    _check_retry(connection, task)
+    asking = _asking(connection, task)
     if task.rare is not None and task.rare.watch is not None:
         stop(central, task.rare.watch, "it is retried")
     if header.new_data:
@@ -329,8 +335,11 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
     if task.reached & START_HANDLING:
         why = f"{task} is retried"
         for child in list((task.children or {}).values()):
-            if not child.survives:
+            if not (child.survives or child.is_guest):
                 kill(central, child, why, by)
+        if asking is not None and asking not in task.more.asking:
+            task.more.asking[asking] = None
+            asking.more.asked.append(task)
         if task.slot is not None:
             central.tell(task.slot, Cancelled(task.given_as))
         central.agenda.retry(task)

@@ -9,7 +9,7 @@ from tca_wire.vocabulary import MessageClass
 def copy_of(central: State, original: Delivery) -> Delivery:
     """A delivery of the same message, for one of those who handle it."""
     copy = Delivery(central.new_id(), original.message, original.body, original.sender)
-    copy.message_id, copy.priority = original.id, original.priority
+    copy.message_id, copy.priority, copy.origin = original.id, original.priority, original.origin
     copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
     return copy
 

@@ -88,7 +88,7 @@ def _check_place(central: State, task: Task) -> None:
     assert parent.children is not None, f"{task}: its parent does not know it"
     assert parent.children.get(task.id) is task, f"{task}: its parent does not know it"
     assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
-    guests = [child for child in (task.children or {}).values() if child.rare and child.rare.is_guest]
+    guests = [child for child in (task.children or {}).values() if child.is_guest]
     assert (task.rare.guests if task.rare else 0) == len(guests), f"{task}: {guests} are not all its guests"
     assert task.unplanned == sum(
         child.is_goal and not child.reached & END_PLANNING for child in (task.children or {}).values()

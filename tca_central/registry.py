@@ -189,7 +189,7 @@ class Delivery:
     """One message on its way to one handler."""
 
     __slots__ = ("arrival", "body", "context", "given_as", "id", "message", "message_id", "nested", "number",
-                 "priority", "queues", "role", "sender", "sent_by", "since", "slot", "ticket")  # fmt: skip
+                 "origin", "priority", "queues", "role", "sender", "sent_by", "since", "slot", "ticket")  # fmt: skip
 
     def __init__(self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None) -> None:
         self.id = delivery_id
@@ -202,6 +202,7 @@ class Delivery:
         self.sender = sender  #: who wants the answer; None when it is gone
         self.sent_by: object = sender.module if sender is not None else None
         """The module that sent it; of what central made, who sent the message that it was made for (None: nobody)."""
+        self.origin = 0  #: of what is no task: the delivery whose handler sent it (0: nobody's, or not known)
         self.number = 0  #: of the sender's request (0: no answer wanted)
         self.priority = 0
         self.arrival = 0  #: when it could first be handled; kept when it has to queue again

@@ -27,7 +27,7 @@ from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
-from tca_central.watching import become_monitor, check_options, ends_by_itself, enlist
+from tca_central.watching import become_monitor, check_options, ends_by_itself, enlist, is_put_by_others
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.failures import OVERLOAD
@@ -81,7 +81,7 @@ def _received(
 
 def _make(central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes) -> Delivery:
     delivery = Delivery(central.new_id(), message, body, connection)
-    delivery.priority = header.priority
+    delivery.priority, delivery.origin = header.priority, header.origin
     central.facts.append(_received(connection, header, delivery, []))
     happened(central, delivery, SENT)
     return delivery
@@ -170,8 +170,7 @@ def _make_monitor(central: State, task: Task, parent: Task, header: headers.Send
     _check_end(task.message, parent, options)
     become_monitor(central, task, options)
     task.is_watcher = not (ends_by_itself(task.message, options) or options.for_ever)
-    is_own = parent.is_running and parent.given_as == header.origin
-    task.more.is_guest = task.is_watcher and not is_own
+    task.more.is_guest = is_put_by_others(central, parent, header.origin)
 
 
 def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:

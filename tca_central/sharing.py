@@ -54,6 +54,7 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
     central.variables.check_room(message.name, body)
     before = _value(central, message)
     made = Delivery(central.new_id(), message, body, connection)
+    made.origin = header.origin
     sender, kind = connection.module.name, message.message_class
     central.facts.append(facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, []))
     central.variables.put(message.name, Value(body, message.format.data, sender, made.id))

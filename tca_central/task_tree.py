@@ -17,9 +17,9 @@ _STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIE
 class Rare:
     """What only few tasks have: most tasks do without this object."""
 
-    __slots__ = ("attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped", "is_void",
-                 "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps", "void_followers",
-                 "watch")  # fmt: skip
+    __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped",
+                 "is_void", "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps",
+                 "void_followers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
         self.attached: list[Attached] = []  #: its exception handlers, newest last
@@ -35,7 +35,9 @@ class Rare:
         self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
         self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
         self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
-        self.is_guest = False  #: of a watcher: not its parent's handler put it there, and it watches over the parent
+        self.asking: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
+        self.asked: list[Task] = []  #: of an exception handler: the tasks that it wants retried
+        self.is_guest = False  #: of a monitor: others have put it under its parent (watching.py)
         self.guests = 0  #: number of such children
         self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
@@ -89,6 +91,18 @@ class Task(Delivery):
         if self.rare is None:
             self.rare = Rare()
         return self.rare
+
+    @property
+    def is_guest(self) -> bool:
+        """Whether it is a monitor that others have put under its parent: it outlives the retry of that."""
+        return self.rare is not None and self.rare.is_guest
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether all has ended that a retry waits for: handler, children but guests, exception handlers that asked."""
+        guests = self.rare.guests if self.rare is not None else 0
+        is_asked = self.rare is not None and bool(self.rare.asking)
+        return not (self.is_running or is_asked) and len(self.children or ()) == guests
 
     @property
     def watches_alone(self) -> bool:
@@ -183,7 +197,7 @@ class TaskTree:
         parent.children[task.id] = task
         self.tasks[task.id] = task
         parent.watchers += task.is_watcher
-        if task.rare is not None and task.rare.is_guest:
+        if task.is_guest:
             parent.more.guests += 1
         if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), {})[task.id] = task
@@ -210,7 +224,7 @@ class TaskTree:
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             parent.watchers -= task.is_watcher
-            if task.rare is not None and task.rare.is_guest:
+            if task.is_guest:
                 parent.more.guests -= 1
             if parent.last_child is task:
                 # After a killed last child flags refer to the sibling before it, not to nothing.

@@ -90,6 +90,32 @@ def enlist(central: State, task: Task) -> None:
         central.watches[task.id] = task.more.watch
 
 
+def is_put_by_others(central: State, parent: Task, origin: int) -> bool:
+    """Whether a monitor that the handler of delivery *origin* (0: nobody's) puts under *parent* comes from elsewhere
+    than from the handling of *parent*: then nobody puts it there again when that is retried, and a retry spares it.
+
+    Looks who sent what to that handler, back to *parent*. Who helps after a failure comes from elsewhere, and so does
+    what a monitor of others has sent, and what wiretaps have that are fired for *parent* once.
+    """
+    one = central.dispatcher.attended.get(origin)
+    is_own = origin == parent.given_as
+    while one is not None and not is_own:
+        if one.role is Role.LISTENER:
+            tapped, tap = central.tree.tasks.get(one.context.tapped.task), central.taps.get(one.context.tap.id)
+            if tapped is parent:
+                return tap is None or not tap.condition.is_of_handling
+            one = tapped
+        elif one.role.is_of_monitor:
+            one = one.context.task
+        elif isinstance(one, Task):
+            one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+        else:  # was sent before it was given to anybody: so this comes to an end whatever modules say
+            is_own = one.origin == parent.given_as
+            one = central.dispatcher.attended.get(one.origin) if one.origin < one.id else None
+        is_own = is_own or one is parent
+    return not is_own
+
+
 def stop(central: State, watch: Watch, why: str) -> None:
     """Watch no longer; what the monitor has sent comes to its own end."""
     if watch.is_over:

@@ -220,8 +220,8 @@ class TaskHandle(Intervals):
         return self._steer(header, f"raising '{failure.name}' on {self}", failure.body)
 
     def retry(self, message: Message[D, Any] | None = None, data: D = NOTHING) -> bool:
-        """Kill what is under the task, and let it be handled again when that, and the exception handler that asks for
-        it, has ended. With *message*, which it is, it gets new *data*.
+        """Kill what is under the task but the monitors that others have put there, and let it be handled again when
+        that, and the exception handler that asks for it, has ended. With *message*, which it is, it gets new *data*.
 
         False if the task had ended, or been killed.
         """

@@ -121,6 +121,17 @@ class Condition(StrEnum):
     WHEN_ACHIEVED = "when achieved"
     WHEN_KILLED = "when killed"
 
+    @property
+    def is_of_handling(self) -> bool:
+        """Whether it is met each time that its message is handled, and so again when that is retried."""
+        return self in _OF_HANDLING
+
+
+_OF_HANDLING = frozenset((
+    Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.AFTER_HANDLED, Condition.AFTER_SUCCESS,
+    Condition.AFTER_FAILURE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE,
+))  # fmt: skip
+
 
 class Scope(StrEnum):
     """What a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""

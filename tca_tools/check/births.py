@@ -72,12 +72,42 @@ def _plant(world: World, item: Item, fact: facts.Received) -> None:
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
+        item.is_guest = not item.role and item.message_class.is_monitor and _is_put_by_others(world, item, parent)
         item.is_suspended = parent.is_suspended and not item.role.leaves_safe
         if parent.is_killed:
             world.later.append(lambda: check_below(world, parent))
     _constrain(world, fact.constraints)
     if not item.is_goal:
         world.later.append(lambda: _check_birth(world, item))
+
+
+def _is_put_by_others(world: World, item: Item, parent: Item) -> bool:
+    """Whether a monitor comes from elsewhere than from the handling of the task it is under: looks who sent what to
+    whose handler. What has ended meanwhile is not known any more.
+    """
+    one = _at_work(world, item.origin)
+    is_own = item.origin == parent.given_as
+    while one is not None and not is_own:
+        if one.role is Role.LISTENER:
+            tapped = world.items.get(one.about)
+            if tapped is parent:
+                return not any(world.taps[tap].condition.is_of_handling for tap in one.fired if tap in world.taps)
+            one = tapped if tapped is not None and tapped.is_task else None
+        elif one.role.is_of_monitor:
+            one = world.items.get(one.about)
+        elif one.is_task:
+            one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+        else:
+            is_own = one.origin == parent.given_as
+            one = _at_work(world, one.origin)
+        is_own = is_own or one is parent
+    return not is_own
+
+
+def _at_work(world: World, delivery: int) -> Item | None:
+    """What a handler has under that number."""
+    item = world.deliveries.get(delivery) or world.items.get(delivery)
+    return item if item is not None and item.given_as == delivery and item.is_handled else None
 
 
 def _check_on_its_way(world: World, item: Item) -> None:

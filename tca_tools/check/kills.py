@@ -77,7 +77,7 @@ def retried(world: World, fact: facts.Retried) -> None:
 
 
 def _check_retried(world: World, item: Item) -> None:
-    """What was under a task that is retried is of no use any more."""
+    """What was under a task that is retried is of no use any more, but for the monitors of others."""
     for child in item.children.values():
-        if item.again and not (child.is_killed or child.role):
+        if item.again and not (child.is_killed or child.role or child.is_guest):
             world.broken(KILLED, child.id, f"{child} lives, and {item} above it is retried")

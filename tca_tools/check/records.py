@@ -80,6 +80,7 @@ class Item:
         "is_begun",
         "is_dropped",
         "is_goal",
+        "is_guest",
         "is_killed",
         "is_new",
         "is_orphan",
@@ -118,7 +119,8 @@ class Item:
             parent, fact.body, fact.role, fact.about, fact.origin
         )  # fmt: skip
         self.is_task, self.is_goal = fact.message_class.is_task, fact.message_class.is_goal
-        self.is_orphan = False  #: what it hangs under was sent before the journal begins
+        #: A monitor that others have put there; what it hangs under was sent before the journal begins.
+        self.is_guest = self.is_orphan = False
         self.is_stranger = False  #: what holds it is not known, for the same reason
         self.original: Item | None = None  #: of a copy
         self.copies = 0  #: number of those that are not over

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
+from tca_central.registry import Delivery
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Flags
@@ -117,8 +118,10 @@ class Life:
                 constraints.append(
                     before(point(0, Moment.START_ACHIEVING), point(-1, list(Moment)[c % 6]), self.seconds(d % 5))
                 )
+        attended = list(self.central.dispatcher.attended.values())
+        origin = attended[a % len(attended)].given_as if attended and b % 2 else 0
         self.player.send(
-            senders[a % len(senders)], self.sent_name(b), under=parent,
+            senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
             if_handled=a % 5 == 0, keep=b % 4 == 1,
@@ -185,11 +188,15 @@ class Life:
         if task := self.task(a):
             self.request(headers.Raise, task, FAILURES[b % 2])
 
-    def retry_(self, a: int, b: int, *_: int) -> None:
+    def retry_(self, a: int, b: int, c: int, d: int) -> None:
         handlers = [one for one in self.central.dispatcher.attended.values() if one.role is Role.EXCEPTION]
-        slot = handlers[a % len(handlers)].slot if handlers and b % 3 else None
-        name = slot.id.decode() if slot is not None else "user"
-        if task := self.task(a):
+        handler = handlers[a % len(handlers)] if handlers and b % 3 else None
+        name, task = "user", self.task(a)
+        if handler is not None and handler.slot is not None:
+            name = handler.slot.id.decode()
+            path = list(handler.context.failing.lineage())
+            task = TaskId(path[c % len(path)].id) if d % 4 else task  # what it may retry
+        if task:
             self.player.receive(name, headers.Retry(self.player.number(name), task, b % 2 == 0), b"\x08")
 
     def suspend_(self, a: int, b: int, *_: int) -> None:
@@ -213,8 +220,28 @@ class Life:
         tasks = [0, *self.central.tree.tasks]
         options, name = self.watch_options(a, b, c, for_ever=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
-        origin = self.central.tree.tasks[TaskId(parent)].given_as if parent and d % 3 else 0
+        attended, origin = list(self.central.dispatcher.attended.values()), 0
+        if attended and d % 3 == 2:  # a handler, of whatever task or of what it is about
+            handled = attended[b % len(attended)]
+            origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
+            parent = living[c % len(living)] if living and a % 4 else parent
+        elif parent and d % 3:  # its own, while it is at work or afterwards
+            task = self.central.tree.tasks[TaskId(parent)]
+            is_or_was_handled = task.is_running or (task.returned and not task.killed)
+            origin = task.given_as if is_or_was_handled and not task.message.message_class.is_monitor else 0
         self.player.send("user", name, under=parent, flags=Flags(d % 2), watch=options, origin=origin)
+
+    def causes(self, handled: Delivery) -> list[int]:
+        """The tasks because of which a handler may have been called."""
+        about = handled.context
+        if handled.role is Role.LISTENER:
+            return [about.tapped.task]
+        if isinstance(handled, Task):
+            return [int(one.id) for one in handled.lineage()]
+        if handled.role:
+            return [int(one.id) for one in about.task.lineage()]
+        sending = self.central.dispatcher.attended.get(handled.origin)
+        return [sending.id] if sending is not None else []
 
     def watch_options(self, a: int, b: int, c: int, *, for_ever: bool = False) -> WatchOptions:
         tasks = list(self.central.tree.tasks)

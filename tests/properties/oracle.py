@@ -197,6 +197,7 @@ class Oracle:
             return
         module = world.modules[connection]
         job = Job(birth.id, header.message, kind, connection, module, header.number, header.priority)
+        job.origin = header.origin
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
@@ -216,7 +217,7 @@ class Oracle:
         node = Node(task, header.message, kind, connection, priority=header.priority, module=world.modules[connection])
         if kind.is_monitor:
             oracle_monitors.born(node, header.watch)
-            node.is_guest = not (parent.slot and parent.given_as == header.origin)
+            node.is_guest = oracle_monitors.is_guest(world, parent, header.origin)
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
         for one, other in oracle_rules.from_flags(header.flags, node, last):
@@ -322,9 +323,9 @@ class Oracle:
         if (node := self._unkilled(header.task)) is not None:
             oracle_failures.raise_beside(self.world, node, (header.failure, *header.kinds))
 
-    def retry(self, _: str, header: headers.Retry, _body: bytes) -> None:
+    def retry(self, connection: str, header: headers.Retry, _body: bytes) -> None:
         if (node := self._unkilled(header.task)) is not None:
-            oracle_failures.retry_now(self.world, node)
+            oracle_failures.retry_now(self.world, node, connection)
 
     def _unkilled(self, task: int) -> Node | None:
         """A task for which it is not too late."""

@@ -217,13 +217,17 @@ def retry(world: World, node: Node) -> None:
     node.waiting = False
 
 
-def retry_now(world: World, node: Node) -> None:
-    """Somebody asks that a task be handled once more: what is under it ends first."""
+def retry_now(world: World, node: Node, connection: str) -> None:
+    """Somebody asks that a task be handled once more: what is under it ends first, but for the monitors of others."""
     oracle_monitors.stop(world, node)
     if SH not in node.past:
         oracle_taps.fire_again(world, node)
         return
     for child in world.children(node):
-        if not child.survives:
+        if not (child.survives or child.is_guest):
             kill(world, child)
+    at_work = [one for one in world.everything() if one.slot == connection]
+    asking = max(at_work, key=lambda one: one.turn, default=None)
+    if isinstance(asking, Node) and asking.role is Role.EXCEPTION:
+        node.asking.add(asking)
     retry(world, node)

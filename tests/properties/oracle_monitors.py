@@ -10,6 +10,11 @@ from tca_wire.parts import WatchOptions
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
 NO = (b"\xc0", b"\xc2")  # None and False: the condition does not hold
+OF_HANDLING = {
+    Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.AFTER_HANDLED, Condition.AFTER_SUCCESS,
+    Condition.AFTER_FAILURE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE,
+}  # fmt: skip
+"""When wiretaps are fired for a task once more if it is retried."""
 
 
 @dataclass(eq=False)
@@ -34,6 +39,41 @@ def born(node: Node, options: WatchOptions | None) -> None:
     is_bounded = any((node.watch.options.maximum, node.watch.options.duration, node.watch.options.until))
     is_bounded |= node.watch.options.for_ever
     node.watches_over = node.kind is not MessageClass.POINT_MONITOR and not is_bounded
+
+
+def is_guest(world: World, parent: Node, origin: int) -> bool:
+    """Whether a monitor is put under a task, from the handler of a delivery, by what did not come of handling that task."""
+    seen: list[Job] = []
+    while not origin or origin != parent.given_as:
+        one = _at_work(world, origin)
+        while isinstance(one, Node) or (one is not None and one.role):
+            cause = _cause(world, one, parent)
+            if cause is parent:
+                return False
+            one = cause
+        if one is None or one in seen:
+            return True
+        seen.append(one)
+        origin = one.origin
+    return False
+
+
+def _cause(world: World, one: Job, parent: Node) -> Job | None:
+    """The task for which something was sent; None: it was sent by others, or once for all."""
+    if one.role is Role.LISTENER:
+        assert one.tap is not None
+        taps = oracle_taps.taps_in_force(world)
+        is_again = one.tap in taps and one.tap.condition in OF_HANDLING
+        is_known = isinstance(one.about, Node) and one.about.id in world.nodes
+        return one.about if is_known and (is_again or one.about is not parent) else None
+    if one.role in (Role.CONDITION, Role.SET_UP, Role.ACTION, Role.CANCEL):
+        return one.about
+    assert isinstance(one, Node)
+    return None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+
+
+def _at_work(world: World, delivery: int) -> Job | None:
+    return next((one for one in world.everything() if one.slot and one.given_as == delivery), None)
 
 
 def start_all(world: World) -> bool:
@@ -83,6 +123,7 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
     else:
         made = world.seen.take_made(message, role, 0, node.id)
         job = Job(made, message, kind, module=node.module, role=role, sent_for_listener=node.role is Role.LISTENER)
+        job.about = node
         oracle_slots.send_statement(world, job)
 
 
@@ -120,6 +161,7 @@ def _test(world: World, node: Node) -> None:
     node.watch.condition = Job(
         made, query, world.kinds[query], module=node.module, role=Role.CONDITION, sent_for_listener=is_listener
     )
+    node.watch.condition.about = node
     oracle_slots.wait(world, node.watch.condition)
 
 

@@ -37,6 +37,10 @@ class Job:
     slot: str = ""  # the connection that has it
     given_as: int = 0
     nested: bool = False  # has a slot beyond the capacity
+    turn: int = 0  # how many were given away when it was
+    origin: int = 0  # the delivery whose handler sent it
+    about: "Job | None" = None  # what central made it for
+    tap: "Tap | None" = None  # for which it was sent
 
 
 @dataclass(eq=False)
@@ -61,10 +65,10 @@ class Node(Job):
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
     listeners: list["Node"] = field(default_factory=list)  # that die with it
-    tap: "Tap | None" = None  # for which it was sent
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent
-    is_guest: bool = False  # such a one, that another than its parent's handler put there
+    is_guest: bool = False  # a monitor that nothing which its parent's handler has sent put there
+    asking: set["Node"] = field(default_factory=set)  # exception handlers that want it retried
     had_others: bool = False  # has had children that could be watched over
 
     @property
@@ -248,7 +252,7 @@ class World:
     def __init__(self) -> None:
         self.time = 0.0  # of the event
         self.due_by = 0.0  # what is due by then has happened
-        self.step = self.round = 0
+        self.step = self.round = self.turns = 0
         self.kinds: dict[str, MessageClass] = {}
         self.parts: dict[str, list[str]] = {}
         self.handlers: dict[str, list[Handler]] = {}  # newest last

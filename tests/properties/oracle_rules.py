@@ -118,7 +118,7 @@ def add(world: World, node: Node, parent: Node) -> None:
     node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
     world.nodes[node.id] = node
     parent.had_others |= not (node.watches_over or node.role)
-    if (parent.killed or (parent.again and not node.role)) and not node.survives:
+    if (parent.killed or (parent.again and not (node.role or node.is_guest))) and not node.survives:
         oracle_failures.kill(world, node)
 
 
@@ -126,6 +126,7 @@ def make(world: World, message: str, role: Role, parent: Node, about: Job, tap: 
     """A task that central makes itself, for another message: it waits for nothing above it."""
     task = world.seen.take_made(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
+    node.about = about
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
     node.sent_for_listener = parent.role is Role.LISTENER and role in (Role.SET_UP, Role.ACTION, Role.CANCEL)
     add(world, node, parent)
@@ -222,8 +223,12 @@ def _may_reach(node: Node, moment: Moment, held: set[tuple[int, Moment]], childr
     return moment != EA or not children
 
 
-def _is_ready(node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    if not node.wanted or node.killed or node.suspended or (node.again and (children or node.slot)):
+def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
+    if not node.wanted or node.killed or node.suspended:
+        return False
+    if node.again and (
+        node.slot or node.asking & set(world.nodes.values()) or not all(child.is_guest for child in children)
+    ):
         return False
     firsts = [SP, SA] if node.delayed else [node.first]
     return all(_may_reach(node, moment, held, children) for moment in firsts)
@@ -231,7 +236,7 @@ def _is_ready(node: Node, held: set[tuple[int, Moment]], children: list[Node]) -
 
 def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
     """Let a task wait for a slot, or no longer."""
-    is_ready = _is_ready(node, held, children)
+    is_ready = _is_ready(world, node, held, children)
     if node.waiting and not is_ready:
         node.waiting = False
         if not (node.suspended or node.again):
@@ -244,7 +249,7 @@ def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], chi
         return True
     node.waiting = True
     if node.again:
-        node.again, node.recovering = False, None
+        node.again, node.recovering, node.given_as = False, None, 0
         oracle_locks.end_for(world, node)
     node.since = (world.step, world.round)
     node.arrival = node.arrival or node.since

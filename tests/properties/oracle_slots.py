@@ -123,7 +123,8 @@ def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
 
 
 def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
-    job.nested = nested
+    world.turns += 1
+    job.nested, job.turn = nested, world.turns
     job.slot, job.wanted, job.waiting = slot, False, False
     oracle_taps.happened(world, job, {Condition.WHILE_HANDLING})
     if isinstance(job, Node):
@@ -165,6 +166,7 @@ def copies(world: World, job: Job) -> list[Job]:
                 job.sent_for_listener,
                 resource,
             )
+            copy.origin, copy.about, copy.tap = job.origin, job.about, job.tap
             wait(world, copy)
             made.append(copy)
     return made

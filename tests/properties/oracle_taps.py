@@ -41,6 +41,11 @@ def taps_of(world: World, job: Job) -> list[Tap]:
     return [*own, *world.taps.get(job.message, [])]
 
 
+def taps_in_force(world: World) -> list[Tap]:
+    of_tasks = [tap for node in world.nodes.values() for tap in node.taps]
+    return [*of_tasks, *(tap for taps in world.taps.values() for tap in taps)]
+
+
 def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
     """Whether there was something to be sent before a task passes these moments."""
     new = [
@@ -102,7 +107,8 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         return None
     if not kind.is_task:
         made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)
-        oracle_slots.send_statement(world, Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER))
+        heard = Job(made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap)
+        oracle_slots.send_statement(world, heard)
         return None
     parent = job if isinstance(job, Node) and tap.condition in CHILDREN else world.root
     listener = oracle_rules.make(world, tap.listener, Role.LISTENER, parent, job, tap.id)

@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
 
+from tca_central.cycles import Place, predecessors, successors
+from tca_central.intervals import unified
 from tca_central.task_tree import Task
 from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
@@ -27,6 +29,26 @@ def test_invariants_hold_in_lives_of_thousands_of_events_and_everything_ends(see
     life = Life()
     life.go_on(seed, 4_000)
     end_life(life)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=3, deadline=None)
+def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> None:
+    """Circles are looked for from both ends: the way there must be the way back."""
+    life = Life()
+    for number in range(60):
+        life.go_on(seed + number, 15)
+        tree = life.central.tree
+        places = [Place(task, moment) for task in tree.tasks.values() for moment in Moment]
+        to_come = {one for one in places if not one.task.reached & one.moment and is_unified(one)}
+        ahead = {(one, other) for one in to_come for other in successors(one) if other in to_come}
+        behind = {(one, other) for other in to_come for one in predecessors(tree, other) if one in to_come}
+        assert ahead == behind
+
+
+def is_unified(place: Place) -> bool:
+    """Whether constraints are put on this point, and not on another that is reached with it."""
+    return unified(place.task.is_goal, place.moment) == place.moment
 
 
 @pytest.mark.soak
