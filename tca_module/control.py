@@ -99,7 +99,7 @@ class Control(Knowledge):
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, wanted, ROOT, of.name if of is not None else "")
-        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"))
+        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
 
     def tap(
         self,
@@ -139,7 +139,7 @@ class Control(Knowledge):
             connection = self._declare(*parts, listener, tapped)
             name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
         header = Tap(0, condition, listener.name, name, task_id, watch)
-        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"))
+        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
         """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
