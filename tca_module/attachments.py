@@ -117,9 +117,8 @@ def _key(header: Attach | Tap) -> tuple[Any, ...]:
 
 
 def _formats(header: Attach | Tap, known: dict[str, MessageFormat]) -> Iterator[MessageFormat]:
-    """Of all messages without which it can't be attached; parts of a monitor before it."""
-    name = header.listener if isinstance(header, Tap) else header.attachment.handler
-    listener = known.get(name)
-    for needed in (*(listener.parts if listener is not None else ()), name, header.message):
-        if needed in known:
-            yield known[needed]
+    """Of all messages without which it can't be attached; what a monitor asks and sends before it."""
+    named = (header.listener if isinstance(header, Tap) else header.attachment.handler, header.message)
+    for one in (known[name] for name in named if name in known):
+        yield from (known[part] for part in one.parts if part in known)
+        yield one
