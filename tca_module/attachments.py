@@ -95,12 +95,13 @@ class Attachments:
             if standing.place.epoch != epoch:
                 self._unwanted.append(standing)
 
-    def take_unwanted(self) -> list[Standing]:
-        """What was removed by a connection that did not know the central that knows it; each once."""
+    def take_unwanted(self, epoch: str) -> list[Standing]:
+        """What the central of that epoch knows, and was removed by a connection that did not know that; each once."""
         if not self._unwanted:
             return []
         with self._lock:
-            unwanted, self._unwanted = self._unwanted, []
+            unwanted = [one for one in self._unwanted if one.place.epoch == epoch]
+            self._unwanted = [one for one in self._unwanted if one.place.epoch != epoch]
         return unwanted
 
     def clear(self) -> None:

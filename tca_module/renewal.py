@@ -109,9 +109,8 @@ class Renewal:
 
     def tend(self, now: float) -> None:
         """Time has passed."""
-        for standing in self._attachments.take_unwanted():
-            if standing.place.epoch == self._epoch:
-                self._ask(headers.Remove(0, standing.place.number))
+        for standing in self._attachments.take_unwanted(self._epoch):
+            self._ask(headers.Remove(0, standing.place.number))
         if self.is_over or self.is_answered_soon:
             return
         if self._due == _NEVER:

@@ -179,7 +179,7 @@ def test_a_client_attaches_anew_when_it_hears_of_the_restart(central: LocalCentr
         assert robot.moves(1, user) == ["check 1", "move 1"]
 
 
-def test_a_monitor_that_listens_is_attached_with_its_parts_and_options(
+def test_monitors_are_declared_with_their_parts_and_listen_as_before(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     steady = Query("steady?", reply=bool)
@@ -187,13 +187,14 @@ def test_a_monitor_that_listens_is_attached_with_its_parts_and_options(
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
+        module.on_failure(None, STOP, of=watch)
         module.tap(Condition.WHILE_HANDLING, MOVE, watch, period=0.5, maximum=3)
 
     with robot.running():
-        before = user.status("attached")["wiretaps"]
-        assert len(before) == 1
+        before = user.status("attached")
+        assert attached(user) == ["stop", "watch"]
         restarted(central, user)
-        assert user.status("attached")["wiretaps"] == before
+        assert user.status("attached") == before
 
 
 # --- what is not -----------------------------------------------------------------------------------------------------
