@@ -82,8 +82,10 @@ class Central(State):
             deadlocks.look_later(self)
         effects = self.messages
         if self.facts:
-            effects = [Record(facts.Entry(self.events, event.time, self.facts[:])), *effects]
+            effects = [Record(facts.Entry(self.events, event.time, self.facts[:]), self.failed), *effects]
             self.facts.clear()
+            if self.failed:
+                self.failed = {}
         self.messages = []
         return effects
 

@@ -56,6 +56,8 @@ class Record(msgspec.Struct, frozen=True):
     """Write this entry to the journal before any Transmit of the same event leaves."""
 
     entry: Entry
+    failed: dict[int, str] = {}
+    """What failed in it, by the id in the facts, in words for people."""
 
 
 Effect = Record | Transmit

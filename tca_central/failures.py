@@ -61,7 +61,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
 
 def fail_task(central: State, task: Task, failure: Failure) -> None:
     """The handler of a task, which no handler has any more, ended with a failure."""
-    central.facts.append(facts.Failed(task.id, failure.name, failure.text))
+    central.has_failed(task, failure)
     if task.killed:
         central.agenda.returned(task)
     elif task.again:
@@ -76,7 +76,7 @@ def fail_task(central: State, task: Task, failure: Failure) -> None:
 
 def raise_failure(central: State, task: Task, failure: Failure) -> None:
     """Raise a failure on a task beside its handler: who has the task goes on."""
-    central.facts.append(facts.Failed(task.id, failure.name, failure.text, is_beside=True))
+    central.has_failed(task, failure, is_beside=True)
     _search(central, task, failure)
 
 

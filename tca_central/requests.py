@@ -270,7 +270,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: Failure) -> None:
         fail_task(central, delivery, failure)
     else:
         end_with(central, delivery, "it failed")
-        central.facts.append(facts.Failed(delivery.id, failure.name, failure.text))
+        central.has_failed(delivery, failure)
         answer = Answer(delivery.number, Outcome.FAILED, failure.name, failure.text)
         _answer_query(central, delivery, answer, failure.body, failure.kinds)
 

@@ -123,9 +123,23 @@ class Server:
         if isinstance(effect, Record):
             if self.journal is not None:
                 self.journal.add(effect.entry)
-            _log_what_people_should_know(effect.entry)
+            self._log_what_people_should_know(effect)
         else:
             self._put(effect.connection, effect.header, effect.body)
+
+    def _log_what_people_should_know(self, record: Record) -> None:
+        """Failures, refusals, comings and goings, monitors that see nothing, a line each."""
+        for fact in record.entry.facts:
+            if type(fact) in _TOLD:
+                level, words = _TOLD[type(fact)]
+                log.log(level, words(fact))
+            elif isinstance(fact, facts.Failed):
+                what = record.failed[fact.id]
+                log.warning("failure '%s' of %s%s", fact.failure, what, _last_line(fact.text))
+            elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.asked:
+                watch = self.central.asked[fact.id]
+                what = watch.condition.message.name
+                log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
 
     def _flush(self) -> None:
         """End a turn: first the journal, then the messages that it justifies."""
@@ -314,14 +328,6 @@ def _lock_of(endpoint: str) -> int:
     return lock
 
 
-def _log_what_people_should_know(entry: facts.Entry) -> None:
-    """Failures, refusals, comings and goings, a line each."""
-    for fact in entry.facts:
-        if type(fact) in _TOLD:
-            level, words = _TOLD[type(fact)]
-            log.log(level, words(fact))
-
-
 def _last_line(text: str) -> str:
     """Of a traceback it says what happened."""
     last = text.strip().rpartition("\n")[2]
@@ -329,10 +335,6 @@ def _last_line(text: str) -> str:
 
 
 _TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
-    facts.Failed: (
-        logging.WARNING,
-        lambda fact: f"failure '{fact.failure}' of message {fact.id}{_last_line(fact.text)}",
-    ),
     facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
     facts.Ignored: (logging.WARNING, lambda fact: f"nothing done for module '{fact.sender}': {fact.text}"),
     facts.ModuleJoined: (logging.INFO, lambda fact: f"module '{fact.module}' joined ({fact.process})"),

@@ -91,6 +91,7 @@ class State:
         self.registry = Registry()
         self.tree = TaskTree(MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central"))
         self.facts: list[Any] = []  #: of the event being handled
+        self.failed: dict[int, str] = {}  #: what failed in it, in words, for the log
         self.clock = Clock()
         self.agenda = Agenda(self.tree, self.facts, self.clock)
         self.attached: dict[int, Attached] = {}  #: all exception handlers, by id
@@ -145,6 +146,14 @@ class State:
         if task.killed:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
+
+    def has_failed(self, delivery: Delivery, failure: Failure, *, is_beside: bool = False) -> None:
+        """Note that a failure was raised on a task or message."""
+        self.facts.append(facts.Failed(delivery.id, failure.name, failure.text, is_beside=is_beside))
+        what = delivery.message
+        self.failed[delivery.id] = (
+            str(delivery) if isinstance(delivery, Task) else f"{what.message_class} {delivery.id} '{what.name}'"
+        )
 
     def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
         """Answer a request, for good; the answer is kept in case the request is repeated."""

@@ -32,7 +32,7 @@ IGNORED = {
     "Central": {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
-        "facts", "messages",  # empty between events
+        "facts", "failed", "messages",  # empty between events
         "suspects", "blocked", "look_after", "look_effort", "next_look",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached

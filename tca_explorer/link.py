@@ -75,7 +75,8 @@ class Link:
     """One run of a script up to the end of what it has got."""
 
     def __init__(self, history: History) -> None:
-        self.session = SimpleNamespace(epoch="explored", module="explored")
+        attachments = SimpleNamespace(of=lambda _: None)  # central is never restarted here: nothing is kept for that
+        self.session = SimpleNamespace(epoch="explored", module="explored", attachments=attachments)
         self.stopped: Pause | Fork | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: what can't be played
         self._history = history

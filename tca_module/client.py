@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol, Self, get_args
 import msgspec
 
 from tca_module.arguments import check_central, check_patience, check_topic, checked_name
+from tca_module.attachments import Attachments
 from tca_module.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
 from tca_module.direct import Direct, Door
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
@@ -37,18 +38,18 @@ CentralAddress = str | CentralNearby | None
 
 def open_connection(
     central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
-    direct: Iterable[Message[Any, Any]] = (),
+    direct: Iterable[Message[Any, Any]] = (), attachments: Attachments | None = None,
 ) -> Connection:  # fmt: skip
     """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds.
 
-    It takes the messages *direct* from their senders, too, without central.
+    It takes the messages *direct* from their senders, too, without central. *attachments* are those of its module.
     """
     check_central(central)
     if central is None or isinstance(central, str):
         address = default_endpoint() if central is None else central
-        connection = _connection_by_socket(address, hello, patience, list(direct))
+        connection = _connection_by_socket(address, hello, patience, list(direct), attachments)
     else:
-        connection = Connection(central.transport(), Session(hello), patience=patience)
+        connection = Connection(central.transport(), Session(hello, attachments), patience=patience)
     try:
         connection.open(is_stopped)
     except BaseException:
@@ -57,7 +58,9 @@ def open_connection(
     return connection
 
 
-def _connection_by_socket(address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]]) -> Connection:
+def _connection_by_socket(
+    address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]], attachments: Attachments | None
+) -> Connection:
     transport, door = DealerTransport(address), None
     if direct:
         try:
@@ -66,7 +69,7 @@ def _connection_by_socket(address: str, hello: Hello, patience: float, direct: l
         except OSError as error:
             log = logging.getLogger(f"tca.{hello.module}")
             log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
-    session = Session(hello)
+    session = Session(hello, attachments)
     without_central = Direct(session, transport, f"{hello.incarnation}/{hello.connection}", door)
     return Connection(transport, session, patience=patience, direct=without_central)
 

@@ -255,13 +255,14 @@ is alive: it is overloaded; {what} {self._fate(request)}"
     def tend(self, since: float, within: float = STEP) -> float:
         """Keep the connection alive while its own thread does something else; for how long central has been silent.
 
-        *within*: seconds that a central which does not know us yet is waited for.
+        *within*: seconds that a central which does not know us, or all of us, yet is waited for.
         """
         with self._lock:
             self._catch_up()
             self.session.tend(self._clock(), since)
             self._flush(wait_seconds=0)
-            if not self.session.is_welcome and self._listen(within):
+            until = self._clock() + within
+            while not self.session.is_known and self._listen(max(0.0, until - self._clock())):
                 self._flush(wait_seconds=0)
             return self._clock() - max(self.session.heard, since)
 

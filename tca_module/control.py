@@ -99,7 +99,7 @@ class Control(Knowledge):
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, wanted, ROOT, of.name if of is not None else "")
-        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"))
+        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
 
     def tap(
         self,
@@ -123,23 +123,21 @@ class Control(Knowledge):
         """
         check_condition(condition)
         check_message(listener)
-        parts: list[Message[Any, Any]] = []
         watch = None
         if isinstance(listener, Monitor):
             check_known(name_of(listener), options, Watched.__annotations__)
             check_monitor_options(listener, options)
-            parts = [part for part in listener.parts if part is not None]
             watch = _watch_options(options)
         elif options:
             msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
             raise MisuseError(msg)
         if isinstance(tapped, TaskHandle):
-            connection, name, task_id, where = self._declare(*parts, listener), "", tapped.id, str(tapped)
+            connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
         else:
-            connection = self._declare(*parts, listener, tapped)
+            connection = self._declare(listener, tapped)
             name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
         header = Tap(0, condition, listener.name, name, task_id, watch)
-        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"))
+        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
     def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
         """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
@@ -149,7 +147,7 @@ class Control(Knowledge):
         check_known(name_of(monitor), options, MonitorOptions.__annotations__)
         check_monitor_options(monitor, options)
         watch, body = _watch_options(options), monitor.encode_data(data)
-        connection = self._declare(*(part for part in monitor.parts if part is not None), monitor)
+        connection = self._declare(monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
         flags, constraints = self._ordering.place(is_goal=False, sequential=sequential) if is_task else (Flags.NONE, [])
         header = Send(

@@ -20,7 +20,7 @@ from tca_module.claim import Claim
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
 from tca_module.presence import HandlerInfo, ModuleInfo, handlers_of, modules_of
-from tca_wire.controls import ExceptionHandler
+from tca_wire.controls import ExceptionHandler, Monitor
 from tca_wire.declarations import Broadcast, Command, D, Goal, Inform, Message, MultiQuery, Query, Variable
 from tca_wire.headers import Ask, GetVariable, Lock, Remove, SetVariable, ToCentral, Unlock, WaitUntilHandled
 from tca_wire.plain_data import PlainFormat
@@ -40,8 +40,9 @@ class Knowledge:
         raise NotImplementedError
 
     def _declare(self, *messages: Message[Any, Any]) -> Connection:
-        """The connection, on which central knows the messages."""
-        self._connection().declare(*messages)
+        """The connection, on which central knows the messages, and what monitors among them ask and send."""
+        parts = [part for one in messages if isinstance(one, Monitor) for part in one.parts if part is not None]
+        self._connection().declare(*parts, *messages)
         return self._connection()  # which may have lost its central meanwhile
 
     # --- variables -------------------------------------------------------------------------------------------------

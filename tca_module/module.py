@@ -18,6 +18,7 @@ from tca_module.arguments import (
     is_whole,
     name_or_none,
 )
+from tca_module.attachments import Attachments
 from tca_module.callbacks import Callback, Callbacks, HasFileno
 from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.connection import PATIENCE, Connection
@@ -48,8 +49,9 @@ class Module(Sender):
 
         planner.run()
 
-    With *requires*, it begins to serve only when other modules (or its own handlers) handle all of these messages. Two
-    modules that require each other's messages wait for ever: 'tca status' shows who waits for what.
+    With *requires*, it begins to serve only when other modules (or its own handlers) handle all of these messages; so
+    it does when central was restarted. Two modules that require each other's messages wait for ever: 'tca status' shows
+    who waits for what.
 
     While it runs, what the module itself sends (``planner.goal(...)``) comes from outside of handlers: it hangs under
     the root, and is for the thread that started it.
@@ -131,7 +133,8 @@ class Module(Sender):
         """Have the decorated function called with the module once it has joined, before anybody can send it anything:
         to attach exception handlers and wiretaps. Who sees that the module handles a message may rely on them.
 
-        An error in it ends the module. It is not called again when central was restarted.
+        An error in it ends the module. It is not called again when central was restarted: what was attached to messages
+        and to the root is attached anew by itself, before the module's handlers count as there again.
         """
         self._check_not_running("at_start()")
         check_function("at_start()", function, "(module)")
@@ -263,7 +266,7 @@ class Module(Sender):
                 function(self)
             handlers = self._handlers.values()
             link.declare(*(handler.message for handler in handlers), handlers=[handler.format for handler in handlers])
-            self._open_slots(incarnation, patience)
+            self._open_slots(incarnation, patience, link.session.attachments)
         except BaseException:
             self._leave()
             raise
@@ -277,6 +280,7 @@ class Module(Sender):
         if not required:
             return
         link.declare(*required)
+        link.session.renewal.required = [message.name for message in required]
         request, since, warned = link.request(wait_until_handled(required), wants_answer=True), time.monotonic(), False
         while not link.wait(request, _TEND_PERIOD, "the wait for required messages"):
             if self._stop.is_set():
@@ -287,10 +291,10 @@ class Module(Sender):
                 names = ", ".join(f"'{message.name}'" for message in required)
                 self._log.warning("waits until each of %s is handled, as it requires; see 'tca messages'", names)
 
-    def _open_slots(self, incarnation: str, patience: float) -> None:
+    def _open_slots(self, incarnation: str, patience: float, attachments: Attachments) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, incarnation, number, resource)
-            return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop)
+            return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop, attachments)
 
         self._resources.setdefault(CALLBACKS, 1)  # after() may have been called while required messages were awaited
         resources = self._resources.items()

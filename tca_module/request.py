@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from tca_module.attachments import is_lasting
 from tca_module.errors import MisuseError
 from tca_wire import headers
 from tca_wire.codec import misfit
@@ -39,7 +40,7 @@ class Request:
     """
 
     __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path", "refused",
-                 "repeated", "wants_answer", "was_sent")  # fmt: skip
+                 "repeated", "settled", "wants_answer", "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -55,6 +56,7 @@ class Request:
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
+        self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
 
 
 def may_be_asked_again(header: Any) -> bool:
@@ -73,7 +75,7 @@ def refers_to_tasks(header: Any) -> bool:
         return bool(header.parent or header.origin or header.constraints)
     if isinstance(header, headers.Lock):
         return bool(header.origin)
-    return not isinstance(header, _WITHOUT_TASKS)
+    return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
 
 
 def check_fields(header: ToCentral) -> None:

@@ -4,7 +4,7 @@ Theory of operation. Headers go in through ``receive``, headers come out in ``ou
 central's Welcome nothing but Hello leaves. Every numbered request is kept until its answer is there, and after a
 break it is repeated in order: central knows it by its number and never does it twice. What is not numbered (informs)
 may be lost with a connection. A Welcome with another epoch says that central was restarted and its tree is lost: what
-was outstanding is lost too, while messages and handlers are declared again and the module serves on.
+was outstanding is lost too, while messages and handlers are declared again (``renewal``) and the module serves on.
 
 Knows no socket, clock or thread.
 """
@@ -15,6 +15,8 @@ from typing import Any, ClassVar
 
 import msgspec
 
+from tca_module.attachments import Attachments, Place, is_lasting
+from tca_module.renewal import Renewal
 from tca_module.request import Request, check_fields, may_be_asked_again, refers_to_tasks, waits_for_others
 from tca_wire import headers
 from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
@@ -44,7 +46,8 @@ Item = tuple[ToCentral, bytes]
 class Session:
     """The state of one connection to central."""
 
-    def __init__(self, hello: Hello) -> None:
+    def __init__(self, hello: Hello, attachments: Attachments | None = None) -> None:
+        """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
         self._newest = HELLO_NUMBER
         self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
@@ -67,6 +70,9 @@ class Session:
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
+        self.attachments = Attachments() if attachments is None else attachments
+        own = self.attachments if not hello.connection else Attachments()
+        self.renewal = Renewal(own, self.request, self.complaints.append, self._declare_handlers)
 
     # --- what the module does --------------------------------------------------------------------------------------
 
@@ -123,6 +129,7 @@ class Session:
     def withdrawn(self) -> None:
         """This module handles nothing any more."""
         self._handlers.clear()
+        self.attachments.clear()
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
@@ -140,6 +147,11 @@ class Session:
         """
         declared = self._messages.get(header.message) if isinstance(header, Send) and not header.when_killed else None
         return declared is not None and declared.message_class.is_task
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is nothing left to tell central that it would take at once."""
+        return self.is_welcome and not self.renewal.is_answered_soon
 
     @property
     def is_attending(self) -> bool:
@@ -178,6 +190,8 @@ class Session:
 
     def tend(self, now: float, since: float) -> None:
         """After a silence ask central for a word, every second. *since* is when somebody began to listen."""
+        if self.is_welcome:
+            self.renewal.tend(now)
         is_due = not self.is_welcome or now - max(self.heard, since) >= QUIET
         if is_due and now - self._asked >= REPEAT:
             self._asked = now
@@ -202,22 +216,43 @@ class Session:
         self.routing.append(header)  # whoever is welcomed is told of all routes anew
         if self.is_welcome:
             return  # Hello was said twice
-        is_back = bool(self.epoch)
-        if is_back and header.epoch != self.epoch:
+        is_back, is_new = bool(self.epoch), header.epoch != self.epoch
+        if is_back and is_new:
             self._forget()
-        self.epoch, self.module, self.is_welcome = header.epoch, header.module, True
-        if is_back and (self._messages or self._handlers):
+        self.epoch, self.module = header.epoch, header.module
+        if is_back and is_new:
+            self._renew()
+        self.is_welcome = True
+        if is_back and (self._messages or self._handlers) and (self.renewal.is_over or not is_new):
+            handlers = list(self._handlers.values()) if self.renewal.is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
-            again = Register(0, list(self._messages.values()), list(self._handlers.values()))
-            self.outgoing.append((again, b""))
+            self.outgoing.append((Register(0, list(self._messages.values()), handlers), b""))
         for request in self._requests.values():
             request.repeated = request.was_sent
             self._send(request)
         self.outgoing += self._replies
 
+    def _renew(self) -> None:
+        """Have a new central told what has to be told before all else, under the lowest numbers."""
+        waiting, self._requests = self._requests, {}
+        self.renewal.begin(self.epoch, self._messages)
+        if not self._requests:
+            self._requests = waiting
+            return
+        for request in waiting.values():
+            self._number(request)
+
+    def _declare_handlers(self) -> None:
+        """A new central has been told."""
+        if self._handlers:
+            self.outgoing.append((Register(0, [], list(self._handlers.values())), b""))
+
     def _forget(self) -> None:
         """Central was restarted and has lost its tree."""
-        for request in list(self._requests.values()):
+        for number, request in list(self._requests.items()):
+            if request.settled is not None:
+                del self._requests[number]  # what was renewed is told anew
+                continue
             is_new_to_it = not request.was_sent or isinstance(request.header, headers.WaitUntilHandled)
             if not is_new_to_it or refers_to_tasks(request.header):
                 self._lose(request, "central was restarted meanwhile and has forgotten it")
@@ -231,6 +266,8 @@ class Session:
         was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
         if request is not None and (was_not_sent or not request.wants_answer):
             request.accepted = header.id
+            if request.settled is None and is_lasting(request.header):
+                self.attachments.add(request.header, self._messages, Place(self.epoch, header.id))
             self._end(request)
 
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
@@ -275,6 +312,8 @@ class Session:
     def end(self, request: Request) -> None:
         """A request is over; whoever wants to know is called soon."""
         request.is_over = True
+        if request.settled is not None:
+            request.settled(request)
         if request.notify is not None:
             self.news.append(request.notify)
 

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
+from tca_module.attachments import Attachments
 from tca_module.callbacks import Callbacks
 from tca_module.client import CentralAddress, open_connection
 from tca_module.connection import Connection
@@ -27,7 +28,7 @@ class Slot:
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
-        callbacks: Callbacks, stop: threading.Event,
+        callbacks: Callbacks, stop: threading.Event, attachments: Attachments,
     ) -> None:  # fmt: skip
         self.error: BaseException | None = None  #: what ended the thread before its time
         self.handling = ""  #: the message whose handler runs
@@ -37,6 +38,7 @@ class Slot:
         self._handlers = handlers
         self._callbacks = callbacks
         self._stop = stop
+        self._attachments = attachments  #: of the module, which its first connection attaches anew
         self._opened = threading.Event()
         self._connection: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
@@ -64,7 +66,8 @@ class Slot:
         handlers = [one for one in self._handlers.values() if one.resource == self._hello.resource]
         direct = [handler.message for handler in handlers if handler.direct]
         try:
-            self._serve(open_connection(self._central, self._hello, self._patience, self._stop.is_set, direct))
+            stopped, attachments = self._stop.is_set, self._attachments
+            self._serve(open_connection(self._central, self._hello, self._patience, stopped, direct, attachments))
         except Stopped:
             self._opened.set()
         except BaseException as error:  # noqa: BLE001 - shown by the module's own thread

@@ -218,7 +218,7 @@ def find_task(client: Client, named: str) -> TaskHandle:
         raise click.UsageError(msg)
     found = client.tasks(named)
     if not found:
-        msg = f"no living task is called '{named}': 'tca tree' shows them all"
+        msg = f"no living task is called '{named}': {_living(client)}"
         raise click.ClickException(msg)
     if len(found) > 1:
         numbers = ", ".join(str(handle.id) for handle in found[:_SHOWN])
@@ -228,16 +228,26 @@ def find_task(client: Client, named: str) -> TaskHandle:
     return found[0]
 
 
+def _living(client: Client) -> str:
+    """Which tasks there are now, in the central that was asked: the newest journal may be another one's."""
+    tasks = client.tasks()
+    if not tasks:
+        return f"no task lives in central at {client.address}"
+    more = f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else ""
+    shown = ", ".join(f"{task.id} '{printable(task.message)}'" for task in tasks[:_SHOWN])
+    return f"there live {shown}{more}"
+
+
 def _numbered(client: Client, number: int) -> TaskHandle:
     if number == ROOT:
-        msg = "task 0 is the root, which never ends: give the number of a task, 'tca tree' shows them all"
+        msg = f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
         raise click.ClickException(msg)
     try:
         handle = client.task(min(number, _HIGHEST))
     except Refused as refused:
-        raise click.ClickException(f"{refused.text}: 'tca tree' shows them all") from None
+        raise click.ClickException(f"{refused.text}: {_living(client)}") from None
     info = handle.info() if handle is not None else None
     if handle is None or info is None or info.outcome:
-        msg = f"task {number} has ended: 'tca tree' shows how"
+        msg = f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG"
         raise click.ClickException(msg)
     return handle

@@ -21,13 +21,28 @@ from tca_module.arguments import (
     name_of,
     name_wanted,
 )
+from tca_module.attachments import Place
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
 from tca_module.request import Request
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
-from tca_wire.headers import Answer, Attach, Deadline, Inspect, Keep, Kill, Raise, Remove, Retry, Send, Suspend, WaitFor
+from tca_wire.headers import (
+    Answer,
+    Attach,
+    Deadline,
+    Inspect,
+    Keep,
+    Kill,
+    Raise,
+    Remove,
+    Retry,
+    Send,
+    Suspend,
+    Tap,
+    WaitFor,
+)
 from tca_wire.parts import Attachment
 from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Outcome, Scope
@@ -66,20 +81,41 @@ _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
 class Attached:
-    """An exception handler or wiretap that was attached; ``remove()`` takes it away."""
+    """An exception handler or wiretap that was attached; ``remove()`` takes it away.
 
-    def __init__(self, connection: Connection, attachment_id: int) -> None:
+    What is attached to a message or to the root is attached anew when central was restarted.
+    """
+
+    def __init__(self, connection: Connection, number: int, header: Attach | Tap) -> None:
         self._connection = connection
-        self._epoch = connection.session.epoch
-        self.id = attachment_id
+        self._attachments = connection.session.attachments
+        self._standing = self._attachments.of(header)
+        self._place = Place(connection.session.epoch, number)  # of what is attached to a task
+
+    @property
+    def id(self) -> int:
+        """Its number, as in ``tca attached``; another one after a restart of central."""
+        return self._known.number
+
+    @property
+    def _known(self) -> Place:
+        return self._standing.place if self._standing is not None else self._place
 
     def remove(self) -> None:
-        """Take it away, if no other module wants it, too; what it has sent stays. A central that was restarted knows it
-        no more: there is nothing to take away.
+        """Take it away, if no other module wants it, too; what it has sent stays. It is not attached anew to a central
+        that is restarted; one that was restarted meanwhile, and does not know it, has nothing to take away.
         """
-        if self._epoch != self._connection.session.epoch:
+        connection = self._connection
+        if self._standing is not None:
+            self._attachments.forget(self._standing, connection.session.epoch)
+        epoch, number = self._known
+        if epoch != connection.session.epoch:
             return  # the number is somebody else's by now
-        self._connection.call(Remove(0, self.id), f"removing {self.id}")
+        try:
+            connection.call(Remove(0, number), f"removing {number}")
+        except CentralLost:
+            if epoch == connection.session.epoch:
+                raise
 
 
 def attachment(failure: Failure[Any] | None, handler: ExceptionHandler[Any], maximum: int | None = None) -> Attachment:
@@ -206,9 +242,8 @@ class TaskHandle(Intervals):
         """
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
-        return Attached(
-            self._connection, self._call(Attach(0, wanted, self.id), f"attaching '{handler.name}' to {self}")
-        )
+        header = Attach(0, wanted, self.id)
+        return Attached(self._connection, self._call(header, f"attaching '{handler.name}' to {self}"), header)
 
     def fail(self, failure: FailureRaised) -> bool:
         """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on.

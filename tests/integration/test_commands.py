@@ -158,7 +158,7 @@ def test_variables_are_set_and_read(user: Client) -> None:
 # --- tasks -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Client) -> None:
+def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Client, address: str) -> None:
     one, other = user.goal(WALK, 1), user.goal(WALK, 2)
     other.wait_for(other.handling.end, SOON)
     code, _, error = tca(kill, "walk")
@@ -167,8 +167,14 @@ def test_a_task_is_killed_by_its_number_or_its_name(robot: list[str], user: Clie
     assert tca(kill, "walk", "--descendants") == (0, f"all under task {other.id} 'walk': killed\n", "")
     assert one.wait(SOON) is Outcome.KILLED
     assert other.wait(SOON) is Outcome.DONE
-    assert tca(kill, str(one.id)) == (1, "", f"task {one.id} has ended: 'tca tree' shows how\n")
-    assert tca(kill, "walk") == (1, "", "no living task is called 'walk': 'tca tree' shows them all\n")
+    assert tca(kill, str(one.id)) == (
+        1,
+        "",
+        f"task {one.id} has ended: 'tca tree' shows how, given the journal of {address} as LOG\n",
+    )
+    assert tca(kill, "walk") == (1, "", f"no living task is called 'walk': no task lives in central at {address}\n")
+    rest = user.goal(WALK, 1)
+    assert tca(kill, "work")[2].startswith(f"no living task is called 'work': there live {rest.id} 'walk'")
 
 
 def test_kills_with_a_delay_and_of_siblings(robot: list[str], user: Client) -> None:
@@ -229,17 +235,21 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
 @pytest.mark.parametrize(
     ("task", "code", "error"),
     [
-        ("0", 1, "task 0 is the root, which never ends: give the number of a task, 'tca tree' shows them all"),
-        ("999", 1, "there is no task 999: 'tca tree' shows them all"),
-        ("9" * 30, 1, f"there is no task {(1 << 63) - 1}: 'tca tree' shows them all"),
-        ("nobody", 1, "no living task is called 'nobody': 'tca tree' shows them all"),
+        (
+            "0",
+            1,
+            "task 0 is the root, which never ends: give the number of a task; no task lives in central at ADDRESS",
+        ),
+        ("999", 1, "there is no task 999: no task lives in central at ADDRESS"),
+        ("9" * 30, 1, f"there is no task {(1 << 63) - 1}: no task lives in central at ADDRESS"),
+        ("nobody", 1, "no living task is called 'nobody': no task lives in central at ADDRESS"),
         ("", 2, "no task is named: give the number of a task, or its message's name"),
         ("\udcff", 2, "'\\udcff' is no text that can be sent"),
     ],
 )
-def test_tasks_that_are_none(task: str, code: int, error: str) -> None:
+def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> None:
     for command, words in ((kill, ()), (suspend, ()), (resume, ()), (raise_failure, ("fell",))):
-        assert tca(command, task, *words) == (code, "", error + "\n")
+        assert tca(command, task, *words) == (code, "", error.replace("ADDRESS", address) + "\n")
 
 
 def test_nonsense_is_refused(robot: list[str], user: Client) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tca_module import Client, Command, Condition, ExceptionHandler, Failure, Module, Task
+from tca_module import Client, Command, Condition, ExceptionHandler, Failure, Module, Task, connect
 from tca_module.testing import LocalCentral
 
 MOVE = Command("move", int)
@@ -100,16 +100,13 @@ def test_what_a_restarted_central_has_forgotten_is_not_removed_from_somebody_els
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     """Numbers begin anew: the old one may be that of another exception handler."""
-    asked: list[int] = []
-    with legs.running(), expert(central, asked).running():
-        old = user.on_failure(None, ExceptionHandler("shrug"))
+    with legs.running(), connect("other", central) as other:
+        old, number = other.on_failure(None, ExceptionHandler("shrug")), 1
+        assert old.id == number
         central.restart("again")
-        for number in range(old.id):
-            user.on_failure(Failure(f"slip {number}", int), RECOVER)
-        ids = [one["id"] for one in user.status("attached")["exception_handlers"]]
-        assert old.id in ids
+        assert user.on_failure(SLIP, RECOVER).id == number
         old.remove()
-        assert [one["id"] for one in user.status("attached")["exception_handlers"]] == ids
+        assert [one["id"] for one in user.status("attached")["exception_handlers"]] == [number]
 
 
 def test_a_copy_that_is_gone_holds_no_wiretap(central: LocalCentral, legs: Module, user: Client) -> None:

@@ -1,0 +1,305 @@
+"""Central was restarted: what modules had attached to messages and to the root is there again before their handlers."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from module.real_central import until
+
+from tca_module import (
+    Attached,
+    Client,
+    Command,
+    Condition,
+    ExceptionHandler,
+    Failure,
+    Goal,
+    Inform,
+    Module,
+    PollingMonitor,
+    Query,
+    Refused,
+    Task,
+    connect,
+    renewal,
+)
+from tca_module.testing import LocalCentral
+from tca_wire import facts
+
+WALK = Goal("walk")
+MOVE = Command("move", int)
+CHECK = Command("check", int)
+NOTE = Inform("note", int)
+SLIP = Failure("slip", int)
+RECOVER, REPLAN, STOP = (ExceptionHandler(name) for name in ("recover", "replan", "stop"))
+SOON = 10.0
+
+
+class Robot:
+    """Legs, and a program that watches over them; what both did."""
+
+    def __init__(self, central: LocalCentral) -> None:
+        self.central = central
+        self.done: list[str] = []
+        self.legs, self.safety = Module("legs", central), Module("safety", central)
+        self.taps: list[Attached] = []
+
+        @self.legs.handles(MOVE)
+        def move(_: Task, leg: int) -> None:
+            self.done.append(f"move {leg}")
+            if leg < 0:
+                raise SLIP(leg)
+
+        @self.safety.handles(CHECK)
+        def check(_: Task, leg: int) -> None:
+            self.done.append(f"check {leg}")
+
+        for handler in (RECOVER, REPLAN, STOP):
+            self.safety.handles(handler)(self.fix)
+
+    def fix(self, task: Task) -> None:
+        self.done.append(task.message)
+        if task.message != "stop":
+            raise task.trouble.reissue()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        with self.legs.running(), self.safety.running():
+            yield
+
+    def moves(self, leg: int, user: Client) -> list[str]:
+        """What a move brings about now."""
+        self.done.clear()
+        user.command(MOVE, leg).wait(SOON)
+        return self.done[:]
+
+
+@pytest.fixture
+def robot(central: LocalCentral) -> Robot:
+    return Robot(central)
+
+
+def restarted(central: LocalCentral, user: Client, epoch: str = "afresh") -> None:
+    """Central has been restarted, and all modules are back."""
+    central.restart(epoch)
+    user.wait_until_handled(MOVE, CHECK, STOP, timeout=SOON)
+
+
+def attached(user: Client) -> list[str]:
+    known = user.status("attached")
+    return [one["handler"] for one in known["exception_handlers"]] + [one["listener"] for one in known["wiretaps"]]
+
+
+@contextmanager
+def held_back(module: Module) -> Iterator[None]:
+    """The module hears nothing of a restart before this block has ended."""
+    link = module._link
+    assert link is not None
+    with link._lock:
+        yield
+
+
+# --- what is there again ---------------------------------------------------------------------------------------------
+
+
+def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely_on_it(
+    central: LocalCentral, robot: Robot, user: Client
+) -> None:
+    @robot.safety.at_start
+    def begin(module: Module) -> None:
+        module.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
+        module.on_failure(SLIP, STOP, of=MOVE)
+
+    with robot.running():
+        assert robot.moves(1, user) == ["check 1", "move 1"]
+        before = len(central.facts)
+        restarted(central, user)
+        assert robot.moves(2, user) == ["check 2", "move 2"]
+        assert robot.moves(-1, user) == ["check -1", "move -1", "stop"]
+        anew = central.facts[before:]
+        order = [type(fact) for fact in anew if getattr(fact, "module", "") != "legs" and type(fact) in ATTACHING]
+    assert order[: order.index(facts.HandlerAdded)] == [facts.TapAdded, facts.Attached]
+
+
+ATTACHING = (facts.TapAdded, facts.Attached, facts.HandlerAdded)
+
+
+def test_exception_handlers_keep_their_order_and_what_took_anothers_place_is_the_newest(
+    central: LocalCentral, robot: Robot, user: Client
+) -> None:
+    @robot.safety.at_start
+    def begin(module: Module) -> None:
+        for handler in (STOP, RECOVER, REPLAN, RECOVER):
+            module.on_failure(SLIP, handler, of=MOVE)
+        module.on_failure(None, STOP)
+
+    with robot.running():
+        for epoch in ("once", "twice"):
+            assert robot.moves(-1, user) == ["move -1", "recover", "replan", "stop"]
+            restarted(central, user, epoch)
+        assert robot.moves(-1, user) == ["move -1", "recover", "replan", "stop"]
+        assert sorted(attached(user)) == ["recover", "replan", "stop", "stop"]
+
+
+def test_what_a_handler_has_attached_is_there_again_in_its_place(
+    central: LocalCentral, robot: Robot, user: Client
+) -> None:
+    """Every handler has a connection of its own; the module attaches for all of them."""
+
+    @robot.safety.at_start
+    def begin(module: Module) -> None:
+        module.on_failure(SLIP, STOP, of=MOVE)
+
+    @robot.safety.handles(WALK)
+    def walk(task: Task) -> None:
+        task.on_failure(SLIP, RECOVER, of=MOVE)
+        robot.taps.append(task.tap(Condition.BEFORE_HANDLING, MOVE, CHECK))
+
+    @robot.safety.handles(NOTE)
+    def note(_: Task, __: int) -> None:
+        robot.taps[0].remove()
+        robot.done.append("removed")
+
+    with robot.running():
+        assert user.goal(WALK).wait(SOON)
+        assert robot.moves(-1, user) == ["check -1", "move -1", "recover", "stop"]
+        restarted(central, user)
+        assert robot.moves(-1, user) == ["check -1", "move -1", "recover", "stop"]
+        user.inform(NOTE, 1)
+        until(lambda: "removed" in robot.done, "the handler has removed its wiretap")
+        assert robot.moves(-1, user) == ["move -1", "recover", "stop"]
+
+
+def test_a_client_attaches_anew_when_it_hears_of_the_restart(central: LocalCentral, robot: Robot, user: Client) -> None:
+    with robot.running(), connect("operator", central) as operator:
+        operator.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
+        restarted(central, user)
+        assert robot.moves(1, user) == ["move 1"]
+        operator.modules()
+        assert robot.moves(1, user) == ["check 1", "move 1"]
+
+
+def test_monitors_are_declared_with_their_parts_and_listen_as_before(
+    central: LocalCentral, robot: Robot, user: Client
+) -> None:
+    steady = Query("steady?", reply=bool)
+    watch = PollingMonitor("watch", condition=steady, action=Command("note it"))
+
+    @robot.safety.at_start
+    def begin(module: Module) -> None:
+        module.on_failure(None, STOP, of=watch)
+        module.tap(Condition.WHILE_HANDLING, MOVE, watch, period=0.5, maximum=3)
+
+    with robot.running():
+        before = user.status("attached")
+        assert attached(user) == ["stop", "watch"]
+        restarted(central, user)
+        assert user.status("attached") == before
+
+
+# --- what is not -----------------------------------------------------------------------------------------------------
+
+
+def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_new_number(
+    central: LocalCentral, robot: Robot, user: Client
+) -> None:
+    with robot.running():
+        gone = user.on_failure(SLIP, RECOVER, of=MOVE)
+        tap = user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
+        gone.remove()
+        before = tap.id
+        restarted(central, user)
+        assert attached(user) == ["check"]
+        assert [one["id"] for one in user.status("attached")["wiretaps"]] == [tap.id] != [before]
+        tap.remove()
+        tap.remove()
+        gone.remove()
+        assert attached(user) == []
+        restarted(central, user, "once more")
+        assert attached(user) == []
+
+
+def test_what_is_removed_before_anybody_knows_of_the_restart_is_not_attached_anew(
+    central: LocalCentral, user: Client
+) -> None:
+    tap = user.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
+    central.restart("afresh")
+    tap.remove()
+    assert attached(user) == []
+
+
+def test_what_was_attached_to_a_task_is_gone_with_it(central: LocalCentral, user: Client) -> None:
+    user.goal(WALK).on_failure(SLIP, RECOVER)
+    central.restart("afresh")
+    assert attached(user) == []
+
+
+def test_what_an_operator_took_away_is_there_again(central: LocalCentral, robot: Robot, user: Client) -> None:
+    """Whoever attached it wants it still: as after a restart of that module."""
+
+    @robot.safety.at_start
+    def begin(module: Module) -> None:
+        robot.taps.append(module.tap(Condition.BEFORE_HANDLING, MOVE, CHECK))
+
+    with robot.running():
+        assert user.detach(robot.taps[0].id)
+        assert robot.moves(1, user) == ["move 1"]
+        restarted(central, user)
+        assert robot.moves(1, user) == ["check 1", "move 1"]
+
+
+def test_who_has_left_attaches_nothing_anew(central: LocalCentral, robot: Robot, user: Client) -> None:
+    with robot.running():
+        with connect("operator", central) as operator:
+            operator.tap(Condition.BEFORE_HANDLING, MOVE, CHECK)
+        assert attached(user) == ["check"]
+        restarted(central, user)
+        assert attached(user) == []
+
+
+# --- before the handlers ---------------------------------------------------------------------------------------------
+
+
+def test_what_a_module_requires_it_requires_after_a_restart_too(
+    central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(renewal, "PATIENCE", 0.0)
+    legs, safety = Module("legs", central, requires=[CHECK]), Module("safety", central)
+    legs.handles(MOVE)(lambda _, __: None)
+    safety.handles(CHECK)(lambda _, __: None)
+    with safety.running(), legs.running():
+        with held_back(safety):
+            central.restart("afresh")
+            until(lambda: "waits until each of 'check' is handled, as it requires" in caplog.text, "legs say it")
+            assert user.handlers(MOVE) == []
+        user.wait_until_handled(MOVE, timeout=SOON)
+        assert [one.module for one in user.handlers(CHECK)] == ["safety"]
+
+
+def test_what_is_refused_is_said_and_tried_again_and_no_handler_is_there_before(
+    central: LocalCentral, robot: Robot, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody who comes first after the restart means something else by 'note'."""
+    monkeypatch.setattr(renewal, "AGAIN", 0.2)
+
+    @robot.safety.at_start
+    def begin(module: Module) -> None:
+        module.tap(Condition.AFTER_HANDLED, MOVE, NOTE)
+
+    other = Inform("note", str)
+    with robot.safety.running():
+        with held_back(robot.safety):
+            central.restart("afresh")
+            stranger = connect("stranger", central)
+            stranger.inform(other, "mine")
+        with stranger:
+            until(lambda: "refuses messages" in caplog.text, "it is said")
+            assert "two formats for message 'note'" in caplog.text
+            assert "no handler is declared before" in caplog.text
+            assert user.handlers(CHECK) == []
+            with pytest.raises(Refused):
+                user.tap(Condition.AFTER_HANDLED, MOVE, NOTE)
+        user.wait_until_handled(CHECK, timeout=SOON)
+        assert attached(user) == ["note"]
+        assert "attached anew: 1" in caplog.text
+    assert caplog.text.count("refuses") == 1

@@ -1,0 +1,152 @@
+"""The session alone, after a restart of central: what it says in which order, and when something comes in between."""
+
+import pytest
+from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
+
+from tca_module.attachments import Attachments, Place, Standing
+from tca_module.renewal import AGAIN, PATIENCE
+from tca_module.session import Session
+from tca_wire.headers import Accepted, Answer, Attach, Hello, Refused, Register, Remove, Send, Tap, Unknown
+from tca_wire.headers import WaitUntilHandled as Wait
+from tca_wire.parts import Attachment, MessageFormat
+from tca_wire.points import ROOT
+from tca_wire.vocabulary import Condition, MessageClass, Refusal
+
+CHECK = MessageFormat("check", MessageClass.COMMAND, "{}")
+HANDLERS = Register(0, [], [HANDLES_WALK])
+
+
+def tap(number: int = 0) -> Tap:
+    return Tap(number, Condition.BEFORE_HANDLING, "check", "walk")
+
+
+def attach(number: int = 0) -> Attach:
+    return Attach(number, Attachment("slip", "recover", 0), ROOT, "walk")
+
+
+@pytest.fixture
+def session() -> Session:
+    """A session that has a handler, a wiretap 10 and an exception handler 11."""
+    session = Session(HELLO)
+    hear(session, welcome("one"))
+    session.declared([WALK, CHECK], [HANDLES_WALK])
+    for header, number in ((tap(), 10), (attach(), 11)):
+        hear(session, Accepted(session.request(header).header.number, number))
+    said(session)
+    return session
+
+
+def standing(session: Session, header: Tap | Attach) -> Standing:
+    found = session.attachments.of(header)
+    assert found is not None
+    return found
+
+
+def restart(session: Session, epoch: str) -> list[object]:
+    hear(session, Unknown(), welcome(epoch))
+    return [*said(session)]
+
+
+def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session) -> None:
+    assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
+    hear(session, Accepted(4), Accepted(5, 1))
+    assert said(session) == []
+    hear(session, Accepted(6, 2))
+    assert said(session) == [HANDLERS]
+    assert standing(session, tap()).place == ("two", 1)
+    assert standing(session, attach()).place == ("two", 2)
+    assert session.complaints == ["central was restarted: exception handlers and wiretaps attached anew: 2"]
+
+
+def test_what_was_asked_before_comes_after_it(session: Session) -> None:
+    hear(session, Unknown())
+    walk = session.request(A_GOAL)
+    hear(session, welcome("two"))
+    assert [type(header) for header in said(session)] == [Register, Tap, Attach, Send]
+    hear(session, Accepted(walk.header.number, 5))
+    assert walk.accepted == 5
+
+
+def test_a_break_repeats_what_is_not_answered_and_still_holds_the_handlers_back(session: Session) -> None:
+    restart(session, "two")
+    hear(session, Accepted(5, 1))
+    assert restart(session, "two") == [Register(0, [WALK, CHECK], []), Register(4, [WALK, CHECK], []), attach(6)]
+    hear(session, Accepted(4), Accepted(6, 2))
+    assert said(session) == [HANDLERS]
+
+
+def test_a_second_restart_begins_from_the_start(session: Session) -> None:
+    restart(session, "two")
+    hear(session, Accepted(4), Accepted(5, 1))
+    assert restart(session, "three") == [Register(7, [WALK, CHECK], []), tap(8), attach(9)]
+    hear(session, Accepted(7), Accepted(8, 3), Accepted(9, 4))
+    assert said(session) == [HANDLERS]
+    assert standing(session, tap()).place == ("three", 3)
+
+
+def test_what_is_removed_while_it_is_attached_anew_is_taken_away_again(session: Session) -> None:
+    restart(session, "two")
+    session.attachments.forget(standing(session, tap()), "two")
+    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    assert said(session) == [Remove(7, 1), HANDLERS]
+
+
+def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_away(session: Session) -> None:
+    slot = Session(Hello(1, 1, "legs", "run 1", connection=1), session.attachments)
+    restart(session, "two")
+    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    said(session)
+    slot.attachments.forget(standing(session, tap()), "one")
+    session.tend(0.0, 0.0)
+    session.tend(0.1, 0.0)
+    assert said(session) == [Remove(7, 1)]
+
+
+def test_the_first_connection_attaches_for_all(session: Session) -> None:
+    slot = Session(Hello(1, 1, "legs", "run 1", connection=1), session.attachments)
+    hear(slot, welcome("one"))
+    hear(slot, Accepted(slot.request(Tap(0, Condition.AFTER_HANDLED, "check", "walk")).header.number, 12))
+    said(slot)
+    assert restart(slot, "two") == []
+    assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach, Tap]
+
+
+def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> None:
+    restart(session, "two")
+    hear(session, Accepted(4), Accepted(5, 1), Refused(6, Refusal.OVERLOAD, "there are 1000 already"))
+    assert said(session) == []
+    assert "refuses the exception handler 'recover' of all 'walk': there are 1000 already" in session.complaints[0]
+    for now, expected in [(1.0, []), (1.0 + AGAIN / 2, []), (1.0 + AGAIN, [Register(7, [WALK, CHECK], []), attach(8)])]:
+        session.heard = now
+        session.tend(now, now)
+        assert said(session) == expected
+    hear(session, Accepted(7), Accepted(8, 2))
+    assert said(session) == [HANDLERS]
+
+
+def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -> None:
+    session.renewal.required = ["check"]
+    restart(session, "two")
+    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    assert said(session) == [Wait(7, ["check"])]
+    for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
+        session.heard = now
+        session.tend(now, now)
+    assert session.complaints == ["waits until each of 'check' is handled, as it requires; see 'tca messages'"]
+    hear(session, Answer(7))
+    assert said(session) == [HANDLERS]
+
+
+def test_who_leaves_attaches_nothing_anew(session: Session) -> None:
+    session.withdrawn()
+    assert restart(session, "two") == [Register(0, [WALK, CHECK], [])]
+
+
+def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_newest() -> None:
+    attachments, other = Attachments(), Attach(0, Attachment("", "recover", 0), ROOT)
+    given: list[Tap | Attach] = [tap(), attach(), other, tap(), attach()]
+    for number, header in enumerate(given):
+        attachments.add(header, {}, Place("one", number))
+    assert [one.header for one in attachments.unknown_to("two")] == [tap(), other, attach()]
+    assert [one.place.number for one in attachments.unknown_to("two")] == [3, 2, 4]
+    assert attachments.unknown_to("one") == []
