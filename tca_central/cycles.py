@@ -77,7 +77,7 @@ def _successors(place: Place) -> Iterator[Place]:
     elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
         yield Place(parent, moment)
         if moment == END_ACHIEVING and _decides(task, parent):
-            yield Place(parent, END_HANDLING)
+            yield from (Place(parent, one) for one in (END_HANDLING, END_PLANNING))
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -98,13 +98,14 @@ def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
     if moment in (START_PLANNING, START_ACHIEVING):
         if task.parent is not None and not task.is_free:
             yield Place(task.parent, moment)
-    elif moment == END_HANDLING:
-        if task.again or task.rare:
-            yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
-    elif moment != START_HANDLING:
+    elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in children)
+    if moment in (END_HANDLING, END_PLANNING) and (task.again or task.rare):
+        yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
 
 
 def _decides(child: Task, task: Task) -> bool:
-    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is."""
+    """Whether *task* is not handled, nor planned, before *child* has ended: it waits for it to be retried, or to know if
+    it is. One that is handled again has reached the end of its handling before.
+    """
     return task.again or (task.rare is not None and task.rare.recovering is child)

@@ -163,7 +163,8 @@ def _of_test(monitor: Task) -> Groups:
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
     starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
-    if task.slot is not None and moment == END_HANDLING:
+    ends = END_HANDLING | END_PLANNING | END_ACHIEVING
+    if task.slot is not None and moment & ends:
         yield [Returning(task)]
     elif task.queues and (moment & starts or task.again):
         yield [Turn(task)]
