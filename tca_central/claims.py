@@ -2,8 +2,8 @@
 
 A claim waits in the resource's queue like a message, until nobody is in; resources.py has the order. It ends when it is
 given up, when the task it was made for has ended (a message that is no task: when its handler has returned), when that
-fails, is killed or retried, with its connection, or when it is taken away: by an operator, or because of a deadlock. One
-whose handler has returned is *kept*: only the end of its task ends it, and what the task waits for may need it.
+fails, is killed or retried, with its connection, or when it is taken away: by an operator, or because of a deadlock. It
+is *kept* when the handler that made it has returned: others wait then for the end of its task, which may need them.
 """
 
 from tca_central.clock import Due, checked_seconds

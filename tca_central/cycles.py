@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from tca_central.intervals import predecessors_within, successors_within
 from tca_central.task_tree import Task, TaskTree
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_PLANNING
 
 
 class Place(NamedTuple):
@@ -105,7 +105,7 @@ def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
 
 
 def _decides(child: Task, task: Task) -> bool:
-    """Whether *task* is not handled, nor planned, before *child* has ended: it waits for it to be retried, or to know if
-    it is. One that is handled again has reached the end of its handling before.
+    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is. Where
+    it was handled before, and reached that point, it is its planning that does not end before.
     """
     return task.again or (task.rare is not None and task.rare.recovering is child)

@@ -166,7 +166,7 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
     ends = END_HANDLING | END_PLANNING | END_ACHIEVING
     if task.slot is not None and moment & ends:
         yield [Returning(task)]
-    elif task.queues and (moment & starts or task.again):
+    elif task.queues and (moment & starts or task.reached & START_HANDLING):  # or is to be handled again
         yield [Turn(task)]
     elif moment == START_HANDLING:
         yield [Place(task, delivered_at(task.is_goal))]

@@ -17,7 +17,6 @@ from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 
 HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
-MESSAGES = [message.split(" ")[1] for handled in HANDLED.values() for message in handled]
 DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
 numbers = st.integers(0, 50)
 steps = st.lists(
@@ -29,12 +28,14 @@ steps = st.lists(
 class Blocking(Player):
     """Modules whose handlers do nothing while they wait."""
 
+    handled = HANDLED
+
     def __init__(self, *, looks: bool) -> None:
         super().__init__()
         self.central.look_after = 0.25 if looks else 0
         self.module("user")
-        self.declare("user", *(message for handled in HANDLED.values() for message in handled))
-        for index, (name, handled) in enumerate(HANDLED.items()):
+        self.declare("user", *(message for handled in self.handled.values() for message in handled))
+        for index, (name, handled) in enumerate(self.handled.items()):
             self.module(name, *handled, capacity=1 + index % 2, pool="")
 
     @property
