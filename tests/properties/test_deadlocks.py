@@ -4,11 +4,14 @@ Each life is lived twice, the second time by a central that does not look for de
 the first refusal, everything that can go on does: whoever was refused must wait still.
 """
 
+from collections.abc import Mapping
+
 import pytest
 from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tca_central.core import Central
 from tca_central.registry import Connection, Delivery
 from tca_wire import headers
 from tca_wire.constraints import Flags
@@ -28,7 +31,7 @@ steps = st.lists(
 class Blocking(Player):
     """Modules whose handlers do nothing while they wait."""
 
-    handled = HANDLED
+    handled: Mapping[str, tuple[str, ...]] = HANDLED
 
     def __init__(self, *, looks: bool) -> None:
         super().__init__()
@@ -43,10 +46,7 @@ class Blocking(Player):
         return [fact for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK]
 
     def free(self) -> list[Delivery]:
-        """What is handled by a handler that waits for nothing, the newest of its slot."""
-        attended = self.central.dispatcher.attended.values()
-        newest = {delivery.slot: delivery for delivery in attended}
-        return [delivery for slot, delivery in newest.items() if slot and not waits_in(slot, delivery)]
+        return free_handlers(self.central)
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
         """One handler, or the user, does something."""
@@ -106,6 +106,12 @@ class Blocking(Player):
                 return
             assert free[0].slot
             self.reply(free[0].slot.id.decode(), free[0].given_as)
+
+
+def free_handlers(central: Central) -> list[Delivery]:
+    """What is handled by a handler that waits for nothing, the newest of its slot."""
+    newest = {delivery.slot: delivery for delivery in central.dispatcher.attended.values()}
+    return [delivery for slot, delivery in newest.items() if slot and not waits_in(slot, delivery)]
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:

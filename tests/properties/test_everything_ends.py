@@ -3,10 +3,11 @@ nothing is left. No wait for ever is overlooked, whoever keeps what others need,
 """
 
 import pytest
-from central.player import point
+from central.player import Player, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from properties.test_deadlocks import HANDLED, Blocking
+from properties.life import Life
+from properties.test_deadlocks import HANDLED, Blocking, free_handlers
 
 from tca_wire import headers
 from tca_wire.parts import Attachment
@@ -18,6 +19,7 @@ FAILURES = ("slipped", "timeout", "deadlock", "")
 STEPS = ["send"] * 5 + ["ask", "wait", "lock", "lock", "constrain", "return", "return", "return", "kill", "suspend"]
 STEPS += ["fail", "raise", "retry", "parting", "attach", "attach", "deadline", "kill others"]
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
+ROUNDS = 2_000
 QUIET = 6  # rounds after which nothing comes any more: central may be slow to look
 
 
@@ -26,14 +28,18 @@ class Troubled(Blocking):
 
     handled = HANDLED | {name: HANDLED.get(name, ()) + menders for name, menders in MENDERS.items()}
 
+    def __init__(self) -> None:
+        super().__init__(looks=True)
+        self.hello("operator")
+        self.declare("operator", "command park", "command move", "goal step")
+
     def do(self, what: str, a: int, b: int, c: int) -> None:
         """One handler, the user or the operator does something."""
         free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
         who = free[a % len(free)] if free else None
         task = tasks[b % len(tasks)] if tasks else TaskId(0)
         match what:
-            case "fail" if who is not None:
-                assert who.slot
+            case "fail" if who is not None and who.slot is not None:
                 is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
                 self.fail(who.slot.id.decode(), FAILURES[c % 3], who.given_as, reissue=is_reissued)
             case "raise" if task:
@@ -55,34 +61,54 @@ class Troubled(Blocking):
             case _:
                 super().do(what, a, b, c)
 
+
+class Mixed(Life):
+    """Lives of all constructs together, in which modules come and go."""
+
     def end(self) -> None:
-        """Each handler returns, all are resumed, and time passes, until nothing more comes."""
-        quiet = 0
-        while quiet < QUIET:
-            for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
-                self.receive("operator", headers.Suspend(self.number("operator"), TaskId(task.id), resume=True))
-            for claim in list(self.central.claims.values()):
-                if claim.holder is None and not claim.slot.waits:
-                    self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
-            free = self.free()
-            if free:
-                assert free[0].slot
-                self.reply(free[0].slot.id.decode(), free[0].given_as)
-            self.tick(10.0)
-            quiet = 0 if free else quiet + 1
+        """In the end each message has a handler, and each resource a slot."""
+        for module in [*self.central.registry.modules.values()]:
+            if any(not resource.slots for resource in module.resources.values()):
+                for connection in [*module.connections.values()]:
+                    self.player.lose(connection.id.decode())
+        for name in self.modules:
+            self.join(name)
+        self.player.module("late", "command later")
+        come_to_an_end(self.player)
+
+
+def come_to_an_end(player: Player) -> None:
+    """Each handler returns, all are resumed, monitors end, who has locked something outside of a task lets go, and time
+    passes, until nothing more comes: then nothing may be left.
+    """
+    central, quiet, rounds = player.central, 0, 0
+    while quiet < QUIET and rounds < ROUNDS:
+        for task in list(central.tree.tasks.values()):
+            if task.suspended:
+                player.receive("user", headers.Suspend(player.number("user"), TaskId(task.id), resume=True))
+            if task.message.message_class.is_monitor:
+                player.receive("user", headers.EndMonitor(player.number("user"), TaskId(task.id)))
+        for claim in list(central.claims.values()):
+            if claim.holder is None and not claim.slot.waits:
+                player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
+        if free := free_handlers(central):
+            assert free[0].slot
+            player.reply(free[0].slot.id.decode(), free[0].given_as, value=False)
+        player.tick(10.0)
+        quiet, rounds = 0 if free else quiet + 1, rounds + 1
+    waits = [(slot.id, number) for slot in central.blocked for number in slot.waits]
+    left = {task: [*(task.children or {}).values()] for task in central.tree.tasks.values()}
+    assert (left, waits) == ({}, []), "will never end, and nobody has said so"
+    assert not central.claims, "claims are left"
+    assert rounds < ROUNDS, "there is no end"
 
 
 def check(taken: list[tuple[str, int, int, int]]) -> None:
-    life = Troubled(looks=True)
-    life.hello("operator")
-    life.declare("operator", "command park", "command move", "goal step")
+    life = Troubled()
     for step in taken:
         life.do(*step)
         life.tick(1.0)
-    life.end()
-    left = {task: task.children for task in life.central.tree.tasks.values()}
-    waits = [(slot.id, number) for slot in life.central.blocked for number in slot.waits]
-    assert not (left or waits or life.central.claims), f"will never end, and nobody has said so: {left} {waits}"
+    come_to_an_end(life)
 
 
 @given(steps)
@@ -96,3 +122,20 @@ def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]
 @settings(max_examples=10_000, deadline=None)
 def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=60, deadline=None)
+def test_lives_of_all_constructs_end(seed: int) -> None:
+    life = Mixed()
+    life.go_on(seed, 100)
+    life.end()
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=1_000, deadline=None)
+def test_many_lives_of_all_constructs_end(seed: int) -> None:
+    life = Mixed()
+    life.go_on(seed, 300)
+    life.end()
