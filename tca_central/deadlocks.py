@@ -159,21 +159,20 @@ def _resolve(central: State, circle: list[Node], stuck: Stuck) -> bool:
         connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
         _refuse(central, connection, number, text)
     else:
-        return _raise_or_take(central, circle, kept, stuck, text)
+        return _raise_or_take(central, kept, stuck, text)
     return True
 
 
-def _raise_or_take(central: State, circle: list[Node], kept: list[Claim[Connection]], stuck: Stuck, text: str) -> bool:
+def _raise_or_take(central: State, kept: list[Claim[Connection]], stuck: Stuck, text: str) -> bool:
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
-    tasks = [claim.holder for claim in kept] or [node.task for node in circle if isinstance(node, Place)]
-    if any(_is_seen_to(task, stuck) for task in tasks):
+    if not kept or any(_is_seen_to(claim.holder, stuck) for claim in kept):
         return False
-    told = next((task for task in tasks if not (task.killed or task.again or _was_told(task))), None)
+    told = next((claim.holder for claim in kept if not (claim.holder.again or _was_told(claim.holder))), None)
     if told is not None:
         raise_failure(central, told, Failure(DEADLOCK, text))
-    elif kept:
+    else:
         take_away(central, kept[0], f"{DEADLOCK}: {text}")
-    return told is not None or bool(kept)
+    return True
 
 
 def _take_from_others(central: State, kept: list[Claim[Connection]], text: str) -> None:
@@ -182,7 +181,7 @@ def _take_from_others(central: State, kept: list[Claim[Connection]], text: str) 
     holder = claim.holder
     take_away(central, claim, f"{DEADLOCK}: {text}")
     knows = holder.failure is not None and not holder.is_dealt_with
-    if not (knows or holder.killed or holder.again):
+    if not (knows or holder.again):
         raise_failure(central, holder, Failure(DEADLOCK, f"'{claim.resource.name}' was taken from it: {text}"))
 
 
