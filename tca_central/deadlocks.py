@@ -167,7 +167,7 @@ def _raise_or_take(central: State, kept: list[Claim[Connection]], stuck: Stuck, 
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
     if not kept or any(_is_seen_to(claim.holder, stuck) for claim in kept):
         return False
-    told = next((claim.holder for claim in kept if not (claim.holder.again or _was_told(claim.holder))), None)
+    told = next((claim.holder for claim in kept if not _was_told(claim.holder)), None)
     if told is not None:
         raise_failure(central, told, Failure(DEADLOCK, text))
     else:
@@ -272,6 +272,8 @@ def _words(central: State, node: Node, following: Node) -> str:
         case Releasing(claim):
             kind = "reserved" if claim.admits_owner else "locked"
             until = f" until {_name(claim.holder)} has ended" if claim.holder is not None else ""
+            if isinstance(following, Place) and following.task is not claim.holder:
+                until = f" until {_name(claim.holder)} is handled again, after {_name(following.task)} has ended"
             return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
         case Place(task, _) if isinstance(following, Place) and following.task is not task:
             return f"{_name(task)} waits until {_point(following)}"

@@ -120,13 +120,16 @@ def _of_claim(_: State, node: Granting) -> Groups:
 
 
 def _of_release(central: State, node: Releasing) -> Groups:
-    """Its handler is expected to release it; when that has returned, the end of its task will."""
+    """Its handler is expected to release it; when that has returned the end of its task will, or that it is retried."""
     claim = node.claim
     holder = claim.holder
     if holder is None:
         yield from ([Waiting(claim.slot, number)] for number in claim.slot.waits)
     elif holder.slot is not None:
         yield [Returning(holder)]
+    elif isinstance(holder, Task) and holder.again:
+        children = (holder.children or {}).values() if not holder.suspended else ()
+        yield from ([Place(child, END_ACHIEVING)] for child in children)
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
         yield [Place(holder, END_ACHIEVING)]
 
