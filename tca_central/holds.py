@@ -88,6 +88,9 @@ class Holds:
             return [self._delay(constraint, task, moment)]
         if check:
             self._refuse_cycle(constraint, after, before)
+            if before.task.killed:  # it will wait for what that one waited for
+                for (_, its_moment), leader in self._what_holds(*before, _Ways(set(), {})).items():
+                    self._refuse_cycle(constraint, after, Place(leader, its_moment))
         if constraint.delay:  # as it is told of when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
