@@ -2,7 +2,8 @@
 
 A claim waits in the resource's queue like a message, until nobody is in; resources.py has the order. It ends when it is
 given up, when the task it was made for has ended (a message that is no task: when its handler has returned), when that
-fails, is killed or retried, with its connection, or when an operator takes it away.
+fails, is killed or retried, with its connection, or when it is taken away: by an operator, or because of a deadlock. It
+is *kept* when the handler that made it has returned: others wait then for the end of its task, which may need them.
 """
 
 from tca_central.clock import Due, checked_seconds
@@ -154,6 +155,11 @@ def killed(central: State, task: Delivery) -> None:
             refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
         elif task.slot is None:
             _end(central, claim, f"{task.message.message_class} '{task.message.name}' was killed")
+
+
+def take_away(central: State, claim: Claim[Connection], why: str) -> None:
+    """Others need what somebody has."""
+    _end(central, claim, why)
 
 
 def outlive(central: State, delivery: Delivery) -> None:

@@ -78,7 +78,7 @@ class Central(State):
         elif isinstance(event, BadBytes):
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
         self._settle()
-        if (self.blocked or self.claims) and not isinstance(event, Tick):
+        if (self.blocked or self.claims) and (self.facts or not isinstance(event, Tick)):
             deadlocks.look_later(self)
         effects = self.messages
         if self.facts:

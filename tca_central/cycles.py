@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from tca_central.intervals import predecessors_within, successors_within
 from tca_central.task_tree import Task, TaskTree
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_PLANNING
 
 
 class Place(NamedTuple):
@@ -78,9 +78,9 @@ def successors(place: Place) -> Iterator[Place]:
     elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
         yield Place(parent, moment)
         if moment == END_ACHIEVING and _decides(task, parent):
-            yield Place(parent, END_HANDLING)
+            yield from (Place(parent, one) for one in (END_HANDLING, END_PLANNING))
         if moment == END_ACHIEVING and task.rare is not None:
-            yield from (Place(asked, END_HANDLING) for asked in task.rare.asked)
+            yield from (Place(asked, one) for asked in task.rare.asked for one in (END_HANDLING, END_PLANNING))
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -101,14 +101,15 @@ def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
     if moment in (START_PLANNING, START_ACHIEVING):
         if task.parent is not None and not task.is_free:
             yield Place(task.parent, moment)
-    elif moment == END_HANDLING:
-        if task.again or task.rare:
-            yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
-            yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.asking if task.rare else ()))
-    elif moment != START_HANDLING:
+    elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in children)
+    if moment in (END_HANDLING, END_PLANNING) and (task.again or task.rare):
+        yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
+        yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.asking if task.rare else ()))
 
 
 def _decides(child: Task, task: Task) -> bool:
-    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is."""
+    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is. Where
+    it was handled before, and reached that point, it is its planning that does not end before.
+    """
     return (task.again and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)

@@ -3,14 +3,17 @@
 Theory of operation. A node of the graph in needs.py is *live* if of each group that it needs one node is live; the
 least fixpoint, found forwards from the wait that has just begun, or the message that was just queued. What is not
 live waits, in the end, for itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler
-gets an error; where only tasks wait for each other the failure is raised on a task. Whatever else may close a circle
-(a subtask, a constraint, a slot that is lost) is found shortly after, by a look at all that blocks. A search that
-would take long gives up, and is repeated later with more patience.
+gets an error; where only tasks wait for each other the failure is raised on one that keeps a lock or reservation. That
+is taken from it where its exception handler does not help, or where an exception handler, or what leaves things safe,
+waits in the circle: those go first. Whatever else may close a circle (a subtask, a constraint, a slot that is lost) is
+found shortly after, by a look at all that blocks. A search that would take long gives up, and is repeated later with
+more patience.
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
+from tca_central.claims import take_away
 from tca_central.clock import Due
 from tca_central.cycles import Place
 from tca_central.failures import raise_failure
@@ -23,8 +26,8 @@ from tca_central.task_tree import Task
 from tca_wire import facts
 from tca_wire.failures import DEADLOCK
 from tca_wire.headers import Refused
-from tca_wire.points import describe_moments
-from tca_wire.vocabulary import Refusal
+from tca_wire.points import END_ACHIEVING, describe_moments
+from tca_wire.vocabulary import Refusal, Role
 
 PATIENCE = 1000
 """Nodes that are looked at when a wait begins."""
@@ -139,27 +142,106 @@ def _circle(start: Node, stuck: Stuck) -> list[Node]:
 def _resolve_all(central: State, start: Node, patience: int) -> None:
     """End waits as long as *start* waits for a circle."""
     while stuck := _stuck(central, start, patience):
-        if not _resolve(central, _circle(start, stuck)):
+        if not _resolve(central, _circle(start, stuck), stuck):
             return
 
 
-def _resolve(central: State, circle: list[Node]) -> bool:
-    """End one wait of a circle: the newest of a handler or, where none blocks, that of a task. False if it can't be."""
+def _resolve(central: State, circle: list[Node], stuck: Stuck) -> bool:
+    """End a wait or a claim of a circle, or raise a failure for it; False if what was raised is being seen to."""
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
-    if waits:
-        connection, number = max(waits, key=lambda node: node.connection.waits[node.number].since)
+    kept = [node.claim for node in circle if isinstance(node, Releasing) and _is_kept(node.claim)]
+    goes_first = _of_recovery(central, circle)
+    if kept and goes_first:
+        _take_from_others(central, kept, text)
+    elif waits:
+        refused = [wait for wait in waits if wait not in goes_first] or waits
+        connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
         _refuse(central, connection, number, text)
-        return True
-    claims = [node.claim for node in circle if isinstance(node, Releasing)]
-    tasks = [claim.holder for claim in claims if isinstance(claim.holder, Task)]
-    tasks += [node.task for node in circle if isinstance(node, Place)]
-    told = [one for one in tasks if one.killed or (one.failure and one.failure[0] == DEADLOCK)]
-    is_seen_to = any(not one.is_dealt_with for one in told)
-    task = next((one for one in tasks if one not in told), None)
-    if task is not None and not is_seen_to:
-        raise_failure(central, task, Failure(DEADLOCK, text))
-    return False  # what comes of that comes later
+    else:
+        return _raise_or_take(central, kept, stuck, text)
+    return True
+
+
+def _raise_or_take(central: State, kept: list[Claim[Connection]], stuck: Stuck, text: str) -> bool:
+    """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
+    if not kept or any(_is_seen_to(claim.holder, stuck) for claim in kept):
+        return False
+    told = next((claim.holder for claim in kept if not _was_told(claim.holder)), None)
+    if told is not None:
+        raise_failure(central, told, Failure(DEADLOCK, text))
+    else:
+        take_away(central, kept[0], f"{DEADLOCK}: {text}")
+    return True
+
+
+def _take_from_others(central: State, kept: list[Claim[Connection]], text: str) -> None:
+    """Recovery and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
+    claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
+    holder = claim.holder
+    take_away(central, claim, f"{DEADLOCK}: {text}")
+    knows = holder.failure is not None and not holder.is_dealt_with
+    if not (knows or holder.again):
+        raise_failure(central, holder, Failure(DEADLOCK, f"'{claim.resource.name}' was taken from it: {text}"))
+
+
+def _is_kept(claim: Claim[Connection]) -> bool:
+    """Whether only the end of a task ends it: the handler that made it has returned."""
+    return isinstance(claim.holder, Task) and claim.holder.slot is None
+
+
+def _was_told(task: Task) -> bool:
+    return task.failure is not None and task.failure[0] == DEADLOCK
+
+
+def _is_seen_to(task: Task, stuck: Stuck) -> bool:
+    """Whether an exception handler that is not stuck itself is about a deadlock of a task."""
+    return any(
+        child.role is Role.EXCEPTION
+        and child.context.failure.name == DEADLOCK
+        and Place(child, END_ACHIEVING) not in stuck
+        for child in (task.children or {}).values()
+    )
+
+
+def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
+    """What of a circle belongs to an exception handler or to what leaves things safe: such tasks and all under them,
+    their waits, and the waits of whoever answers their questions.
+    """
+    found: set[Node] = set()
+    known: dict[Task, bool] = {}
+    before = circle[-1]
+    for node in circle + circle:
+        is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
+        asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
+        if (before in found and (is_asked or asks_on)) or _recovers(_whose(central, node), known):
+            found.add(node)
+        before = node
+    return found
+
+
+def _whose(central: State, node: Node) -> Delivery | None:
+    match node:
+        case Place(task, _):
+            return task
+        case Returning(delivery) | Turn(delivery):
+            return delivery
+        case Waiting(connection, number):
+            return central.dispatcher.attended.get(connection.waits[number].origin)
+    return None
+
+
+def _recovers(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
+    """Whether a task handles a failure, leaves things safe, or is under one that does."""
+    passed: list[Task] = []
+    does = False
+    for above in delivery.lineage() if isinstance(delivery, Task) else ():
+        passed.append(above)
+        does = known.get(above, above.role.survives)
+        if does or above in known:
+            break
+    known.update(dict.fromkeys(passed, does))
+    return does
 
 
 def _refuse(central: State, connection: Connection, number: int, text: str) -> None:
@@ -190,6 +272,8 @@ def _words(central: State, node: Node, following: Node) -> str:
         case Releasing(claim):
             kind = "reserved" if claim.admits_owner else "locked"
             until = f" until {_name(claim.holder)} has ended" if claim.holder is not None else ""
+            if isinstance(following, Place) and following.task is not claim.holder:
+                until = f" until {_name(claim.holder)} is handled again, after {_name(following.task)} has ended"
             return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
         case Place(task, _) if isinstance(following, Place) and following.task is not task:
             return f"{_name(task)} waits until {_point(following)}"

@@ -11,6 +11,7 @@ itself, not by choice and with nobody who helps, could not decide: the search go
 from collections.abc import Iterator
 
 from tca_central import claims
+from tca_central.cycles import Place, find_path
 from tca_central.errors import RequestError
 from tca_central.intervals import KILLED
 from tca_central.making import make_task, suspend
@@ -22,7 +23,7 @@ from tca_central.watching import stop
 from tca_wire import facts, headers
 from tca_wire.failures import NOT_BY_CHOICE
 from tca_wire.headers import Accepted, Cancelled
-from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384
@@ -315,6 +316,21 @@ def _asking(connection: Connection, task: Task) -> Task | None:
     return asking
 
 
+def _check_order(central: State, task: Task, asking: Task | None) -> None:
+    """Raises RequestError if the retry would wait for something that outlives it and waits until the task has been
+    handled.
+    """
+    moment = END_PLANNING if task.reached & END_HANDLING else END_HANDLING
+    if task.reached & moment:
+        return
+    awaited = [child for child in (task.children or {}).values() if child.survives and not child.is_guest]
+    for one in (*awaited, asking) if asking is not None and asking not in awaited else awaited:
+        if path := find_path(central.tree, Place(task, moment), Place(one, END_ACHIEVING)):
+            waits = next(place.task for place in path if place.task is not task)
+            text = f"{task} can't be retried: {waits} under it must end before, and waits for {task}"
+            raise RequestError(Refusal.CYCLE, text)
+
+
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
     """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended. Monitors
     that others have put under it go on.
@@ -325,6 +341,7 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         central.ignore(connection, header.number, f"{ended}: it can't be retried")
         return
     asking = _asking(connection, task)
+    _check_order(central, task, asking)
     if task.rare is not None and task.rare.watch is not None:
         stop(central, task.rare.watch, "it is retried")
     if header.new_data:

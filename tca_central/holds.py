@@ -87,7 +87,7 @@ class Holds:
         if before is None or before.task.reached & before.moment:
             return [self._delay(constraint, task, moment)]
         if check:
-            self._refuse_cycle(constraint, after, before)
+            self._refuse_cycles(constraint, after, before)
         if constraint.delay:  # as it is told of when the delay is over
             constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
         self.hold(before.task, before.moment, task, moment, constraint.delay)
@@ -134,6 +134,13 @@ class Holds:
         self._refuse_cycle(constraint, Place(task, END_HANDLING), Place(task, START_ACHIEVING))
         task.delayed = True
         return True
+
+    def _refuse_cycles(self, constraint: Constraint, after: Place, before: Place) -> None:
+        """Raises RequestError if a constraint can never be met. From a killed task what it waited for is inherited."""
+        self._refuse_cycle(constraint, after, before)
+        if before.task.killed:
+            for (_, its_moment), leader in self._what_holds(*before, _Ways(set(), {})).items():
+                self._refuse_cycle(constraint, after, Place(leader, its_moment))
 
     def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
         """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""

@@ -120,13 +120,16 @@ def _of_claim(_: State, node: Granting) -> Groups:
 
 
 def _of_release(central: State, node: Releasing) -> Groups:
-    """Its handler is expected to release it; when that has returned, the end of its task will."""
+    """Its handler is expected to release it; when that has returned the end of its task will, or that it is retried."""
     claim = node.claim
     holder = claim.holder
     if holder is None:
         yield from ([Waiting(claim.slot, number)] for number in claim.slot.waits)
     elif holder.slot is not None:
         yield [Returning(holder)]
+    elif isinstance(holder, Task) and holder.again:
+        children = (holder.children or {}).values() if not holder.suspended else ()
+        yield from ([Place(child, END_ACHIEVING)] for child in children)
     elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
         yield [Place(holder, END_ACHIEVING)]
 
@@ -163,9 +166,10 @@ def _of_test(monitor: Task) -> Groups:
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
     starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
-    if task.slot is not None and moment == END_HANDLING:
+    ends = END_HANDLING | END_PLANNING | END_ACHIEVING
+    if task.slot is not None and moment & ends:
         yield [Returning(task)]
-    elif task.queues and (moment & starts or task.again):
+    elif task.queues and (moment & starts or task.reached & START_HANDLING):  # or is to be handled again
         yield [Turn(task)]
     elif moment == START_HANDLING:
         yield [Place(task, delivered_at(task.is_goal))]

@@ -1,12 +1,12 @@
 """The rules of locks and reservations: who may have a resource for himself, whom that keeps out, and when it ends.
 
 Who wants one waits in line with the messages, until nobody is in the resource but himself. Deadlocks are not sought
-here (test_deadlocks.py looks after those): a wait that central refuses for one ends as if its sender had given up, and
-a failure that central raises for one is raised by somebody.
+here (test_deadlocks.py looks after those): a wait that central refuses for one ends as if its sender had given up, so
+does what it takes away, and a failure that it raises for one is raised by somebody.
 """
 
 from properties import oracle_failures, oracle_slots
-from properties.oracle_records import Claim, Job, Node, World
+from properties.oracle_records import Claim, Job, Node, World, is_deadlock
 
 from tca_wire import facts, headers
 
@@ -113,11 +113,13 @@ def time_out(world: World) -> None:
 def end_deadlocks(world: World) -> bool:
     """End the waits that central calls deadlocks at this moment; whether there were any."""
     any_ended = False
-    while world.seen.given and isinstance(fact := world.seen.given[0][0], facts.RequestRefused | facts.Failed):
+    while world.seen.given and is_deadlock(fact := world.seen.given[0][0]):
         del world.seen.given[0]
         any_ended = True
-        if isinstance(fact, facts.RequestRefused):
+        if isinstance(fact, facts.ClaimEnded):
+            world.claims = [claim for claim in world.claims if claim.id != fact.id]
+        elif isinstance(fact, facts.RequestRefused):
             oracle_slots.give_up(world, *world.seen.deadlocked.pop(0))
-        else:
+        elif isinstance(fact, facts.Failed):
             oracle_failures.raise_beside(world, world.nodes[fact.id], (fact.failure,))
     return any_ended

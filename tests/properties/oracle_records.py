@@ -235,7 +235,9 @@ class Seen:
 
 
 def is_deadlock(fact: object) -> bool:
-    """Whether central ends a wait here, or raises a failure, because of a deadlock."""
+    """Whether central ends a wait here, takes a claim away or raises a failure because of a deadlock."""
+    if isinstance(fact, facts.ClaimEnded):
+        return fact.why.startswith(f"{Refusal.DEADLOCK}: ")
     if isinstance(fact, facts.Failed):
         return fact.failure == Refusal.DEADLOCK and fact.is_beside
     return isinstance(fact, facts.RequestRefused) and fact.refusal is Refusal.DEADLOCK

@@ -4,11 +4,14 @@ Each life is lived twice, the second time by a central that does not look for de
 the first refusal, everything that can go on does: whoever was refused must wait still.
 """
 
+from collections.abc import Mapping
+
 import pytest
 from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tca_central.core import Central
 from tca_central.registry import Connection, Delivery
 from tca_wire import headers
 from tca_wire.constraints import Flags
@@ -17,7 +20,6 @@ from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 
 HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
-MESSAGES = [message.split(" ")[1] for handled in HANDLED.values() for message in handled]
 DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
 numbers = st.integers(0, 50)
 steps = st.lists(
@@ -29,12 +31,14 @@ steps = st.lists(
 class Blocking(Player):
     """Modules whose handlers do nothing while they wait."""
 
+    handled: Mapping[str, tuple[str, ...]] = HANDLED
+
     def __init__(self, *, looks: bool) -> None:
         super().__init__()
         self.central.look_after = 0.25 if looks else 0
         self.module("user")
-        self.declare("user", *(message for handled in HANDLED.values() for message in handled))
-        for index, (name, handled) in enumerate(HANDLED.items()):
+        self.declare("user", *(message for handled in self.handled.values() for message in handled))
+        for index, (name, handled) in enumerate(self.handled.items()):
             self.module(name, *handled, capacity=1 + index % 2, pool="")
 
     @property
@@ -42,10 +46,7 @@ class Blocking(Player):
         return [fact for fact in self.facts(RequestRefused) if fact.refusal is Refusal.DEADLOCK]
 
     def free(self) -> list[Delivery]:
-        """What is handled by a handler that waits for nothing, the newest of its slot."""
-        attended = self.central.dispatcher.attended.values()
-        newest = {delivery.slot: delivery for delivery in attended}
-        return [delivery for slot, delivery in newest.items() if slot and not waits_in(slot, delivery)]
+        return free_handlers(self.central)
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
         """One handler, or the user, does something."""
@@ -105,6 +106,12 @@ class Blocking(Player):
                 return
             assert free[0].slot
             self.reply(free[0].slot.id.decode(), free[0].given_as)
+
+
+def free_handlers(central: Central) -> list[Delivery]:
+    """What is handled by a handler that waits for nothing, the newest of its slot."""
+    newest = {delivery.slot: delivery for delivery in central.dispatcher.attended.values()}
+    return [delivery for slot, delivery in newest.items() if slot and not waits_in(slot, delivery)]
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:

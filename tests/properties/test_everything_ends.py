@@ -1,0 +1,141 @@
+"""Random lives full of trouble come to an end: when each handler has returned, all are resumed and time has passed,
+nothing is left. No wait for ever is overlooked, whoever keeps what others need, and what makes a robot safe gets in.
+"""
+
+import pytest
+from central.player import Player, point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life
+from properties.test_deadlocks import HANDLED, Blocking, free_handlers
+
+from tca_wire import headers
+from tca_wire.parts import Attachment
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Role, Scope
+
+MENDERS = {"b": ("exception handler mend",), "d": ("exception handler save", "command park")}
+FAILURES = ("slipped", "timeout", "deadlock", "")
+STEPS = ["send"] * 5 + ["ask", "wait", "lock", "lock", "constrain", "return", "return", "return", "kill", "suspend"]
+STEPS += ["fail", "raise", "retry", "parting", "attach", "attach", "deadline", "kill others"]
+steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
+ROUNDS = 2_000
+QUIET = 6  # rounds after which nothing comes any more: central may be slow to look
+
+
+class Troubled(Blocking):
+    """Modules that block, fail, and have their failures handled by others that block."""
+
+    handled = HANDLED | {name: HANDLED.get(name, ()) + menders for name, menders in MENDERS.items()}
+
+    def __init__(self) -> None:
+        super().__init__(looks=True)
+        self.hello("operator")
+        self.declare("operator", "command park", "command move", "goal step")
+
+    def do(self, what: str, a: int, b: int, c: int) -> None:
+        """One handler, the user or the operator does something."""
+        free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
+        who = free[a % len(free)] if free else None
+        task = tasks[b % len(tasks)] if tasks else TaskId(0)
+        match what:
+            case "fail" if who is not None and who.slot is not None:
+                is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
+                self.fail(who.slot.id.decode(), FAILURES[c % 3], who.given_as, reissue=is_reissued)
+            case "raise" if task:
+                self.receive("operator", headers.Raise(self.number("operator"), task, FAILURES[c % 3]))
+            case "retry" if task:
+                self.receive("operator", headers.Retry(self.number("operator"), task))
+            case "parting" if task:
+                self.send("operator", ("move", "park", "step")[c % 3], under=task, when_killed=True)
+            case "attach":
+                attachment = Attachment(FAILURES[a % 4], ("mend", "save")[c % 2], c % 3)
+                where = TaskId(0) if b % 3 == 0 else task
+                self.receive("operator", headers.Attach(self.number("operator"), attachment, where))
+            case "deadline" if task:
+                at = point(task, list(Moment)[c % 6])
+                self.receive("operator", headers.Deadline(self.number("operator"), at, a))
+            case "kill others" if task:
+                scope = (Scope.DESCENDANTS, Scope.SIBLINGS)[c % 2]
+                self.receive("operator", headers.Kill(self.number("operator"), task, "", scope))
+            case _:
+                super().do(what, a, b, c)
+
+
+class Mixed(Life):
+    """Lives of all constructs together, in which modules come and go."""
+
+    def end(self) -> None:
+        """In the end each message has a handler, and each resource a slot."""
+        for module in [*self.central.registry.modules.values()]:
+            if any(not resource.slots for resource in module.resources.values()):
+                for connection in [*module.connections.values()]:
+                    self.player.lose(connection.id.decode())
+        for name in self.modules:
+            self.join(name)
+        self.player.module("late", "command later")
+        come_to_an_end(self.player)
+
+
+def come_to_an_end(player: Player) -> None:
+    """Each handler returns, all are resumed, monitors end, who has locked something outside of a task lets go, and time
+    passes, until nothing more comes: then nothing may be left.
+    """
+    central, quiet, rounds = player.central, 0, 0
+    while quiet < QUIET and rounds < ROUNDS:
+        for task in list(central.tree.tasks.values()):
+            if task.suspended:
+                player.receive("user", headers.Suspend(player.number("user"), TaskId(task.id), resume=True))
+            if task.message.message_class.is_monitor:
+                player.receive("user", headers.EndMonitor(player.number("user"), TaskId(task.id)))
+        for claim in list(central.claims.values()):
+            if claim.holder is None and not claim.slot.waits:
+                player.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
+        if free := free_handlers(central):
+            assert free[0].slot
+            player.reply(free[0].slot.id.decode(), free[0].given_as, value=False)
+        player.tick(10.0)
+        quiet, rounds = 0 if free else quiet + 1, rounds + 1
+    waits = [(slot.id, number) for slot in central.blocked for number in slot.waits]
+    left = {task: [*(task.children or {}).values()] for task in central.tree.tasks.values()}
+    assert (left, waits) == ({}, []), "will never end, and nobody has said so"
+    assert not central.claims, "claims are left"
+    assert rounds < ROUNDS, "there is no end"
+
+
+def check(taken: list[tuple[str, int, int, int]]) -> None:
+    life = Troubled()
+    for step in taken:
+        life.do(*step)
+        life.tick(1.0)
+    come_to_an_end(life)
+
+
+@given(steps)
+@settings(max_examples=300, deadline=None)
+def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=10_000, deadline=None)
+def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=60, deadline=None)
+def test_lives_of_all_constructs_end(seed: int) -> None:
+    life = Mixed()
+    life.go_on(seed, 100)
+    life.end()
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=1_000, deadline=None)
+def test_many_lives_of_all_constructs_end(seed: int) -> None:
+    life = Mixed()
+    life.go_on(seed, 300)
+    life.end()
