@@ -148,7 +148,8 @@ def _show(run: _Run, journal: Log, *, everything: bool) -> None:
     for gap in checker.gaps:
         click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
     if not checker.is_closed:
-        click.echo(click.style("  it is not closed: central runs still, or was stopped by force", fg="yellow"))
+        why = "central still runs" if journal.is_being_written else "central was stopped by force"
+        click.echo(click.style(f"  it is not closed: {why}", fg="yellow"))
     rules = {violation.rule for violation in run.violations if violation.source}
     kept = len(RULES) - len(rules)
     click.echo(

@@ -55,6 +55,7 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     """  # noqa: D301 - click wants the character itself
     journal = open_log(log_path)
     history = History.until(journal, end)
+    history.go_on(journal.present(history.time), end)
     if start is not None and start >= history.time:
         raise click.BadParameter(f"{start:g} is not before the end, {history.time:g}", param_hint="'--from'")
     measured = measure(history, start)
@@ -79,7 +80,8 @@ def _title(name: str, measured: Stats) -> str:
     counts = [("failed", "failed"), ("killed", "killed"), ("dropped", "dropped"), ("open", "open")]
     news = [(sum(getattr(stats, field) for stats in measured.messages), word) for field, word in counts]
     said = "".join(f", {number} {word}" for number, word in news if number)
-    return f"{name}: {measured.start:.2f} to {measured.end:.2f} s, {sent} messages{said}"
+    still = " (still running)" * measured.is_live
+    return f"{name}: {measured.start:.2f} to {measured.end:.2f} s{still}, {sent} messages{said}"
 
 
 def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str, Any]:
@@ -87,6 +89,7 @@ def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str
         "log": name,
         "from": measured.start,
         "to": measured.end,
+        "live": measured.is_live,
         "messages": [_plain_message(stats, measured.seconds) for stats in messages],
         "resources": [_plain_resource(stats, measured.seconds) for stats in measured.resources],
     }

@@ -90,6 +90,8 @@ class Stats:
 
     start: float
     end: float
+    is_live: bool
+    """Whether the run goes on after the end."""
     messages: list[MessageStats]
     resources: list[ResourceStats]
 
@@ -114,7 +116,7 @@ def measure(past: Past, start: float | None = None) -> Stats:
         stats.message_class = stats.message_class or _declared_class(past, stats.name)
         for times in stats.times().values():
             times.sort()
-    return Stats(first, past.time, list(messages.values()), _resources(past, first))
+    return Stats(first, past.time, past.is_live, list(messages.values()), _resources(past, first))
 
 
 def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:

@@ -1,6 +1,7 @@
 """``tca stats``: counts, times and shares, of a whole run or of a part."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
-from tools.story import QUERY, Story, stumbling, walking
+from tools.story import QUERY, Story, silent_for, stumbling, walking
 
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
@@ -42,6 +43,18 @@ def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> N
 def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
     assert max(map(len, lines)) <= max(width, 90)  # figures are never cut
+
+
+def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
+    run = walking().write(tmp_path / "run")
+    with silent_for(run, 60.0):
+        live, until, plain = (shown(run, *more).stdout for more in ((), ("--to", 30.0), ("--json",)))
+    assert re.match(r"run: 0\.00 to 6\d\.\d\d s \(still running\), 10 messages", live)
+    assert until.startswith("run: 0.00 to 30.00 s, 10 messages")
+    measured = json.loads(plain)
+    assert measured["live"]
+    assert 60 < measured["to"] < 80
+    assert not json.loads(shown(run, "--json").stdout)["live"]
 
 
 def test_times_of_messages() -> None:
