@@ -86,7 +86,7 @@ def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
     (asked,) = [header for header in asked if isinstance(header, headers.Deliver)]
     told = str(asked.context)
     assert "ValueError: not an image: iVBOR" in told
-    assert "exception handler recover {4} could not decide: timeout" in told
+    assert "exception handler task 4 'recover' could not decide: timeout" in told
 
 
 def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
