@@ -224,7 +224,9 @@ class Log:
         known = len(reader.holes)
         for entry in reader:
             if len(reader.holes) > known:
-                self._first_lost = self._first_lost or f"{segment}, byte {reader.holes[known]}, after {self._time:.3f} s"
+                self._first_lost = (
+                    self._first_lost or f"{segment}, byte {reader.holes[known]}, after {self._time:.3f} s"
+                )
                 self.lost += len(reader.holes) - known
                 known = len(reader.holes)
             self._time = entry.time

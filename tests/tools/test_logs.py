@@ -142,8 +142,8 @@ def test_damage_ends_the_log_and_is_told_after_what_is_good(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("damaged", "said"),
     [
-        ([4], "byte {}, after 0.200 s: a damaged entry is left out: what seems to go on since then may have ended"),
-        ([4, 5, 7], "byte {}, after 0.200 s: 3 damaged entries are left out, the first of them here: what seems"),
+        ([4], "byte {}, after 0.500 s: a damaged entry is left out: what seems to go on since then may have ended"),
+        ([4, 5, 7], "byte {}, after 0.500 s: 3 damaged entries are left out, the first of them here: what seems"),
     ],
 )
 def test_entries_that_are_damaged_are_left_out_and_it_is_said(tmp_path: Path, damaged: list[int], said: str) -> None:

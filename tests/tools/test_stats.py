@@ -49,8 +49,8 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     run = walking().write(tmp_path / "run")
     with silent_for(run, 60.0):
         live, until, plain = (shown(run, *more).stdout for more in ((), ("--to", 30.0), ("--json",)))
-    assert re.match(r"run: 0\.00 to 6\d\.\d\d s \(still running\), 10 messages", live)
-    assert until.startswith("run: 0.00 to 30.00 s, 10 messages")
+    assert re.match(r"run: 0\.00 to 6\d\.\d\d s \(still running\), 8 tasks \(7 open\), 2 other messages", live)
+    assert until.startswith("run: 0.00 to 30.00 s, 8 tasks (7 open), 2 other messages")
     measured = json.loads(plain)
     assert measured["live"]
     assert 60 < measured["to"] < 80
@@ -96,7 +96,8 @@ def test_a_failure_that_was_dealt_with_counts() -> None:
     story.at(3.0).say(facts.Retried(TaskId(walk), b"")).delivered(walk, "legs").at(5.0).returned(walk)
     story.reached(walk, Moment.END_ACHIEVING)
     walks = of(measure(story.fold()), "walk")
-    assert (walks.failed, walks.handled, walks.handling.seconds, walks.to_end.seconds) == (1, 2, [1.0, 2.0], [4.0])
+    assert (walks.failed_runs, walks.failed, walks.handled) == (1, 0, 2)
+    assert (walks.handling.seconds, walks.to_end.seconds) == ([1.0, 2.0], [4.0])
 
 
 def test_how_busy_a_resource_was() -> None:
