@@ -154,10 +154,10 @@ def test_every_tool_goes_on_behind_damaged_entries(lost: set[int]) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "walk.tcaj"
         path.write_bytes(with_holes(entries, holes))
-        for command in [*TO_STDOUT, *(f"{command} -o {folder}/{name}" for command, name in TO_FILES)]:
+        to_files = [f"{command} -o {folder}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)]
+        for command in [*TO_STDOUT, *to_files]:
             result = CliRunner().invoke(main, [*command.split(), str(path)], prog_name="tca")
             if "--story" not in command:  # that task may be among what is not known
-                assert isinstance(result.exception, SystemExit), result.exception
                 assert (result.exit_code, result.stderr.count("damaged")) == (1, 1), result.stderr
                 assert "BROKEN" not in result.stdout
             assert result.exception is None or isinstance(result.exception, SystemExit), (command, result.exception)
