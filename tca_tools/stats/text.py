@@ -59,7 +59,7 @@ def _spread(times: Times) -> list[str]:
 
 def _rate(number: int, seconds: float) -> str:
     rate = number / (seconds or 1)
-    return f"{rate:.{2 if rate < _SELDOM else 3}g}" if seconds > 0 and rate < 1000 else f"{rate:.0f}"  # noqa: PLR2004
+    return f"{rate:.{2 if rate < _SELDOM else 3}g}" if seconds > 0 and rate < 1000 else f"{rate:.0f}"
 
 
 def duration(seconds: float | None) -> str:
