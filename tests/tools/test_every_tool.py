@@ -6,14 +6,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from random import Random
 from typing import Any
 
 import pytest
 from click import unstyle
 from click.testing import CliRunner, Result
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from tools.runs import encoded, walk
 from tools.story import Story
 
@@ -147,20 +145,19 @@ def with_holes(entries: list[facts.Entry], holes: list[int]) -> bytes:
     return b"".join(data)
 
 
-@settings(max_examples=4)
-@given(st.sets(st.integers(1, len(walk()) - 2), min_size=1, max_size=12))
-def test_every_tool_goes_on_behind_damaged_entries(lost: set[int]) -> None:
-    entries, holes = walk(), sorted(lost)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "walk.tcaj"
-        path.write_bytes(with_holes(entries, holes))
-        to_files = [f"{command} -o {folder}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)]
-        for command in [*TO_STDOUT, *to_files]:
-            result = CliRunner().invoke(main, [*command.split(), str(path)], prog_name="tca")
-            if "--story" not in command:  # that task may be among what is not known
-                assert (result.exit_code, result.stderr.count("damaged")) == (1, 1), result.stderr
-                assert "BROKEN" not in result.stdout
-            assert result.exception is None or isinstance(result.exception, SystemExit), (command, result.exception)
+@pytest.mark.parametrize("seed", range(5))
+def test_every_tool_goes_on_behind_damaged_entries(tmp_path: Path, seed: int) -> None:
+    entries, chance = walk(), Random(seed)  # drawn by hand: making failures smaller would take minutes
+    holes = sorted(chance.sample(range(1, len(entries) - 1), chance.choice([1, 3, 12])))
+    path = tmp_path / "walk.tcaj"
+    path.write_bytes(with_holes(entries, holes))
+    to_files = [f"{command} -o {tmp_path}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)]
+    for command in [*TO_STDOUT, *to_files]:
+        result = CliRunner().invoke(main, [*command.split(), str(path)], prog_name="tca")
+        assert result.exception is None or isinstance(result.exception, SystemExit), (command, result.exception)
+        if "--story" not in command:  # that task may be among what is not known
+            assert (result.exit_code, result.stderr.count("left out")) == (1, 1), (command, result.stderr)
+            assert "BROKEN" not in result.stdout
 
 
 def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(tca: Tca, tmp_path: Path) -> None:
