@@ -75,7 +75,7 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     waits = [{"what": "'move' {9} (and 3 more)", "for": "resource 'legs' of 'legs'", "seconds": 12.0}]
     told = frame(answer(20.0, busy, messages=[message("move", 3, failed=1)], waits=waits), hidden="tca top")
     text = shown(screen(told, "ipc:///here", ""), 140)
-    assert "central at ipc:///here  run one, up 0:20\n1 modules, 3 tasks, 10.0 events/s; rates of the whole run" in text
+    assert "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s; rates of the whole run" in text
     assert "move\\x1b[31m {7}  0.5 s  locked by eyes" in text
     assert re.search(r"12.0 s +'move' \{9\} \(and 3 more\) +resource 'legs' of 'legs'", text)
     assert "nobody waits" not in text
