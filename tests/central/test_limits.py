@@ -82,8 +82,8 @@ def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
     player.task("user", "move")
     text = f"ValueError: not an image: {'iVBORw0K' * 4000}"
     player.receive("legs/1", headers.Fail(player.delivered("legs/1")[-1], "slip", text))
-    asked = player.fail("expert/1", "timeout")
-    (asked,) = [header for header in asked if isinstance(header, headers.Deliver)]
+    sent = player.fail("expert/1", "timeout")
+    (asked,) = [header for header in sent if isinstance(header, headers.Deliver)]
     told = str(asked.context)
     assert "ValueError: not an image: iVBOR" in told
     assert "exception handler task 4 'recover' could not decide: timeout" in told

@@ -113,7 +113,7 @@ def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named()
 def test_where_room_is_short_the_busy_and_the_oldest_waits_are_shown() -> None:
     names = ["idle", "slow", "quick", "torch", "sink", "oven", "stove", "knife", "table"]
     busy = {"oven": 20.0, "stove": 40.0, "knife": 8.0}
-    more = {"torch": {"waiting": 1, "oldest": 9.0}, "table": {"held_by": "waiter"}}
+    more: dict[str, dict[str, Any]] = {"torch": {"waiting": 1, "oldest": 9.0}, "table": {"held_by": "waiter"}}
     many = [resource(name, busy=busy.get(name, 0.0), **more.get(name, {})) for name in names]
     assert [line.resource for line in frame(answer(20.0, *many)).resources[:5]] == [
         "torch", "stove", "table", "oven", "knife",
