@@ -153,11 +153,7 @@ def _show(run: _Run, journal: Log, *, everything: bool) -> None:
         click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
     if not checker.is_closed:
         still = "central still runs"
-        why = (
-            still
-            if journal.is_being_written
-            else "central was stopped by force, or this is a copy of a run that went on"
-        )
+        why = still if journal.is_being_written else "central was stopped by force, or this is a copy"
         click.echo(click.style(f"  it is not closed: {why}", fg="yellow"))
     rules = {violation.rule for violation in run.violations if violation.source}
     kept = len(RULES) - len(rules)

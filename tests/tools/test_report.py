@@ -263,7 +263,7 @@ def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "what comes before it is shown" in result.output
     shown = Page((tmp_path / "bad.html").read_text())
-    assert "The journal can't be read to its end" in shown.text
+    assert "Not all of the journal can be read: " in shown.text
     assert "traverse arc {1}" in shown.text
 
 
