@@ -27,7 +27,9 @@ from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNI
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384
-"""Characters of a failure's text that are kept: the last, where a traceback says what happened."""
+"""Characters of a failure's text that are kept: the first, where modules say what happened, and the last of a
+traceback.
+"""
 
 LONGEST_REASON = 500
 """Characters of why an exception handler could not decide that the failure it was called for tells of."""
@@ -43,7 +45,13 @@ NEWLINE = "\n"
 def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> Failure:
     """The failure that a header tells of, within bounds."""
     kinds = tuple(kind[: Limit.NAME] for kind in header.kinds[:MOST_KINDS])
-    return Failure(header.failure[: Limit.NAME], header.text[-LONGEST_TEXT:], body, kinds)
+    return Failure(header.failure[: Limit.NAME], _shortened(header.text), body, kinds)
+
+
+def _shortened(text: str, longest: int = LONGEST_TEXT) -> str:
+    """A text's beginning and end, if it is too long for all of it."""
+    half = (longest - 1) // 2
+    return text if len(text) <= longest else f"{text[:half]}…{text[-half:]}"
 
 
 # --- raising ---------------------------------------------------------------------------------------------------------
@@ -204,8 +212,9 @@ def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
 def _also(first: Failure, undecided: Task, why: str) -> Failure:
     """A failure of which is said, where people look first, who could not decide about it, and why."""
     line, newline, rest = first.text.partition(NEWLINE)
+    line = _shortened(line, LONGEST_TEXT // 2)
     told = f"{line}; exception handler {undecided} could not decide: {why[:LONGEST_REASON]}".removeprefix("; ")
-    return first._replace(text=f"{told}{newline}{rest}"[:LONGEST_TEXT])
+    return first._replace(text=_shortened(f"{told}{newline}{rest}"))
 
 
 def _end_all(central: State, task: Task, failure: Failure, why: str) -> None:

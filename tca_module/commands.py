@@ -45,7 +45,8 @@ def status(client: Client) -> tuple[Any, str]:
         *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client),
         *_suspended_tasks(client, tree), *_held_tasks(tree),
     ]  # fmt: skip
-    shown = [f"{number} {what}" for what, number in overview.items() if what not in ("epoch", "newest id")]
+    counts = ((what, number) for what, number in overview.items() if what not in ("epoch", "newest id"))
+    shown = [f"{number} {what.removesuffix('s') if number == 1 else what}" for what, number in counts]
     parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
     if waiting:
         parts += ["", *_table(["waits", "for"], waiting[:_SHOWN])]

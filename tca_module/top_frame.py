@@ -71,6 +71,7 @@ class Frame(NamedTuple):
     tasks: int
     modules: int
     resources: list[ResourceLine]
+    """Those that somebody waits for or has for himself, and the busiest, come first."""
     messages: list[MessageLine]
     """Those that were sent most often lately come first."""
     waits: list[WaitLine]
@@ -106,6 +107,7 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
         for one in module["resources"]
         if one["capacity"] or one["delivered"]
     ]
+    resources.sort(key=lambda line: -1.0 if line.waiting or line.held else -round(line.busy, 1))
     delivered = {one["message"]: one["delivered"] for one in before["messages"]}
     messages = [_message(one, delivered.get(one["message"], 0), span) for one in now["messages"]]
     messages.sort(key=lambda line: (-line.rate, -line.waiting, -line.delivered, line.message))

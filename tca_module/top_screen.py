@@ -17,12 +17,15 @@ _HEAD, _TABLE = 2, 3
 """Lines of the heading, and of a table beside its rows."""
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
-_FEWEST = 2
-"""Rows that a table gets; where there is no room for them, some tables are left out."""
-_LEFT_OUT = ("messages", "held", "resources")
-"""Those tables, the first of them first: what somebody waits for is shown as long as anything is."""
-_GROW = ("resources", "waits", "suspended", "held", "messages")
-"""Who gets the rows that are left."""
+_TRIES: Sequence[tuple[int, tuple[str, ...]]] = (
+    (4, ()), (4, ("messages",)), (3, ("messages",)), (2, ("messages",)), (3, ("messages", "held")),
+    (2, ("messages", "held")), (2, ("messages", "held", "resources")),
+)  # fmt: skip
+"""Rows that each table gets at least, and tables that are left out where there is no room for them: what somebody waits
+for is shown as long as anything is.
+"""
+_GROW = ("waits", "resources", "suspended", "held", "messages")
+"""These get the rows that are left, one by one in turn."""
 _ONE_LINE: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}
 _NARROW = 110
 """Columns below which the table of resources has fewer: then it fits into 80."""
@@ -69,7 +72,8 @@ def _tables(shown: Frame) -> dict[str, "_Lines"]:
 
 def _heading(shown: Frame, address: str) -> Text:
     over = f"the last {shown.span:.1f} s" if shown.span < shown.time else "the whole run"
-    counts = f"{shown.modules} modules, {shown.tasks} tasks, {shown.events:.1f} events/s"
+    modules, tasks = f"module{'s' * (shown.modules != 1)}", f"task{'s' * (shown.tasks != 1)}"
+    counts = f"{shown.modules} {modules}, {shown.tasks} {tasks}, {shown.events:.1f} events/s"
     return Text.assemble(
         (f"central at {address}", "bold"),
         f"  run {shown.epoch}, up {_long_time(shown.time)}\n{counts}; rates of {over}",
@@ -82,16 +86,17 @@ def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
     needed = {name: max(len(table.lines), 1) + table.is_cut for name, table in tables.items()}
     if height is None:
         return needed
-    rooms = {name: min(_FEWEST, rows) for name, rows in needed.items()}
-    for name in _LEFT_OUT:
-        if _TABLE * len(rooms) + sum(rooms.values()) + (len(rooms) < len(tables)) > height:
-            rooms.pop(name, None)
-    left = height - _TABLE * len(rooms) - sum(rooms.values()) - (len(rooms) < len(tables))
-    for name in _GROW:
-        if name in rooms:
-            more = min(needed[name] - rooms[name], max(left, 0))
-            rooms[name] += more
-            left -= more
+    rooms: dict[str, int] = {}
+    left = 0
+    for fewest, left_out in _TRIES:
+        rooms = {name: min(fewest, rows) for name, rows in needed.items() if name not in left_out}
+        left = height - _TABLE * len(rooms) - sum(rooms.values()) - (len(rooms) < len(tables))
+        if left >= 0:
+            break
+    while left > 0 and (short := [name for name in _GROW if name in rooms and rooms[name] < needed[name]]):
+        for name in short[:left]:
+            rooms[name] += 1
+        left -= len(short)
     return rooms
 
 
@@ -108,7 +113,7 @@ _FEWER: Sequence[Column] = (
 )  # fmt: skip
 _MESSAGES: Sequence[Column] = (
     ("message", {**_ONE_LINE, "ratio": 2}), ("class", {**_ONE_LINE, "ratio": 1}), ("msg/s", _NUMBER),
-    ("delivered", _NUMBER), ("failed", _NUMBER), ("no handler", _NUMBER),
+    ("runs", _NUMBER), ("failed runs", _NUMBER), ("no handler", _NUMBER),
 )  # fmt: skip
 _WAITS: Sequence[Column] = (
     ("waits", _NUMBER),

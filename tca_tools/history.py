@@ -41,6 +41,15 @@ class History(Notes):
                 history.apply(entry)
         return history
 
+    def go_on(self, present: float | None, time: float | None = None) -> None:
+        """Nothing more has happened until the *present* on the run's clock (None: the run is over); what goes on does
+        so until then, or until *time* if that comes first.
+        """
+        if present is None or self.until_time is not None:
+            return
+        self.is_live = time is None or time >= present
+        self.time = max(self.time, present if time is None else min(time, present))
+
     def apply(self, entry: facts.Entry) -> None:
         """Take in the facts that one event caused."""
         self.news.clear()

@@ -51,13 +51,21 @@ class Log:
     """One journal: a directory of segments, or one segment. Of a directory with segments of several runs it is the run
     that began last; of a file in which one run follows another, the first.
 
-    Iterating ends quietly where damage begins, so that what is good can be shown; ``check`` then tells of it.
+    Iterating passes over entries that are damaged and ends quietly where nothing more can be read, so that what is good
+    can be shown; ``check`` then tells of it.
     """
+
+    lost = 0
+    """How many damaged entries were passed over."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._damage = ""
         self._has_entries = False
+        self._first_lost = ""
+        """Where the first of them is, and when it was written."""
+        self._time = 0.0
+        """Of the last entry that was read."""
         self._torn: tuple[Path, int, int] | None = None
         self._folder = Folder(path) if path.is_dir() else None
         self._said: set[str] = set()
@@ -151,11 +159,20 @@ class Log:
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of its folder, a line each: other runs lie there, or segments are missing; and of what
-        follows in a file.
+        """What there is to say of its folder, a line each: other runs lie there, or segments are missing; of damaged
+        entries; and of what follows in a file.
         """
         folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
-        return [*folder, *filter(None, [self._followed_by])]
+        return [*folder, *filter(None, [self.left_out, self._followed_by])]
+
+    @property
+    def left_out(self) -> str:
+        """A line for the damaged entries that were passed over; "" if there were none."""
+        if not self.lost:
+            return ""
+        what = "a damaged entry is" if self.lost == 1 else f"{self.lost} damaged entries are"
+        first = ", the first of them here" * (self.lost > 1)
+        return f"{self._first_lost}: {what} left out{first}: what seems to go on since then may have ended"
 
     def tell(self, *, of_missing: bool = True) -> None:
         """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
@@ -175,7 +192,10 @@ class Log:
         if self._followed_by:
             self._say(self._followed_by)
         if self._damage:
-            raise DamagedLog(f"{self._damage}; what comes before it is shown")
+            also = f" ({self.left_out})" if self.lost else ""
+            raise DamagedLog(f"{self._damage}; what comes before it is shown{also}")
+        if self.lost:
+            raise DamagedLog(self.left_out)
         if cut := self.cut:
             self._say(f"{cut}; what comes before it is shown")
 
@@ -201,7 +221,15 @@ class Log:
 
     def _counted(self, reader: JournalReader, segment: Path) -> Iterator[Entry]:
         """The entries of a segment, until another run, or the same anew, begins in it."""
+        known = len(reader.holes)
         for entry in reader:
+            if len(reader.holes) > known:
+                self._first_lost = (
+                    self._first_lost or f"{segment}, byte {reader.holes[known]}, after {self._time:.3f} s"
+                )
+                self.lost += len(reader.holes) - known
+                known = len(reader.holes)
+            self._time = entry.time
             facts = entry.facts
             if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
                 return

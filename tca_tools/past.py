@@ -23,6 +23,9 @@ class Past:
     until_time: float | None = None
     """Until when the journal was read, if it goes on after that."""
 
+    is_live = False
+    """Whether the run goes on: ``time`` is then the present, and what has not ended may still."""
+
     def __init__(self) -> None:
         self.time = 0.0
         self.times = array("d")

@@ -3,7 +3,8 @@
 A segment is a plain MessagePack stream that any language's reader can walk: for each record an integer (the payload's
 length), an integer (its CRC-32) and the payload, an Entry. The integers are always written in five bytes (``ce`` and
 32 bits, big endian), so a record's frame has a fixed size. A record that the end of the file cuts short is a torn
-tail: what central was writing when the machine went down. Damage anywhere else is an error.
+tail: what central was writing when the machine went down. A record that is damaged inside of its frame is passed over
+if a sound one follows. Damage anywhere else is an error.
 """
 
 import struct
@@ -42,7 +43,8 @@ class JournalReader:
     """Reads the entries of one segment; at the end of what is there it stops, and goes on when iterated again.
 
     It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record,
-    ``torn`` the number of bytes behind it that are no whole record.
+    ``torn`` the number of bytes behind it that are no whole record; ``holes`` are the places of the damaged records
+    that were passed over.
     """
 
     def __init__(self, stream: BinaryIO, name: str = "journal", offset: int = 0) -> None:
@@ -51,21 +53,32 @@ class JournalReader:
         self._opened = offset > 0
         self.offset = offset
         self.torn = 0
+        self.holes: list[int] = []
 
     def __iter__(self) -> Iterator[Entry]:
         """The entries from ``offset`` on. Raises JournalDamaged, naming the byte, where reading can't go on."""
-        self._stream.seek(self.offset)
-        unpacker = msgpack.Unpacker(self._stream, read_size=1 << 20, max_buffer_size=2 * MAX_RECORD)
-        while (payload := self._payload(unpacker)) is not None:
-            yield self._entry(payload)
-            self.offset += _FRAME.size + len(payload)
+        unpacker = self._unpacker()
+        while True:
+            holes = len(self.holes)
+            if (payload := self._payload(unpacker)) is not None:
+                yield self._entry(payload)
+                self.offset += _FRAME.size + len(payload)
+            elif len(self.holes) > holes:
+                unpacker = self._unpacker()
+            else:
+                break
         self._stream.seek(0, 2)
         self.torn = self._stream.tell() - self.offset
         if self.torn and not self._opened:
             self._refuse("not a journal of tca central")
 
+    def _unpacker(self) -> msgpack.Unpacker:
+        """Reads the records from ``offset`` on."""
+        self._stream.seek(self.offset)
+        return msgpack.Unpacker(self._stream, read_size=1 << 20, max_buffer_size=2 * MAX_RECORD)
+
     def _payload(self, unpacker: msgpack.Unpacker) -> bytes | None:
-        """The next record's payload; None at the end or a torn tail."""
+        """The next record's payload; None at the end, at a torn tail, and where damaged records were passed over."""
         frame = unpacker.read_bytes(_FRAME.size)
         if len(frame) < _FRAME.size:
             return None
@@ -77,10 +90,31 @@ class JournalReader:
         if len(payload) < length:
             return None
         if zlib.crc32(payload) != checksum:
-            if unpacker.read_bytes(1):
+            if unpacker.read_bytes(1) and not self._pass_over():
                 self._refuse("its checksum is wrong")
             return None
         return payload
+
+    def _pass_over(self) -> bool:
+        """Go to the next sound record after one that is damaged inside; False, and stay, if frames lead to none."""
+        place, passed = self.offset, [self.offset]
+        while self._opened:
+            self._stream.seek(place)
+            frame = self._stream.read(_FRAME.size)
+            if len(frame) < _FRAME.size:
+                return False
+            mark, length, mark_too, checksum = _FRAME.unpack(frame)
+            if (mark, mark_too) != (_UINT32, _UINT32) or length > MAX_RECORD:
+                return False
+            payload = self._stream.read(length)
+            if len(payload) == length and zlib.crc32(payload) == checksum:
+                self.holes += passed
+                self.offset = place
+                return True
+            if place != self.offset:
+                passed.append(place)
+            place += _FRAME.size + length
+        return False
 
     def _entry(self, payload: bytes) -> Entry:
         try:

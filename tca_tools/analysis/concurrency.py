@@ -159,7 +159,7 @@ def _was_held(past: Past, step: Step, gap: float) -> bool:
     message = past.messages.get(step.message_id)
     if message is None or step.doing is not Doing.WORK or not isinstance(message, Task):
         return False
-    is_first = message.handlings[0].start == step.start
+    is_first = any(run.start == step.start for run in message.handlings[:1])
     was_queued = any(one.end == step.start and one.start < gap for one in message.queueings)
     return message.received < gap and is_first and message.message_class.is_goal and not was_queued
 

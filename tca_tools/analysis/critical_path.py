@@ -147,7 +147,8 @@ def _why_delayed(past: Past, message: Message, step: Step) -> str:
             is_absolute = hold.constraint.before.task == ROOT
             due = hold.constraint.delay + (0.0 if is_absolute else step.start)
             at = "" if is_absolute else f": that is at {moment(due)}"
-            later = f", {seconds(due - past.time)} after the journal ends" if due > past.time else ""
+            since = "from now" if past.is_live else "after the journal ends"
+            later = f", {seconds(due - past.time)} {since}" if due > past.time else ""
             return f"it waits {words}{at}{later}"
     return ""
 

@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+from tca_tools.analysis.words import moment
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
 
@@ -23,7 +24,13 @@ class Summary:
     start: float
     """When the first task (or else message) was sent, in seconds since the run began."""
     end: float
-    """When the last task ended, or else the journal; the time between is what the shares in a report are of."""
+    """When the last task ended, or else the journal (of a live run: the present); the time between is what the shares
+    in a report are of.
+    """
+    is_live: bool
+    """Whether the run goes on."""
+    now: float
+    """Until when is known what happened."""
     modules: int
     """Those that handled, offered, sent or locked something: who only asks what there is does not count."""
     messages: int
@@ -57,6 +64,8 @@ def summary(past: Past) -> Summary:
         past.began,
         start,
         end,
+        past.is_live,
+        past.time,
         len(_working(past)),
         len(past.messages),
         {state: counts[state] for state in State if counts[state]},
@@ -64,7 +73,7 @@ def summary(past: Past) -> Summary:
         failures,
         _reasons(top),
         bool(top) and all(task.state is State.ACHIEVED for task in top),
-        _outcome(top, top_counts, failures),
+        _outcome(past, top, top_counts, failures),
     )
 
 
@@ -97,7 +106,7 @@ def values(message: Message, name: str) -> list[tuple[float, Any]]:
     return list(zip(since, [*(old for _, old in changes), getattr(message, name)], strict=True))
 
 
-def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
+def _outcome(past: Past, top: list[Task], counts: Counter[State], failures: int) -> str:
     """One sentence: good, bad or not over, and the first reason."""
     if not top:
         return "No task was sent."
@@ -112,7 +121,9 @@ def _outcome(top: list[Task], counts: Counter[State], failures: int) -> str:
         parts.append(_worst(bad, top))
     if living:
         subject = "The task" if len(top) == 1 else f"{living:,} of {len(top):,} top-level tasks"
-        parts.append(f"{subject} had not ended when the journal did")
+        is_one = living == 1
+        still = f"{'is' if is_one else 'are'} still running, as of {moment(past.time)}"
+        parts.append(f"{subject} {still if past.is_live else 'had not ended when the journal did'}")
     return "; ".join(parts) + "."
 
 

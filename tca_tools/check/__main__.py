@@ -45,7 +45,11 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     journal, files = _sorted(paths)
     wanted = [*_from_texts(texts), *(one for file in files for one in properties_in(file))]
     run = _Run(wanted, with_history=bool(files))
+    lost = 0
     for entry in journal:
+        if journal.lost > lost:
+            run.checker.skip(journal.lost - lost)
+            lost = journal.lost
         run.take(entry)
     run.close()
     _check_names(run, wanted)
@@ -148,7 +152,9 @@ def _show(run: _Run, journal: Log, *, everything: bool) -> None:
     for gap in checker.gaps:
         click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
     if not checker.is_closed:
-        click.echo(click.style("  it is not closed: central runs still, or was stopped by force", fg="yellow"))
+        still = "central still runs"
+        why = still if journal.is_being_written else "central was stopped by force, or this is a copy"
+        click.echo(click.style(f"  it is not closed: {why}", fg="yellow"))
     rules = {violation.rule for violation in run.violations if violation.source}
     kept = len(RULES) - len(rules)
     click.echo(

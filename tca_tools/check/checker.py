@@ -50,6 +50,14 @@ class Checker:
                     world.broken(CLOCK, 0, "central ended a second time")
                 self.is_closed = True
 
+    def skip(self, entries: int) -> None:
+        """Before the next entry there were so many that can't be read: nothing is claimed of what was sent before."""
+        self._end_event()
+        world = self.world
+        which = f"{entries} entries" if entries > 1 else "an entry"
+        self.gaps.append(f"after {world.now:.2f} s {which} can't be read: what was under way then is not known")
+        self.world = World(self._report, is_whole=False, events=world.events)
+
     def close(self) -> None:
         """That was all."""
         self._end_event()

@@ -11,6 +11,7 @@ from typing import Any
 from tca_tools.check.predicates import Those, predicate_from
 from tca_tools.check.records import Item
 from tca_tools.check.world import World
+from tca_wire.points import TaskId
 
 Predicate = Callable[[World], object]
 
@@ -143,8 +144,16 @@ class _Eventually(Property):
         return ""
 
     def at_end(self, world: World) -> str:
-        del world
-        return "" if self._has_been else "it never did"
+        if self._has_been:
+            return ""
+        predicate = self.predicates[0]
+        name = predicate.message if isinstance(predicate, Those) else ""
+        left = [item for item in world.messages if name and item.message == name and not item.is_over]
+        if left:
+            return f"it never did; what stands when the journal ends: {self.blame(left)}"
+        ended = [number for number, gone in world.over.items() if name and gone.message == name]
+        self.culprit = max(ended, default=0)
+        return f"it never did; {world.name(TaskId(self.culprit))} was the last to end" if ended else "it never did"
 
 
 class _NeverStuck(Property):

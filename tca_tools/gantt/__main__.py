@@ -33,8 +33,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
         raise click.UsageError("--task and --story exclude each other: ask for one of them")
     journal = open_log(asked.log_path)
     history = History.until(journal, asked.at)
-    if asked.at is None:
-        history.time = journal.present(history.time) or history.time  # what goes on does so until now
+    history.go_on(journal.present(history.time), asked.at)
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))

@@ -27,9 +27,9 @@ class Replay(App[None]):
     CSS = """
     #bar { height: 2; padding: 0 1; background: $panel; }
     #main { height: 2fr; }
-    #tree { width: 3fr; border: round $primary-darken-2; padding: 0 1; scrollbar-size-horizontal: 0; }
+    #tree { width: 2fr; border: round $primary-darken-2; padding: 0 1; scrollbar-size-horizontal: 0; }
     #tree:focus { border: round $primary; }
-    #story { width: 2fr; border: round $primary-darken-2; padding: 0 1; }
+    #story { width: 1fr; border: round $primary-darken-2; padding: 0 1; }
     #messages { height: 1fr; border: round $primary-darken-2; padding: 0 1; }
     #ask { display: none; height: 3; }
     #ask.asked { display: block; }
@@ -263,12 +263,17 @@ class Replay(App[None]):
                 self.action_search(1)
             return
         try:
-            self.go_to(self.recording.place_of(float(text.removesuffix("s"))))
+            seconds = float(text.removesuffix("s"))
+            end = self.recording.time(self.recording.last)
+            beyond = f"the journal ends at {end:.3f} s" if seconds > end else ""
+            self.go_to(self.recording.place_of(seconds), beyond)
         except ValueError:
             self.go_to(self.place, f"'{printable(text)}' is no time: write seconds, as in 12.5")
 
     def action_search(self, step: int) -> None:
-        """Go to the birth of the next task that is looked for."""
+        """Go to the birth of the next task that is looked for. One that is there already, and was asked for by its
+        number, is chosen as it is now.
+        """
         if not self._wanted:
             self.action_ask_name()
             return
@@ -278,4 +283,6 @@ class Replay(App[None]):
             self.go_to(self.place, f"no task '{printable(self._wanted)}' is sent {where}")
             return
         self.selected, self.follows = found, False
-        self.go_to(self.recording.place_of_record(self.recording.past.tasks[found].received))
+        born = self.recording.place_of_record(self.recording.past.tasks[found].received)
+        is_asked_by_number = str(found) == self._wanted.strip("{}")
+        self.go_to(self.place if is_asked_by_number and born < self.place else born)

@@ -29,6 +29,8 @@ from tca_wire.points import TaskId
 
 _STATE_WIDTH = 11
 _NAME_WIDTH = 44
+_SHARE_OF_NAMES = 0.4
+"""Of the pane's width; the rest is for states and reasons."""
 _HANDLED = "yellow"
 _TINTS = {True: "red", None: _HANDLED, False: ""}
 """Of what is bad news, or was (None)."""
@@ -61,7 +63,8 @@ class TreePane(ScrollView, can_focus=True):
         """Show other rows, and keep the selected one in sight."""
         self.rows, self.then, self.selected = rows, then, selected
         names = (len(row.guides) + len(self._called(row)) for row in rows)
-        self._name_width = min(max(names, default=20), _NAME_WIDTH)
+        room = max(int(self.size.width * _SHARE_OF_NAMES), 20)
+        self._name_width = min(max(names, default=20), _NAME_WIDTH, room)
         self.virtual_size = Size(self.size.width, len(rows))
         if (place := self.place_of(selected)) is not None:
             self.scroll_to_region(Region(0, place, 1, 1), animate=False, force=True, immediate=True)
@@ -93,7 +96,7 @@ class TreePane(ScrollView, can_focus=True):
         return self._strip(Text.assemble(name, "  ", (f"{state:{_STATE_WIDTH}}", colour_of(state)), " ", (note, "dim")))
 
     def _strip(self, line: Text) -> Strip:
-        width = self.size.width
+        width = self.scrollable_content_region.width  # what the scroll bar covers is not seen
         line.truncate(width, overflow="ellipsis", pad=True)
         return (
             Strip(line.render(self.app.console), line.cell_len).adjust_cell_length(width).apply_style(self.rich_style)

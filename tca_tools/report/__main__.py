@@ -38,6 +38,7 @@ def _page(journal: Log) -> str:
     from tca_tools.report.tree import tree  # noqa: PLC0415
 
     history = History.until(journal)
+    history.go_on(journal.present(history.time))
     try:
         journal.check()
         damage = ""

@@ -37,6 +37,7 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
             style=Markup((_HERE / "page.css").read_text()),  # noqa: S704 - a file of ours
             verdict=_verdict(found),
             began=_clock(found.summary.began, found.summary.start),
+            now=f"{_clock(found.summary.began, found.summary.now)} ({words.moment(found.summary.now)})",
             is_good_fate=lambda fate: fate in GOOD_FATES,
             doing=_DOING,
             shown_stories=lambda kind: _stories_of(kind, found),
@@ -71,12 +72,12 @@ def _verdict(found: Contents) -> str:
     return "bad" if found.summary.reasons else "open"
 
 
-def _clock(began: float | None, start: float) -> str:
-    """When the run began on the wall clock, in UTC: a colleague may be anywhere."""
+def _clock(began: float | None, time: float) -> str:
+    """A time of the run on the wall clock, in UTC: a colleague may be anywhere."""
     if began is None:
         return "at a time that the journal does not tell"
     try:
-        return f"{datetime.fromtimestamp(began + start, UTC):%Y-%m-%d %H:%M:%S} UTC"
+        return f"{datetime.fromtimestamp(began + time, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):
         return "at a time that makes no sense"
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from tca_tools.analysis.words import counted
 from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_tools.options import MOMENT
@@ -14,11 +15,12 @@ from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, m
 from tca_tools.stats.text import stats_lines
 from tca_tools.terminal import cut, line_width, printable
 
+_ENDS = ("failed", "killed", "dropped", "open")
 _SHARES = (50, 90, 99)
 
 SORTS: dict[str, Callable[[MessageStats], float]] = {
     "sent": lambda stats: stats.sent,
-    "failed": lambda stats: stats.failed,
+    "failed": lambda stats: stats.failed_runs,
     "start": lambda stats: _p99(stats.to_start),
     "handling": lambda stats: _p99(stats.handling),
     "end": lambda stats: _p99(stats.to_end),
@@ -37,7 +39,7 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
     type=click.Choice(["name", *SORTS]),
     default="sent",
     show_default=True,
-    help="By number, by name, by failures; by the p99 of the three times; by all time queued, or handled.",
+    help="By number, by name, by failed runs; by the p99 of the three times; by all time queued, or handled.",
 )
 @click.option("--json", "as_json", is_flag=True, help="As JSON, with more figures; times in seconds.")
 def stats(log_path: Path | None, start: float | None, end: float | None, sort: str, as_json: bool) -> None:
@@ -45,6 +47,7 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
 
     \b
     sent to start  from when a message was sent until its handler began
+    runs failed    how often handlers failed, whatever became of that
     handling       how long handlers ran
     sent to end    until the sender had the answer, or the task was achieved
     busy           the share of a resource's slots that ran handlers
@@ -55,6 +58,7 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     """  # noqa: D301 - click wants the character itself
     journal = open_log(log_path)
     history = History.until(journal, end)
+    history.go_on(journal.present(history.time), end)
     if start is not None and start >= history.time:
         raise click.BadParameter(f"{start:g} is not before the end, {history.time:g}", param_hint="'--from'")
     measured = measure(history, start)
@@ -75,11 +79,21 @@ def _p99(times: Times) -> float:
 
 
 def _title(name: str, measured: Stats) -> str:
-    sent = sum(stats.sent for stats in measured.messages)
-    counts = [("failed", "failed"), ("killed", "killed"), ("dropped", "dropped"), ("open", "open")]
-    news = [(sum(getattr(stats, field) for stats in measured.messages), word) for field, word in counts]
-    said = "".join(f", {number} {word}" for number, word in news if number)
-    return f"{name}: {measured.start:.2f} to {measured.end:.2f} s, {sent} messages{said}"
+    tasks = [stats for stats in measured.messages if stats.is_of_tasks]
+    others = [stats for stats in measured.messages if not stats.is_of_tasks]
+    said = [_sum(tasks, "task"), _sum(others, "other message" if tasks else "message")]
+    still = " (still running)" * measured.is_live
+    return (
+        f"{name}: {measured.start:.2f} to {measured.end:.2f} s{still}, {', '.join(filter(None, said)) or '0 messages'}"
+    )
+
+
+def _sum(messages: list[MessageStats], what: str) -> str:
+    """``8 tasks (1 failed, 2 open)``; "" if there are none."""
+    news = [(sum(getattr(stats, ended) for stats in messages), ended) for ended in _ENDS]
+    said = ", ".join(f"{number} {ended}" for number, ended in news if number)
+    sent = sum(stats.sent for stats in messages)
+    return f"{counted(sent, what)}{said and f' ({said})'}" if sent else ""
 
 
 def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str, Any]:
@@ -87,13 +101,14 @@ def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str
         "log": name,
         "from": measured.start,
         "to": measured.end,
+        "live": measured.is_live,
         "messages": [_plain_message(stats, measured.seconds) for stats in messages],
         "resources": [_plain_resource(stats, measured.seconds) for stats in measured.resources],
     }
 
 
 def _plain_message(stats: MessageStats, seconds: float) -> dict[str, Any]:
-    counts = ("sent", "direct", "handled", "failed", "killed", "dropped", "open")
+    counts = ("sent", "direct", "handled", "failed_runs", "failed", "killed", "dropped", "open")
     return {
         "message": stats.name,
         "class": stats.message_class,

@@ -8,9 +8,9 @@ from math import ceil
 from operator import itemgetter
 
 from tca_tools.past import Past
-from tca_tools.records import Message, State, Task
+from tca_tools.records import OVER, Message, State, Task
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 @dataclass(slots=True)
@@ -47,9 +47,12 @@ class MessageStats:
     direct: int = 0
     handled: int = 0
     """How often a handler ended."""
+    failed_runs: int = 0
+    """How often a handler failed, whatever became of that."""
     failed: int = 0
-    """On how many a failure was raised, dealt with or not."""
+    """How many ended so: a task is then in the state "failed", what is no task was not handled again."""
     killed: int = 0
+    """How many tasks are in the state "killed"."""
     dropped: int = 0
     open: int = 0
     """How many were neither answered, achieved nor given up at the end."""
@@ -61,6 +64,11 @@ class MessageStats:
     """From when it was sent until its sender had the answer, or until it was achieved."""
     queued: Times = field(default_factory=Times)
     """Each wait in a queue."""
+
+    @property
+    def is_of_tasks(self) -> bool:
+        """Whether these are goals, commands or monitors."""
+        return bool(self.message_class) and MessageClass(self.message_class).is_task
 
     def times(self) -> dict[str, Times]:
         """All that was measured."""
@@ -90,6 +98,8 @@ class Stats:
 
     start: float
     end: float
+    is_live: bool
+    """Whether the run goes on after the end."""
     messages: list[MessageStats]
     resources: list[ResourceStats]
 
@@ -114,7 +124,7 @@ def measure(past: Past, start: float | None = None) -> Stats:
         stats.message_class = stats.message_class or _declared_class(past, stats.name)
         for times in stats.times().values():
             times.sort()
-    return Stats(first, past.time, list(messages.values()), _resources(past, first))
+    return Stats(first, past.time, past.is_live, list(messages.values()), _resources(past, first))
 
 
 def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:
@@ -131,22 +141,23 @@ def _declared_class(past: Past, name: str) -> str:
 def _count(stats: MessageStats, message: Message) -> None:
     stats.message_class = str(message.message_class)
     stats.sent += 1
-    stats.failed += any(name == "failure" for _, name, _ in message.changes)
     stats.dropped += bool(message.dropped)
     if message.handlings:
         stats.to_start.seconds.append(message.handlings[0].start - message.received)
     end = _count_end(stats, message) if isinstance(message, Task) else message.answered
     if end is not None:
         stats.to_end.seconds.append(end - message.received)
-    elif not isinstance(message, Task):
-        is_over = bool(message.dropped) or (bool(message.handlings) and message.handlings[-1].end is not None)
-        stats.open += not is_over
+    if not isinstance(message, Task):
+        stats.failed += any(run.outcome is Outcome.FAILED for run in message.handlings[-1:])
+    if end is None and not isinstance(message, Task):
+        stats.open += not (message.dropped or any(run.end is not None for run in message.handlings[-1:]))
 
 
 def _count_end(stats: MessageStats, task: Task) -> float | None:
     """When a task was achieved; None if it was not, or not yet."""
-    stats.killed += task.killed is not None
-    stats.open += Moment.END_ACHIEVING not in task.reached
+    stats.failed += task.state is State.FAILED
+    stats.killed += task.state is State.KILLED
+    stats.open += task.state not in OVER
     return task.reached.get(Moment.END_ACHIEVING) if task.state is State.ACHIEVED else None
 
 
@@ -155,6 +166,7 @@ def _add_handlings(messages: dict[str, MessageStats], past: Past, first: float) 
         if handling.start < first:
             continue
         stats = _of(messages, handling.name)
+        stats.failed_runs += handling.outcome is Outcome.FAILED
         if handling.direct_from:
             stats.sent += 1
             stats.direct += 1

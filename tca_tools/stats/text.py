@@ -13,6 +13,8 @@ _WIDTH = 100
 _NARROWEST_NAME = 12
 _SPARE = "max"
 """Columns that are left out first."""
+_SELDOM = 0.01
+"""Of rates below this two digits are shown."""
 _NO_TIME = 0.5e-6
 _UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
 
@@ -26,7 +28,7 @@ def stats_lines(
     width = width or _WIDTH
     lines: list[str] = []
     if messages:
-        groups = [("", 3), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
+        groups = [("", 2), ("runs", 1), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
         heads = ["sent", "/s", "failed", *("p50", "p99", "max") * 3]
         rows = [(printable(one.name), _message_cells(one, stats.seconds)) for one in messages]
         lines += _table("message", groups, heads, rows, width)
@@ -40,7 +42,7 @@ def stats_lines(
 
 
 def _message_cells(stats: MessageStats, seconds: float) -> list[str]:
-    counts = [str(stats.sent), _rate(stats.sent, seconds), str(stats.failed or "-")]
+    counts = [str(stats.sent), _rate(stats.sent, seconds), str(stats.failed_runs or "-")]
     return [*counts, *_spread(stats.to_start), *_spread(stats.handling), *_spread(stats.to_end)]
 
 
@@ -56,7 +58,8 @@ def _spread(times: Times) -> list[str]:
 
 
 def _rate(number: int, seconds: float) -> str:
-    return f"{number / seconds:.3g}" if seconds > 0 and number / seconds < 1000 else f"{number / (seconds or 1):.0f}"
+    rate = number / (seconds or 1)
+    return f"{rate:.{2 if rate < _SELDOM else 3}g}" if seconds > 0 and rate < 1000 else f"{rate:.0f}"
 
 
 def duration(seconds: float | None) -> str:

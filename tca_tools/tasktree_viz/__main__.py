@@ -41,10 +41,11 @@ def tree(
     check_output(output, (".txt",) if story else KINDS)
     journal = open_log(asked.log_path)
     history = History.until(journal, asked.at)
+    history.go_on(journal.present(history.time), asked.at)
     if story:
         _tell(history, story, output)
     else:
-        then = Then.by_clock(history, asked.at, journal.present(history.time))
+        then = Then.by_clock(history, asked.at, history.time)
         forest = _forest(then, asked)
         rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
         what = f", task {printable(asked.task)}" if asked.task is not None else ""

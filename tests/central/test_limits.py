@@ -4,6 +4,7 @@ import pytest
 from central.player import ANY, Player, before, point
 
 from tca_central import dispatcher, keeping, registry
+from tca_central.failures import LONGEST_TEXT
 from tca_central.invariants import check_invariants
 from tca_wire import headers
 from tca_wire.constraints import Flags
@@ -53,6 +54,39 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest
     for _ in range(3):
         player.send("user", "note")
     assert len(player.facts_of("dropped")) == 1
+
+
+def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
+    player = Player()
+    player.module("eyes", "query look")
+    player.module("user")
+    player.declare("user", "query look")
+    player.send("user", "look")
+    text = f"ValueError: not an image: {'iVBORw0K' * 4000}\nTraceback, at last: line 7"
+    player.receive("eyes/1", headers.Fail(player.delivered("eyes/1")[-1], "handler error", text))
+    (failed,) = player.facts_of("failed")
+    assert failed.text.startswith("ValueError: not an image: iVBOR")
+    assert failed.text.endswith("iVBORw0K\nTraceback, at last: line 7")
+    assert failed.text.count("…") == 1
+    assert LONGEST_TEXT - 2 <= len(failed.text) <= LONGEST_TEXT
+
+
+def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
+    player = Player()
+    player.module("legs", "command move")
+    player.module("expert", "exception handler recover")
+    player.module("user")
+    player.declare("user", "command move")
+    for of in ("", "move"):
+        player.receive("expert", headers.Attach(player.number("expert"), Attachment("slip", "recover"), TaskId(0), of))
+    player.task("user", "move")
+    text = f"ValueError: not an image: {'iVBORw0K' * 4000}"
+    player.receive("legs/1", headers.Fail(player.delivered("legs/1")[-1], "slip", text))
+    sent = player.fail("expert/1", "timeout")
+    (asked,) = [header for header in sent if isinstance(header, headers.Deliver)]
+    told = str(asked.context)
+    assert "ValueError: not an image: iVBOR" in told
+    assert "exception handler task 4 'recover' could not decide: timeout" in told
 
 
 def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

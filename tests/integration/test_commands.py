@@ -200,6 +200,9 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     (told,) = [one for one in json.loads(tca(status, "--json")[1])["waiting"] if "suspended" in one["for"]]
     assert told["what"] == f"task {walk.id} 'walk'"
     assert re.fullmatch(rf"'tca resume {walk.id}': suspended by user for \d+\.\d s", told["for"])
+    assert not re.search(
+        r"\b1 (\w+ )*\w+s(,|$)", tca(status)[1].partition("\n\n")[0], re.MULTILINE
+    )  # such as "1 tasks"
     walk.resume()
     assert "suspended" not in tca(status)[1]
     tca(suspend, "walk")

@@ -75,7 +75,7 @@ def test_a_screen_tells_who_does_what_and_who_waits() -> None:
     waits = [{"what": "'move' {9} (and 3 more)", "for": "resource 'legs' of 'legs'", "seconds": 12.0}]
     told = frame(answer(20.0, busy, messages=[message("move", 3, failed=1)], waits=waits), hidden="tca top")
     text = shown(screen(told, "ipc:///here", ""), 140)
-    assert "central at ipc:///here  run one, up 0:20\n1 modules, 3 tasks, 10.0 events/s; rates of the whole run" in text
+    assert "central at ipc:///here  run one, up 0:20\n1 module, 3 tasks, 10.0 events/s; rates of the whole run" in text
     assert "move\\x1b[31m {7}  0.5 s  locked by eyes" in text
     assert re.search(r"12.0 s +'move' \{9\} \(and 3 more\) +resource 'legs' of 'legs'", text)
     assert "nobody waits" not in text
@@ -87,7 +87,7 @@ def waiting(number: int, why: str = "legs") -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("width", [40, 80])
-@pytest.mark.parametrize(("height", "cut"), [(10, 1), (12, 1), (16, 2), (24, 4), (40, 4), (240, 0)])
+@pytest.mark.parametrize(("height", "cut"), [(10, 1), (12, 1), (16, 2), (24, 3), (40, 4), (240, 0)])
 def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
@@ -108,6 +108,24 @@ def test_in_a_small_terminal_those_who_wait_are_shown_and_what_is_not_is_named()
     assert any("1.0 s" in line and "map" in line for line in lines)
     assert any("40.0 s" in line and "'mop" in line for line in lines)
     assert lines[-1] == "no room for: resources, messages"
+
+
+def test_where_room_is_short_the_busy_and_the_oldest_waits_are_shown() -> None:
+    names = ["idle", "slow", "quick", "torch", "sink", "oven", "stove", "knife", "table"]
+    busy = {"oven": 20.0, "stove": 40.0, "knife": 8.0}
+    more: dict[str, dict[str, Any]] = {"torch": {"waiting": 1, "oldest": 9.0}, "table": {"held_by": "waiter"}}
+    many = [resource(name, busy=busy.get(name, 0.0), **more.get(name, {})) for name in names]
+    assert [line.resource for line in frame(answer(20.0, *many)).resources[:5]] == [
+        "torch", "stove", "table", "oven", "knife",
+    ]  # fmt: skip
+    messages = [message(f"step {number}", number) for number in range(9)]
+    suspended = [{"task": 213, "what": "'mop floor' {213}", "by": "operator panel", "seconds": 40.0}]
+    told = frame(answer(20.0, *many, messages=messages, waits=waiting(4, "map"), held=waiting(2), suspended=suspended))
+    lines = shown(screen(told, "ipc:///here", "", 30)).splitlines()
+    assert len(lines) <= 30
+    assert all(any(line.startswith(f"legs / {name} ") for line in lines) for name in ("torch", "table", *busy))
+    assert sum(" map" in line for line in lines) == 4
+    assert lines[-1] == "no room for: messages"
 
 
 def test_a_run_that_stands_because_something_is_suspended_says_so() -> None:

@@ -10,10 +10,12 @@ import pytest
 from central.player import Player
 from click.testing import CliRunner, Result
 from tools.runs import OPENED, encoded, lost, walk
+from tools.story import Story
 
 from tca_tools.check.__main__ import check
 from tca_tools.check.language import property_from
 from tca_tools.check.predicates import BadProperty, predicate_from
+from tca_wire import facts
 from tca_wire.constraints import Flags
 from tca_wire.facts import Closed, Entry, kind_of
 
@@ -137,6 +139,19 @@ BROKEN = [
     ("eventually suspended of walk", "  it never did"),
     ("never recovering of anything", "  move {8}"),
 ]
+
+
+def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path) -> None:
+    story = Story().module("stove", "bake").at(1.0)
+    bake, flambe = story.command("bake", "user"), story.command("flambé", "user")
+    story.acted(bake, "stove", 1.0)
+    story.queued(flambe).at(30.0).say(facts.ModuleJoined("late", "pid 7"))
+    journal = story.write(tmp_path / "run")
+    missing = run(journal, "--property", "eventually flambé achieved").stdout
+    assert "  it never did; what stands when the journal ends: flambé {2}\n  the story of flambé {2}" in missing
+    assert "no module handles it, " in missing
+    ended = run(journal, "--property", "eventually bake suspended").stdout
+    assert "  it never did; bake {1} was the last to end\n  the story of bake {1}" in ended
 
 
 @pytest.mark.parametrize("text", HOLDS)
@@ -264,7 +279,7 @@ def test_a_journal_that_is_cut(tmp_path: Path) -> None:
     entries = walk()
     result = run(written(tmp_path / "cut.tcaj", entries[: len(entries) // 2], closed=False))
     assert result.exit_code == 0
-    assert "it is not closed: central runs still, or was stopped by force" in result.stdout
+    assert "it is not closed: central was stopped by force, or this is a copy" in result.stdout
     torn = tmp_path / "torn.tcaj"
     torn.write_bytes(encoded(entries)[:-7])
     assert run(torn).exit_code == 0

@@ -88,7 +88,7 @@ def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> N
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_of_a_cut_journal_what_is_good_is_exported(tmp_path: Path, name: str) -> None:
+def test_of_a_damaged_journal_what_is_good_is_exported(tmp_path: Path, name: str) -> None:
     run = walking().write(tmp_path / "run", segments=2)
     second = run / "00000002.tcaj"
     content = bytearray(second.read_bytes())
@@ -97,7 +97,7 @@ def test_of_a_cut_journal_what_is_good_is_exported(tmp_path: Path, name: str) ->
     result = exported(run, "--to", name, "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert "00000002.tcaj, byte" in result.stderr
-    assert "what comes before it is shown" in result.stderr
+    assert "a damaged entry is left out" in result.stderr
     assert (tmp_path / "out").exists()
 
 

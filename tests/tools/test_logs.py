@@ -132,13 +132,36 @@ def test_an_entry_that_is_just_being_written_is_no_cut(tmp_path: Path, capsys: p
 def test_damage_ends_the_log_and_is_told_after_what_is_good(tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "run", segments=2)
     first = folder / "00000001.tcaj"
-    content = bytearray(first.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    first.write_bytes(content)
+    first.write_bytes(first.read_bytes() + b"\xce and then garbage")
     log = open_log(folder)
     assert numbers(log)[:3] == [1, 2, 3]
     with pytest.raises(DamagedLog, match=r"00000001.tcaj, byte \d+: .*; what comes before it is shown"):
         log.check()
+
+
+@pytest.mark.parametrize(
+    ("damaged", "said"),
+    [
+        ([4], "byte {}, after 0.500 s: a damaged entry is left out: what seems to go on since then may have ended"),
+        ([4, 5, 7], "byte {}, after 0.500 s: 3 damaged entries are left out, the first of them here: what seems"),
+    ],
+)
+def test_entries_that_are_damaged_are_left_out_and_it_is_said(tmp_path: Path, damaged: list[int], said: str) -> None:
+    story = walking()
+    folder = story.write(tmp_path / "run")
+    content = bytearray((folder / "00000001.tcaj").read_bytes())
+    starts = [sum(len(record(entry)) for entry in story.entries[:place]) for place in range(len(story.entries))]
+    for place in damaged:
+        content[starts[place] + 15] ^= 0xFF
+    (folder / "00000001.tcaj").write_bytes(content)
+    log, followed = open_log(folder), open_log(folder)
+    kept = [entry.number for place, entry in enumerate(story.entries) if place not in damaged]
+    assert numbers(log) == kept
+    assert [entry.number for _, entry in zip(kept, followed.follow(), strict=False)] == kept
+    for one in (log, followed):
+        with pytest.raises(DamagedLog, match=said.format(starts[damaged[0]])):
+            one.check()
+        assert one.remarks == [one.left_out]
 
 
 def test_a_later_segment_that_cant_be_read_is_damage(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.panes import MessagesPane, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Living, Recording
 from tca_tools.replay.tree import Outline
+from tca_wire import facts
 from tca_wire.facts import Entry
 from tca_wire.points import Moment
 
@@ -170,6 +171,11 @@ def test_search_goes_from_one_to_the_next() -> None:
         assert app.selected == 7
         await pilot.press("slash", *"unheard", "enter")
         assert "no task 'unheard' is sent later" in str(app.query_one(TimeBar).render())
+        place = app.place
+        await pilot.press("slash", *"2", "enter")  # it is there: it is chosen as it is now
+        assert (app.selected, app.place) == (2, place)
+        await pilot.press("home", "slash", *"{9}", "enter")  # it is not there yet
+        assert (app.selected, app.place > 0) == (9, True)
 
     play(app, act)
 
@@ -180,6 +186,9 @@ def test_going_to_a_time() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("g", *"2.3", "enter")
         assert app.recording.time(app.place) == 2.2
+        await pilot.press("g", *"100", "enter")
+        assert app.place == app.recording.last
+        assert "the journal ends at 5.000 s" in str(app.query_one(TimeBar).render())
         await pilot.press("g", *"soon", "enter")
         assert "'soon' is no time" in str(app.query_one(TimeBar).render())
         await pilot.press("g")
@@ -190,6 +199,25 @@ def test_going_to_a_time() -> None:
         assert not isinstance(app.focused, Input)
         await pilot.press("end")
         assert app.place == app.recording.last
+
+    play(app, act)
+
+
+def test_reasons_are_shown_where_names_are_long_and_what_is_cut_says_so() -> None:
+    story = Story().module("cook", "dinner").at(1.0)
+    dinner = story.goal("dinner for very many guests, with music", "waiter")
+    story.delivered(dinner, "cook")
+    for number in range(60):
+        one = story.at(2.0 + number).command("bake a cake that is larger than the oven", "cook", dinner)
+        story.say(facts.Failed(one, "burnt", "nobody looked after it, and it was very hot in there"))
+    app = replay(story.entries)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("end")
+        shown = app.query_one(TreePane).scrollable_content_region.width
+        lines = [line for line in tree_of(app) if "burnt" in line]
+        assert lines
+        assert all("burnt: nobody loo" in line and line[:shown].endswith("…") for line in lines)
 
     play(app, act)
 
@@ -336,7 +364,7 @@ def test_without_a_terminal_it_is_text(tmp_path: Path) -> None:
     assert "\x1b" not in done.stdout
 
 
-def test_a_damaged_journal_is_replayed_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_a_damaged_journal_is_replayed_but_for_the_damage(tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     content = bytearray(encoded(walk()))
     content[len(content) // 2] ^= 1
@@ -345,7 +373,7 @@ def test_a_damaged_journal_is_replayed_as_far_as_it_goes(tmp_path: Path) -> None
                           check=False, timeout=60)  # fmt: skip
     assert done.returncode == 1
     assert "walk {3}: handling" in done.stdout
-    assert "what comes before it is shown" in done.stderr
+    assert ": a damaged entry is left out: " in done.stderr
 
 
 @pytest.mark.parametrize("speed", ["0", "-1", "fast"])

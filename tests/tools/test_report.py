@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.made_robots import recovering, stepping
-from tools.story import Story, mopping, stumbling, walking
+from tools.story import Story, mopping, silent_for, stumbling, walking
 from tools.test_history import FACTS
 
 from tca_tools.errors import ToolError
@@ -121,6 +121,17 @@ def test_a_run_that_is_not_over(reported: Reported) -> None:
     shown = reported(walking())
     assert ("class", "r-verdict open") in shown.attributes
     assert "The task had not ended when the journal did." in shown.text
+
+
+def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
+    out, run = tmp_path / "run.html", walking().write(tmp_path / "run")
+    with silent_for(run, 60.0):
+        assert tca_report(run, "-o", out).exit_code == 0
+    shown = Page(out.read_text())
+    assert re.search(r"; it is still running : this is how it was at 20\S+ \S+ UTC \(64\.\d+ s\)", shown.text)
+    assert "The task is still running, as of 64." in shown.text
+    assert re.search(r"6\d\.\d s from the first task to now", shown.text)
+    assert "journal did" not in shown.text
 
 
 def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
@@ -252,7 +263,7 @@ def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "what comes before it is shown" in result.output
     shown = Page((tmp_path / "bad.html").read_text())
-    assert "The journal can't be read to its end" in shown.text
+    assert "Not all of the journal can be read: " in shown.text
     assert "traverse arc {1}" in shown.text
 
 

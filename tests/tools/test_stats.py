@@ -1,6 +1,7 @@
 """``tca stats``: counts, times and shares, of a whole run or of a part."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
-from tools.story import QUERY, Story, stumbling, walking
+from tools.story import QUERY, Story, silent_for, stumbling, walking
 
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
@@ -42,6 +43,18 @@ def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> N
 def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
     assert max(map(len, lines)) <= max(width, 90)  # figures are never cut
+
+
+def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
+    run = walking().write(tmp_path / "run")
+    with silent_for(run, 60.0):
+        live, until, plain = (shown(run, *more).stdout for more in ((), ("--to", 30.0), ("--json",)))
+    assert re.match(r"run: 0\.00 to 6\d\.\d\d s \(still running\), 8 tasks \(7 open\), 2 other messages", live)
+    assert until.startswith("run: 0.00 to 30.00 s, 8 tasks (7 open), 2 other messages")
+    measured = json.loads(plain)
+    assert measured["live"]
+    assert 60 < measured["to"] < 80
+    assert not json.loads(shown(run, "--json").stdout)["live"]
 
 
 def test_times_of_messages() -> None:
@@ -83,7 +96,8 @@ def test_a_failure_that_was_dealt_with_counts() -> None:
     story.at(3.0).say(facts.Retried(TaskId(walk), b"")).delivered(walk, "legs").at(5.0).returned(walk)
     story.reached(walk, Moment.END_ACHIEVING)
     walks = of(measure(story.fold()), "walk")
-    assert (walks.failed, walks.handled, walks.handling.seconds, walks.to_end.seconds) == (1, 2, [1.0, 2.0], [4.0])
+    assert (walks.failed_runs, walks.failed, walks.handled) == (1, 0, 2)
+    assert (walks.handling.seconds, walks.to_end.seconds) == ([1.0, 2.0], [4.0])
 
 
 def test_how_busy_a_resource_was() -> None:
@@ -162,7 +176,7 @@ def test_messages_are_sorted(run: Path, sort: str) -> None:
     assert messages == sorted(messages, key=keys[sort])
 
 
-def test_a_damaged_journal_is_measured_up_to_the_damage(run: Path) -> None:
+def test_a_damaged_journal_is_measured_but_for_the_damage(run: Path) -> None:
     segment = run / "00000001.tcaj"
     content = bytearray(segment.read_bytes())
     content[len(content) // 2] ^= 0xFF
@@ -170,7 +184,7 @@ def test_a_damaged_journal_is_measured_up_to_the_damage(run: Path) -> None:
     result = shown(run)
     assert result.exit_code == 1
     assert "traverse arc" in result.stdout
-    assert "what comes before it is shown" in result.stderr
+    assert ": a damaged entry is left out: " in result.stderr
 
 
 def test_a_run_in_which_nothing_happened(tmp_path: Path) -> None:

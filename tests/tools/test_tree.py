@@ -1,8 +1,5 @@
-import fcntl
-import os
 import re
 import shutil
-import time
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -10,7 +7,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 import pytest
 from click.testing import Result
-from tools.story import THIS, Story, arcs, stumbling, walking
+from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
 from tca_tools.records import State
 from tca_tools.tasktree_viz.arrows import arrows
@@ -45,11 +42,7 @@ def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], No
 
 
 def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None:
-    segment = run / "00000001.tcaj"
-    written = time.time() - 40
-    os.utime(segment, (written, written))
-    with segment.open("ab") as central:
-        fcntl.flock(central, fcntl.LOCK_EX)
+    with silent_for(run, 40.0):
         live, before = (tca("tree", run, *options).stdout for options in ((), ("--at", 1.0)))
         bars = tca("gantt", run).stdout
     rested = tca("tree", run).stdout

@@ -78,3 +78,5 @@ def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
     }.items():
         made = f"import('/page/format.js').then((format) => format.ticks({window}, 3).map(({{ label }}) => label))"
         assert page.evaluate(made) == labels
+    made = "import('/page/format.js').then(({ length }) => [0.0009996, 0.9996, 0.25].map(length))"
+    assert page.evaluate(made) == ["1.00 ms", "1.00 s", "250 ms"]

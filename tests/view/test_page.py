@@ -189,9 +189,12 @@ def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(look: Look, tm
     damaged = tmp_path / "damaged.tcaj"
     damaged.write_bytes(data[:place] + b"X" + data[place + 1 :])
     page = look(damaged)
-    expect(page.locator("#problem")).to_contain_text("its checksum is wrong")
-    expect(page.locator("#status")).to_have_text("damaged")
+    expect(page.locator("#problem")).to_contain_text("a damaged entry is left out")
     expect(line(page, 6)).to_contain_text("achieved")
+    damaged.write_bytes(data + b"X" * 50)
+    page = look(damaged)
+    expect(page.locator("#problem")).to_contain_text("there is no record here")
+    expect(page.locator("#status")).to_have_text("damaged")
 
 
 WALK, MOVE = Goal("walk", int), Command("move", int)

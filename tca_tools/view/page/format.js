@@ -12,8 +12,8 @@ export function seconds(time, digits = 3) {
 }
 
 export function length(time) {
-  if (time < 1e-3) return `${(time * 1e6).toFixed(0)} µs`;
-  if (time < 1) return `${(time * 1e3).toFixed(time < 0.01 ? 2 : 0)} ms`;
+  if (time < 9.995e-4) return `${(time * 1e6).toFixed(0)} µs`; // 1000 of a unit are one of the next
+  if (time < 0.9995) return `${(time * 1e3).toFixed(time < 0.01 ? 2 : 0)} ms`;
   return time < 600 ? `${time.toFixed(2)} s` : seconds(time);
 }
 
