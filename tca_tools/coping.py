@@ -15,7 +15,7 @@ from tca_tools.records import Handling, Message, State, Task
 from tca_wire.vocabulary import Outcome, Role
 
 _SINCE, _START = itemgetter(0), attrgetter("start")
-_UNDECIDED = (State.RECOVERING, State.FAILED)
+_UNDECIDED = (State.RECOVERING, State.ENDING, State.FAILED)
 """States in which a failure leaves its task first; what comes after them decides."""
 
 Failing = Message | Handling
