@@ -60,6 +60,8 @@ class Past:
         self.attached: dict[int, facts.Attached] = {}
         self.reissued: dict[int, float] = {}
         """When which exception handlers passed their failure on."""
+        self.unhandled: dict[int, list[float]] = {}
+        """For tasks whose failure was not handled when that was so."""
         self.exhausted: dict[int, list[Exhausted]] = {}
         """For tasks whose failure was not handled the exception handlers that might not be called once more."""
         self.ahead: dict[int, list[Ahead]] = {}

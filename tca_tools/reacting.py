@@ -32,11 +32,13 @@ class Reacting(Notes):
         if fact.task > 0:
             task = self._task(fact.task)
             task.caught_by.append(fact.handler)
-            task.is_recovering, task.is_dealt_with = True, False
+            task.is_recovering, task.is_dealt_with, task.is_unhandled = True, False, False
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
         if fact.task > 0:
-            self._task(fact.task).is_recovering = False
+            task = self._task(fact.task)
+            task.is_recovering, task.is_unhandled = False, True
+            self.unhandled.setdefault(fact.task, []).append(self.time)
             self._exhaust(fact.task)
 
     def _recovered(self, fact: facts.Recovered) -> None:

@@ -270,6 +270,8 @@ class Task(Message):
     """An exception handler decides what becomes of it."""
     is_dealt_with: bool = False
     """Its failure was dealt with."""
+    is_unhandled: bool = False
+    """Nobody handled its failure. If it was not killed, because it survives what is above it, it goes on."""
     suspensions: list[Suspension] = field(default_factory=list)
     retries: list[tuple[float, str, bool]] = field(default_factory=list)
     """When it was retried, by whom, and whether with other data."""
@@ -292,6 +294,11 @@ class Task(Message):
         return self.suspension is not None
 
     @property
+    def is_retried(self) -> bool:
+        """Whether it is to be handled again, and has not been."""
+        return bool(self.retries and self.handlings) and self.retries[-1][0] > self.handlings[-1].start
+
+    @property
     def state(self) -> State:
         """What it is doing."""
         return self._end_state() or self._running_state()
@@ -302,7 +309,7 @@ class Task(Message):
             return State.ENDING
         if self.is_recovering and not has_ended:
             return State.RECOVERING
-        if self.failure and not self.is_dealt_with:
+        if self.failure and not self.is_dealt_with and (has_ended or not (self.is_unhandled or self.is_retried)):
             return State.FAILED
         if self.killed is not None:
             return State.KILLED

@@ -10,13 +10,14 @@ from tca_tools.analysis.words import times
 from tca_tools.coping import told_to
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import OVER, Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.records import OVER, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.then import Then
-from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, waits_how, why_waiting
+from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, watches, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place
 
+_NEWLINE = "\n"
 _NO_TIME = 1e-6
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
@@ -50,6 +51,7 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         return []
     told = [_birth(past, message), *_changes(message)]
     if isinstance(message, Task):
+        told += _exhausted(past, message)
         told += _kills(message)
         told += _suspensions(past, message)
         told += _recoveries(past, message)
@@ -149,6 +151,17 @@ def _kills(task: Task) -> Iterator[Sentence]:
             yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}")
 
 
+def _exhausted(past: Past, task: Task) -> Iterator[Sentence]:
+    """Why an exception handler was not called, though it is there."""
+    for one in past.exhausted.get(task.id, ()):
+        yield Sentence(one.time, exhausted(one))
+
+
+def exhausted(one: Exhausted) -> str:
+    """``exception handler less heat has been called 3 times, as often as it may``."""
+    return f"exception handler {one.handler} has been called {times(one.calls)}, as often as it may"
+
+
 def _tellings(past: Past, message: Message) -> Iterator[Sentence]:
     """Who was told that a query failed, and went on or did not."""
     for time, failure in message.became("failure"):
@@ -160,12 +173,13 @@ def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
     for handler in task.caught_by:
         if found := past.tasks.get(handler):
             yield Sentence(found.received, f"exception handler {found} is called")
+            for time, failure in found.became("failure"):
+                if failure:
+                    yield Sentence(time, f"{found} fails, too: {failure.strip().partition(_NEWLINE)[0]}")
         if handler in past.reissued:
             yield Sentence(past.reissued[handler], f"{past.describe(handler)} passes the failure on")
     if task.id in past.reissued:
         yield Sentence(past.reissued[task.id], f"passes the failure of {past.describe(task.parent)} on")
-    for one in past.exhausted.get(task.id, ()):
-        yield Sentence(one.time, f"exception handler {one.handler} is not called again: {times(one.calls)} is the most")
 
 
 def _retries(task: Task) -> Iterator[Sentence]:
@@ -204,7 +218,11 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
                 yield Sentence(time, "has ended" if is_late else str(state))
             continue
         last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
-        reasons = why_waiting(Then(past, last), TaskId(task.id)) if state is not State.PLANNING else []
+        then = Then(past, last)
+        is_silent = state is State.PLANNING or watches(then.tasks[task.id])  # of whose tests other sentences tell
+        reasons = [] if is_silent else why_waiting(then, TaskId(task.id))
+        if state is State.ENDING and not reasons:
+            continue
         why = f", {' and '.join(reasons)}" if reasons else ""
         yield Sentence(time, f"{state}{why}", None if after is None else after - time, after is None)
 

@@ -18,6 +18,8 @@ from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 from tca_wire.wording import kill_reason
 
+_WAITS = 32
+"""Waits of a handler that are looked at."""
 _Span = TypeVar("_Span", Queueing, Handling, Wait, Suspension)
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
@@ -161,7 +163,14 @@ class TaskThen:
     @property
     def wait(self) -> Wait | None:
         """What its handler waited for."""
-        return _going_on(self.handling.waits, self._time) if self.handling else None
+        return self.waits[-1] if self.waits else None
+
+    @property
+    def waits(self) -> list[Wait]:
+        """The same; of an async handler that waits in several places, all that began lately."""
+        run = self.handling
+        begun = run.waits[: bisect_right(run.waits, self._time, key=_START)][-_WAITS:] if run else []
+        return [wait for wait in begun if wait.end is None or wait.end > self._time]
 
     @property
     def asking(self) -> list[Message]:
@@ -174,9 +183,20 @@ class TaskThen:
         return is_given_up or (query.answered is not None and query.answered <= self._time)
 
     @property
+    def is_watching(self) -> bool:
+        """Whether a monitor had not come to an end, or was to begin anew."""
+        if not self._record.was("watched", self._time):
+            return True
+        return (self._retried or 0.0) >= self._record.written("watched", self._time)
+
+    @property
+    def _retried(self) -> float | None:
+        return max((time for time, _, _ in self._record.retries if time <= self._time), default=None)
+
+    @property
     def is_retried(self) -> bool:
         """Whether it was to be handled again, and had not been."""
-        retried = max((time for time, _, _ in self._record.retries if time <= self._time), default=None)
+        retried = self._retried
         begun = max((run.start for run in self._record.handlings if run.start <= self._time), default=None)
         return retried is not None and begun is not None and begun < retried
 

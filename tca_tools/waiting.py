@@ -52,7 +52,7 @@ def waits_how(task: TaskThen) -> str:
     """What goes before the reasons of a task: "waits", "suspended by operator panel,", "asked", "killed,"."""
     if task.state is State.ENDING:
         return "killed,"
-    if _watches(task):
+    if watches(task):
         return "watches:"
     if task.handling and not task.wait and task.asking:
         return "asked"
@@ -66,7 +66,7 @@ def waits_since(task: TaskThen) -> float:
     """
     if task.state is State.SUSPENDED and task.suspension:
         return task.suspension.start
-    if task.state is State.ENDING or _watches(task) or not task.handling:
+    if task.state is State.ENDING or watches(task) or not task.handling:
         return task.since
     return task.wait.start if task.wait else next((one.received for one in task.asking), task.since)
 
@@ -157,14 +157,15 @@ def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
 
 def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
     """A handler that runs may block, or go on while it waits for replies."""
-    wait = task.wait
-    if wait and wait.moment:
-        yield _until(then, Point(TaskId(wait.awaited), wait.moment))
-    elif wait and wait.awaited in then.past.claims:
-        yield f"for the {claim_and_why(then, then.past.claims[wait.awaited])}"
-    elif wait:
-        yield f"for the reply to {then.describe(wait.awaited)}{_whereabouts(then, wait.awaited)}"
-    elif asking := task.asking:
+    waits = task.waits
+    for wait in waits:
+        if wait.moment:
+            yield _until(then, Point(TaskId(wait.awaited), wait.moment))
+        elif wait.awaited in then.past.claims:
+            yield f"for the {claim_and_why(then, then.past.claims[wait.awaited])}"
+        else:
+            yield f"for the reply to {then.describe(wait.awaited)}{_whereabouts(then, wait.awaited)}"
+    if not waits and (asking := task.asking):
         yield f"{_listed([str(one) for one in asking])}{_whereabouts(then, asking[0].id)}, no reply yet"
 
 
@@ -191,17 +192,17 @@ def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
 
 
 def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
-    if _watches(task):
+    if watches(task):
         yield _of_watching(then, task)
         return
     yield from _of_held_back(then, task)
     yield from _of_children(then, task, Moment.END_ACHIEVING)
 
 
-def _watches(task: TaskThen) -> bool:
+def watches(task: TaskThen) -> bool:
     """Whether it is a monitor that has begun to watch, and goes on."""
-    watches = task.message_class.is_monitor and Moment.START_HANDLING in task.reached
-    return watches and Moment.END_HANDLING not in task.reached and task.state in (State.ACHIEVING, State.PLANNING)
+    is_begun = task.message_class.is_monitor and Moment.START_HANDLING in task.reached
+    return is_begun and task.is_watching and task.state in (State.ACHIEVING, State.PLANNING)
 
 
 def _of_watching(then: Then, monitor: TaskThen) -> str:
@@ -222,6 +223,8 @@ def _of_ending(then: Then, task: TaskThen) -> Iterator[str]:
         blocked = "".join(f", and waits {what}" for what in _of_handled(then, task)) if task.wait else ""
         yield f"its handler still runs{blocked}"
     yield from (f"waits {what}" for what in _of_children(then, task, Moment.END_ACHIEVING))
+    if task.suspension and not task.handling:
+        yield f"waits until {then.describe(task.suspension.cause)} is resumed"
 
 
 def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
@@ -237,7 +240,9 @@ def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
     moments that its parent has to reach first. A wait for a moment of its own leads on to what keeps it from that.
     """
     moments = list(_NEXT.get(task.state, ()))
-    if task.state is State.HELD:
+    if task.state is State.RECOVERING and Moment.START_HANDLING not in task.reached:
+        moments += _NEXT[State.HELD]
+    if moments == [Moment.START_HANDLING]:
         moments.append(Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING)
     for moment in moments:  # grows while it is walked
         for hold in task.holds:
@@ -293,6 +298,14 @@ def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
 def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
     handlers = [str(then.tasks[handler]) for handler in task.caught_by[-1:] if handler in then.tasks]
     yield f"until {_listed(handlers)} has dealt with its failure"
+    if task.suspension and not task.handling:
+        yield f"until {then.describe(task.suspension.cause)} is resumed"
+    if task.queueing:
+        yield from _of_queued(then, task)
+    elif task.handling:
+        yield from _of_handled(then, task) if task.wait else ()
+    else:
+        yield from _of_held_back(then, task)
 
 
 _REASONS = {

@@ -212,7 +212,7 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
     fields = {name: getattr(fact, name) for name in fact.__struct_fields__ if name != "body"}
     if isinstance(fact, facts.Reached):
         fields["moments"] = describe_moments(fact.moments)
-    elif isinstance(fact, facts.WaitBegan):
+    elif isinstance(fact, facts.WaitBegan | facts.DeadlineSet):
         fields["moment"] = ", ".join(describe_moments(fact.moment))
     return fields
 

@@ -90,6 +90,11 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
         case facts.Killed() | facts.Retried():
             return describe_ended_by(fact)
+        case facts.DeadlineSet():
+            return f"{fact.task} has {fact.seconds:g} s until {describe_moments(fact.moment)[0]}"
+        case facts.KillPlanned():
+            after = f", after {fact.after}" if fact.after else ""
+            return f"{fact.task} is to be killed ({fact.scope}){after}, in {fact.seconds:g} s"
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
         case facts.Unhandled() | facts.Recovered():
