@@ -182,7 +182,12 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
 
 
 def _add(
-    central: State, by: Module, header: headers.Tap, listener: MessageType, tapped: MessageType, place: Task | MessageType
+    central: State,
+    by: Module,
+    header: headers.Tap,
+    listener: MessageType,
+    tapped: MessageType,
+    place: Task | MessageType,
 ) -> Tap:
     """A new tap; the same one added before, by whomever, is that one: it fires once. Monitors that are to watch in
     different ways are different listeners.

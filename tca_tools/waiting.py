@@ -278,7 +278,9 @@ def _is_met(then: Then, task: TaskThen, hold: Hold) -> bool:
 
 def _until(then: Then, point: Point) -> str:
     task = then.past.tasks.get(point.task)
-    kind = f"{'monitor' if task.message_class.is_monitor else 'task'} " if task and task.name.startswith("until ") else ""
+    kind = (
+        f"{'monitor' if task.message_class.is_monitor else 'task'} " if task and task.name.startswith("until ") else ""
+    )
     return f"until {kind}{then.describe(point.task)} {_CLAUSES[point.moment]}"
 
 

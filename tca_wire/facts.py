@@ -34,11 +34,11 @@ LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 
 __all__ = [
     "JOURNAL_VERSION", "Answered", "Attached", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
-    "DeadlineSet", "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly", "HandlerAdded",
-    "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly", "ModuleJoined", "ModuleLeft", "MonitorEnded",
-    "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued", "Released", "Removed",
-    "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed", "TapAdded", "TapFired",
-    "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
+    "DeadlineSet", "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly",
+    "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly", "ModuleJoined",
+    "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued",
+    "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed",
+    "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
 ]  # fmt: skip
 
 

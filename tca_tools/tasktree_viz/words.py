@@ -4,7 +4,7 @@ from collections import Counter
 
 from tca_tools.analysis.words import seconds
 from tca_tools.data import data_text
-from tca_tools.records import State
+from tca_tools.records import OVER, State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
@@ -49,22 +49,26 @@ def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.state is State.ENDING:
         return _ending(then, task), waits_since(task)
-    if task.failure:
+    if task.failure and task.state in (*OVER, State.RECOVERING):
         return failure_line(task.failure), None
     if task.why_killed is not None:
         return _why_killed(then, task), None
+    text, since = _going_on(then, task)
+    return "; ".join(filter(None, (failure_line(task.failure), text))), since
+
+
+def _going_on(then: Then, task: TaskThen) -> tuple[str, float | None]:
+    """What keeps it from going on, or else what is to come."""
     reasons = why_waiting(then, TaskId(task.id), with_children=False)  # they are shown
     ahead = coming(then, task)
     if reasons:
         more = f" ({'; '.join(ahead)})" if ahead else ""
         return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), waits_since(task)
-    if ahead:
-        return printable("; ".join(ahead)), None
     if task.suspension and task.handling:
         return printable(
             f"still runs, though {then.describe(task.suspension.cause)} is suspended{by_whom(task.suspension.by)}"
         ), task.suspension.start
-    return "", None
+    return printable("; ".join(ahead)), None
 
 
 def _why_killed(then: Then, task: TaskThen) -> str:

@@ -42,10 +42,16 @@ def assert_same_reasons(central: Central, history: History) -> None:
     then, told = Then(history), load(central)
     for task_id, task in central.tree.tasks.items():
         if not task.is_running:
-            assert why_waiting(then, TaskId(task_id)), f"no reason why {task} does not go on ({then.tasks[task_id].state})"
+            assert why_waiting(then, TaskId(task_id)), (
+                f"no reason why {task} does not go on ({then.tasks[task_id].state})"
+            )
     for row, (_, _, task, at) in zip(told["held"], sorted(_held(central), key=itemgetter(0, 1)), strict=False):
         state = then.tasks[task.id].state
-        may_begin = at == Moment.START_ACHIEVING and state in (State.HELD, State.PLANNING, State.RECOVERING) and not task.delayed
+        may_begin = (
+            at == Moment.START_ACHIEVING
+            and state in (State.HELD, State.PLANNING, State.RECOVERING)
+            and not task.delayed
+        )
         if state is not State.SUSPENDED and not (task.is_goal and may_begin):
             assert_named(then, task.id, row["for"])
     for row in told["waits"]:
@@ -64,7 +70,9 @@ def assert_named(then: Then, task: int, what: str) -> None:
         name, module = found.groups()
         what = place(module, name)
     for wanted in [f"{{{number}}}" for number in numbers(what)] or [_SAID.get(what, what)]:
-        assert wanted in reasons, f"{then.tasks[task]} ({then.tasks[task].state}) waits for {what}, and is told: {reasons}"
+        assert wanted in reasons, (
+            f"{then.tasks[task]} ({then.tasks[task].state}) waits for {what}, and is told: {reasons}"
+        )
 
 
 _SAID = {"the end of a delay": " s", "a module that handles it": "for a module that handles"}
