@@ -29,6 +29,8 @@ _NEXT = {
     State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
 }
 """The moments that a task may be kept from."""
+_UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
+"""States in which a task waits for what is under it, and until what has come."""
 _NAMED = 3
 """How many subtasks a reason names."""
 
@@ -42,9 +44,8 @@ def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> l
     if not task or not reasons:
         return []
     found = list(dict.fromkeys(reasons(then, task)))
-    if not with_children and reasons in (_of_planning, _of_achieving):
-        of_children = {*_of_children(then, task, Moment.END_PLANNING), *_of_children(then, task, Moment.END_ACHIEVING)}
-        found = [reason for reason in found if reason not in of_children]
+    if with_children and task.state in _UNTIL_CHILDREN and not task.handling and not watches(task):
+        found += _of_children(then, task, _UNTIL_CHILDREN[task.state])
     return found
 
 
@@ -188,7 +189,6 @@ def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
         yield from _of_handled(then, task)
         return
     yield from _of_held_back(then, task)
-    yield from _of_children(then, task, Moment.END_PLANNING)
 
 
 def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
@@ -196,7 +196,6 @@ def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
         yield _of_watching(then, task)
         return
     yield from _of_held_back(then, task)
-    yield from _of_children(then, task, Moment.END_ACHIEVING)
 
 
 def watches(task: TaskThen) -> bool:
@@ -232,7 +231,10 @@ def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
         moment = Moment.END_ACHIEVING
     open_ones = [str(then.tasks[child]) for child in task.children if moment not in then.tasks[child].reached]
     if open_ones:
-        yield f"until {_listed(open_ones)} {'are' if len(open_ones) > 1 else 'is'} {_CLAUSES[moment][3:]}"
+        are = "are" if len(open_ones) > 1 else "is"
+        is_over = task.is_retried or task.state is State.ENDING  # however they end
+        ended = "have ended" if is_over and len(open_ones) > 1 else "has ended"
+        yield f"until {_listed(open_ones)} {ended if is_over else f'{are} {_CLAUSES[moment][3:]}'}"
 
 
 def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:

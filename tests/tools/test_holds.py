@@ -105,9 +105,7 @@ def test_a_killed_task_waits_for_what_is_to_leave_things_safe() -> None:
     player.receive("user", headers.Kill(player.number("user"), TaskId(walk), "stop"))
     history = folded(player)
     check = history.tasks[walk].children[-1]
-    assert (
-        noted(history, walk) == f"killed: stop (by user); waits until move {{{move}}}, check {{{check}}} are achieved"
-    )
+    assert noted(history, walk) == f"killed: stop (by user); waits until move {{{move}}}, check {{{check}}} have ended"
     assert noted(history, move) == "killed; its handler still runs"
 
 
