@@ -10,7 +10,7 @@ from tca_central.making import make_task, suspend
 from tca_central.registry import Connection, MessageType
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
-from tca_wire import headers
+from tca_wire import facts, headers
 from tca_wire.failures import TIMEOUT
 from tca_wire.headers import Accepted
 from tca_wire.points import ROOT, Point, TaskId, describe_moments
@@ -83,12 +83,18 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     if header.after is not None and at is not None and not at.reached & _moment(header.after):
         _check_pending(task)
         task.more.pending[ending] = at
+        central.facts.append(_planned(ending, header.after))
         central.agenda.wait(at, _moment(header.after), ending)
     else:
         if header.delay:
             _check_pending(task)
+            central.facts.append(_planned(ending, None))
         ending.met(central, task)
     central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def _planned(ending: Ending, after: Point | None) -> facts.KillPlanned:
+    return facts.KillPlanned(TaskId(ending.task.id), ending.scope, after, ending.delay, ending.why, ending.by)
 
 
 def _sent_with(connection: Connection, request: int) -> TaskId:
@@ -167,6 +173,7 @@ def set_deadline(central: State, task: Task, moment: int, seconds: float) -> Non
     """Let the failure "timeout" be raised on *task* if *moment* is not reached within *seconds* from now."""
     bound = Bound(task, moment, seconds)
     task.more.pending[bound] = central.clock.after(seconds, Due.DEADLINE, bound)
+    central.facts.append(facts.DeadlineSet(TaskId(task.id), moment, seconds))
 
 
 def on_time_out(central: State, bound: Bound) -> None:

@@ -131,7 +131,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         _check_in_time(header.condition, place)
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
-    tap = _add(central, header, listener, tapped, place)
+    tap = _add(central, connection.module, header, listener, tapped, place)
     tap.holders[connection.module.name] = connection.module.called
     for other in list(place.more.taps if isinstance(place, Task) else place.taps):
         is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
@@ -182,7 +182,12 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
 
 
 def _add(
-    central: State, header: headers.Tap, listener: MessageType, tapped: MessageType, place: Task | MessageType
+    central: State,
+    by: Module,
+    header: headers.Tap,
+    listener: MessageType,
+    tapped: MessageType,
+    place: Task | MessageType,
 ) -> Tap:
     """A new tap; the same one added before, by whomever, is that one: it fires once. Monitors that are to watch in
     different ways are different listeners.
@@ -202,7 +207,7 @@ def _add(
     others.append(tap)
     central.taps[tap.id] = tap
     task = TaskId(place.id) if isinstance(place, Task) else ROOT
-    central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task))
+    central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name))
     direct.review(central, [tapped])
     return tap
 

@@ -15,7 +15,7 @@ from tca_tools.records import Handling, Message, State, Task
 from tca_wire.vocabulary import Outcome, Role
 
 _SINCE, _START = itemgetter(0), attrgetter("start")
-_UNDECIDED = (State.RECOVERING, State.FAILED)
+_UNDECIDED = (State.RECOVERING, State.ENDING, State.FAILED)
 """States in which a failure leaves its task first; what comes after them decides."""
 
 Failing = Message | Handling
@@ -140,7 +140,10 @@ def _of_task(past: Past, task: Task, time: float) -> Fate:
     if decided is None and task.states[-1][1] is State.RECOVERING:
         return Fate.OPEN
     if decided is not None and task.states[decided][1] is not State.KILLED:
-        return Fate.RETRIED if _was_begun_again(task, time, task.states[decided][0]) else Fate.DEALT_WITH
+        if _was_begun_again(task, time, task.states[decided][0]):
+            return Fate.RETRIED
+        if time not in past.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
+            return Fate.DEALT_WITH
     if task.top != task.id and past.tasks[task.top].state is State.ACHIEVED:
         return Fate.REPLACED
     handlers = (past.tasks[one] for one in reversed(task.caught_by) if one in past.tasks)

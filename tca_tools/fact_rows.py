@@ -4,7 +4,7 @@ from typing import Any
 
 from tca_tools.data import plain_data
 from tca_wire.constraints import Constraint
-from tca_wire.facts import Entry, Fact, TimedOut, kind_of
+from tca_wire.facts import Entry, Fact, KillPlanned, TimedOut, kind_of
 from tca_wire.points import Point, describe_moments
 from tca_wire.wording import fields_of
 
@@ -16,6 +16,8 @@ def fact_row(entry: Entry, fact: Fact) -> dict[str, Any]:
         fields["constraints"] = [_plain_constraint(constraint) for constraint in getattr(fact, "constraints", [])]
     if isinstance(fact, TimedOut):
         fields["constraint"] = _plain_constraint(fact.constraint)
+    if isinstance(fact, KillPlanned):
+        fields["after"] = None if fact.after is None else _plain_point(fact.after)
     if hasattr(fact, "body"):
         fields["data"] = plain_data(fact.body)
     return {"t": entry.time, "cause": entry.number, "kind": kind_of(fact)} | fields

@@ -8,14 +8,14 @@ from math import inf, nextafter
 from typing import Any
 
 from tca_tools.garbage import no_garbage
-from tca_tools.notes import Notes
+from tca_tools.reacting import Reacting
 from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, Task, Wait
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.vocabulary import Outcome
 
 
-class History(Notes):
+class History(Reacting):
     """What happened until ``time``; ``apply`` is the only way it changes."""
 
     def __init__(self) -> None:
@@ -137,6 +137,9 @@ class History(Notes):
             self._constrain(fact)
         else:
             self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about, by=by)
+        if by is not None and fact.message_class.has_reply:
+            by.asked = by.asked or []
+            by.asked.append(self.messages[fact.id])
         if fact.blocking and not fact.message_class.is_task:
             self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
@@ -270,47 +273,6 @@ class History(Notes):
         if message := self.messages.get(fact.id):
             message.answered = self.time
 
-    def _caught(self, fact: facts.Caught) -> None:
-        if fact.task > 0:
-            task = self._task(fact.task)
-            task.caught_by.append(fact.handler)
-            task.is_recovering, task.is_dealt_with = True, False
-
-    def _unhandled(self, fact: facts.Unhandled) -> None:
-        if fact.task > 0:
-            self._task(fact.task).is_recovering = False
-
-    def _recovered(self, fact: facts.Recovered) -> None:
-        if fact.task > 0:
-            task = self._task(fact.task)
-            task.is_recovering, task.is_dealt_with = False, True
-
-    def _retried(self, fact: facts.Retried) -> None:
-        if fact.task > 0:
-            task = self._task(fact.task)
-            task.is_recovering = False
-            self._forget_outcome(task)
-            is_other = fact.body not in (b"", task.body)
-            task.retries.append((self.time, fact.by, is_other))
-            self._change(task, "body", fact.body or task.body)
-
-    def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
-        if fact.task > 0:
-            (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task), fact.by)
-
-    def _tested(self, fact: facts.MonitorTested) -> None:
-        self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))
-
-    def _watched(self, fact: facts.MonitorEnded) -> None:
-        if fact.monitor > 0:
-            self._change(self._task(fact.monitor), "watched", fact.why)
-
-    def _timed_out(self, fact: facts.TimedOut) -> None:
-        if (held := self.tasks.get(fact.constraint.after.task)) is not None:
-            for hold in held.holds:
-                if hold.over is None and hold.constraint == fact.constraint:
-                    hold.over = self.time
-
     def _wait_began(self, fact: facts.WaitBegan) -> None:
         moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
         wait = self._wait(Wait(fact.task, self.time, moment), fact.module, fact.origin)
@@ -327,6 +289,7 @@ class History(Notes):
     def _claimed(self, fact: facts.Claimed) -> None:
         known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
         claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
+        self.wanted.setdefault((fact.module, fact.resource), []).append(claim)
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
@@ -380,11 +343,17 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Killed: History._kill,
     facts.Dropped: History._drop,
     facts.Answered: History._answer,
+    facts.Attached: History._attached,
     facts.Caught: History._caught,
+    facts.Reissued: History._reissued,
     facts.Unhandled: History._unhandled,
     facts.Recovered: History._recovered,
     facts.Retried: History._retried,
     facts.SuspendedOrResumed: History._suspended,
+    facts.DeadlineSet: History._deadline,
+    facts.KillPlanned: History._kill_planned,
+    facts.TapAdded: History._tap_added,
+    facts.TapFired: History._tap_fired,
     facts.MonitorTested: History._tested,
     facts.MonitorEnded: History._watched,
     facts.TimedOut: History._timed_out,

@@ -5,7 +5,18 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from math import inf
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task
+from tca_tools.records import (
+    Ahead,
+    Claim,
+    Exhausted,
+    Handling,
+    Message,
+    ModuleRecord,
+    Offer,
+    Queueing,
+    Suspension,
+    Task,
+)
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -13,7 +24,25 @@ UNKNOWN = "?"
 """The name of what was sent before the journal's first entry."""
 
 
-class Past:
+class Reactions:
+    """What is known of failures, wiretaps, monitors and deadlines beside the tasks themselves."""
+
+    def __init__(self) -> None:
+        self.taps: dict[int, facts.TapAdded] = {}
+        self.attached: dict[int, facts.Attached] = {}
+        self.reissued: dict[int, float] = {}
+        """When which exception handlers passed their failure on."""
+        self.unhandled: dict[int, list[float]] = {}
+        """For tasks whose failure was not handled when that was so."""
+        self.exhausted: dict[int, list[Exhausted]] = {}
+        """For tasks whose failure was not handled the exception handlers that might not be called once more."""
+        self.ahead: dict[int, list[Ahead]] = {}
+        """For tasks that are to be killed, or must be done by a time: that."""
+        self.tests: dict[int, list[tuple[float, bool]]] = {}
+        """For each monitor when its condition was tested, and whether it held."""
+
+
+class Past(Reactions):
     """What is known of a run until ``time``.
 
     1. ``tasks`` holds every task, ``messages`` every message, tasks included, oldest first.
@@ -27,6 +56,7 @@ class Past:
     """Whether the run goes on: ``time`` is then the present, and what has not ended may still."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.time = 0.0
         self.times = array("d")
         """The time of each entry, each later than the one before."""
@@ -51,12 +81,12 @@ class Past:
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}
         """By module and resource, the locks and reservations that were granted, one after the other."""
+        self.wanted: dict[tuple[str, str], list[Claim]] = {}
+        """The same of all that were asked for, as they were."""
         self.runs: dict[tuple[str, str], list[Handling]] = {}
         """By module and resource, the handlings of what central delivered, as they began."""
         self.offers: dict[str, list[Offer]] = {}
         """For each message who offered to handle it, oldest first."""
-        self.tests: dict[int, list[tuple[float, bool]]] = {}
-        """For each monitor when its condition was tested, and whether it held."""
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
         self.lost_directly: dict[str, int] = {}

@@ -7,8 +7,9 @@ from math import inf
 from typing import Any
 
 from tca_wire.constraints import Constraint
-from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.facts import TapAdded
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role, Scope
 from tca_wire.wording import kill_reason, place
 
 
@@ -24,6 +25,7 @@ class State(StrEnum):
     ACHIEVED = "achieved"
     RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
     SUSPENDED = "suspended"  # nothing of it may be begun, and no handler has it; what is under it may still run
+    ENDING = "ending"  # killed, but its handler still runs, or something under it is still to be done
     FAILED = "failed"
     KILLED = "killed"
 
@@ -73,6 +75,8 @@ class Handling:
     """Of such a message the run of a handler that sent it."""
     delivery: int = 0
     """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
+    asked: "list[Message] | None" = field(default=None, repr=False, compare=False)
+    """The queries that its handler sent."""
 
 
 @dataclass(slots=True)
@@ -119,6 +123,31 @@ class Hold:
     constraint: Constraint
     added: float
     over: float | None = None
+    tap: TapAdded | None = None
+    """The wiretap whose listener it waits for, if it is that."""
+
+
+@dataclass(slots=True)
+class Ahead:
+    """What is to happen to a task: it is killed, or fails if it has not reached a moment by then."""
+
+    set_at: float
+    seconds: float
+    """How long after *set_at*, or after a point was reached."""
+    moment: Moment | None
+    """None: it is killed."""
+    after: Point | None = None
+    scope: Scope = Scope.TASK
+    by: str = ""
+
+
+@dataclass(slots=True)
+class Exhausted:
+    """An exception handler that had been called as often as it may, when a failure was not handled."""
+
+    time: float
+    handler: str
+    calls: int
 
 
 @dataclass(slots=True)
@@ -241,6 +270,8 @@ class Task(Message):
     """An exception handler decides what becomes of it."""
     is_dealt_with: bool = False
     """Its failure was dealt with."""
+    is_unhandled: bool = False
+    """Nobody handled its failure. If it was not killed, because it survives what is above it, it goes on."""
     suspensions: list[Suspension] = field(default_factory=list)
     retries: list[tuple[float, str, bool]] = field(default_factory=list)
     """When it was retried, by whom, and whether with other data."""
@@ -263,15 +294,22 @@ class Task(Message):
         return self.suspension is not None
 
     @property
+    def is_retried(self) -> bool:
+        """Whether it is to be handled again, and has not been."""
+        return bool(self.retries and self.handlings) and self.retries[-1][0] > self.handlings[-1].start
+
+    @property
     def state(self) -> State:
         """What it is doing."""
         return self._end_state() or self._running_state()
 
     def _end_state(self) -> State | None:
         has_ended = Moment.END_ACHIEVING in self.reached
-        if self.is_recovering and not has_ended and self.killed is None:
+        if not has_ended and self.killed is not None:
+            return State.ENDING
+        if self.is_recovering and not has_ended:
             return State.RECOVERING
-        if self.failure and not self.is_dealt_with:
+        if self.failure and not self.is_dealt_with and (has_ended or not (self.is_unhandled or self.is_retried)):
             return State.FAILED
         if self.killed is not None:
             return State.KILLED

@@ -6,16 +6,18 @@ from math import nextafter
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
+from tca_tools.analysis.words import times
 from tca_tools.coping import told_to
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import OVER, Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.records import OVER, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.then import Then
-from tca_tools.waiting import claim_and_why, clause, kept_busy, why_waiting
+from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, watches, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place
 
+_NEWLINE = "\n"
 _NO_TIME = 1e-6
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
@@ -49,11 +51,13 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         return []
     told = [_birth(past, message), *_changes(message)]
     if isinstance(message, Task):
+        told += _exhausted(past, message)
         told += _kills(message)
         told += _suspensions(past, message)
         told += _recoveries(past, message)
         told += _retries(message)
         told += _tests(past, message)
+        told += _plans(past, message)
     told += _tellings(past, message)
     told += _waits_in_queues(past, message)
     for handling in message.handlings:
@@ -80,18 +84,20 @@ def _birth(past: Past, message: Message) -> Sentence:
 
 def _waits_in_queues(past: Past, message: Message) -> Iterator[Sentence]:
     for queueing in message.queueings:
+        if queueing.end == queueing.start:
+            continue  # it passed through, to a handler that was free
         text = "no module handles it"
         if where := place(queueing.module, queueing.resource):
-            why = _kept_busy(past, queueing, message.sender)
+            why = _kept_busy(past, queueing, message)
             text = f"queued for {where}" + (f", {why}" if why else "")
         yield _spanning(queueing, text)
 
 
-def _kept_busy(past: Past, queueing: Queueing, sender: str) -> str:
+def _kept_busy(past: Past, queueing: Queueing, message: Message) -> str:
     """Who had the resource when the wait began; or who had it for himself when it ended."""
     key, start = (queueing.module, queueing.resource), Then(past, queueing.start)
     last = Then(past) if queueing.end is None else Then(past, nextafter(queueing.end, 0.0))
-    return kept_busy(last if last.held_by(*key) and not start.held_by(*key) else start, *key, sender)
+    return kept_busy(last if last.held_by(*key) and not start.held_by(*key) else start, *key, message)
 
 
 def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
@@ -101,7 +107,17 @@ def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
     where = place(handling.module, handling.resource)
     yield _spanning(handling, f"handled by {where}", how)
     for wait in handling.waits:
-        yield _spanning(wait, f"its handler waits {awaited(past, wait)}")
+        claim = past.claims.get(wait.awaited)
+        if claim is None or claim.granted != wait.start:
+            yield _spanning(wait, f"its handler waits {awaited(past, wait)}")
+        if claim is not None and claim.granted is not None:
+            took = None if claim.end is None else claim.end - claim.granted
+            yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
+    for query in handling.asked or ():
+        if not any(wait.awaited == query.id for wait in handling.waits):
+            end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
+            took = None if end is None else end - query.received
+            yield Sentence(query.received, f"its handler asked {query}, and goes on", took, took is None)
 
 
 def awaited(past: Past, wait: Wait) -> str:
@@ -135,6 +151,17 @@ def _kills(task: Task) -> Iterator[Sentence]:
             yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}")
 
 
+def _exhausted(past: Past, task: Task) -> Iterator[Sentence]:
+    """Why an exception handler was not called, though it is there."""
+    for one in past.exhausted.get(task.id, ()):
+        yield Sentence(one.time, exhausted(one))
+
+
+def exhausted(one: Exhausted) -> str:
+    """``exception handler less heat has been called 3 times, as often as it may``."""
+    return f"exception handler {one.handler} has been called {times(one.calls)}, as often as it may"
+
+
 def _tellings(past: Past, message: Message) -> Iterator[Sentence]:
     """Who was told that a query failed, and went on or did not."""
     for time, failure in message.became("failure"):
@@ -146,6 +173,13 @@ def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
     for handler in task.caught_by:
         if found := past.tasks.get(handler):
             yield Sentence(found.received, f"exception handler {found} is called")
+            for time, failure in found.became("failure"):
+                if failure:
+                    yield Sentence(time, f"{found} fails, too: {failure.strip().partition(_NEWLINE)[0]}")
+        if handler in past.reissued:
+            yield Sentence(past.reissued[handler], f"{past.describe(handler)} passes the failure on")
+    if task.id in past.reissued:
+        yield Sentence(past.reissued[task.id], f"passes the failure of {past.describe(task.parent)} on")
 
 
 def _retries(task: Task) -> Iterator[Sentence]:
@@ -163,17 +197,32 @@ def _tests(past: Past, monitor: Task) -> Iterator[Sentence]:
         yield Sentence(first, text + often, more[-1] - first if more else None, ending=often)
 
 
+def _plans(past: Past, task: Task) -> Iterator[Sentence]:
+    """Its deadlines, and the kills that were to come."""
+    for one in past.ahead.get(task.id, ()):
+        then = Then(past, one.set_at)
+        if said := of_ahead(then, then.tasks[task.id], one):
+            yield Sentence(one.set_at, said)
+
+
 def _states(past: Past, task: Task) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
     for number, (time, state) in enumerate(task.states):
         after = task.states[number + 1][0] if number + 1 < len(task.states) else None
-        if state in _IS_TOLD or (after is not None and after - time < _NO_TIME):
+        is_told = state in _IS_TOLD and state not in OVER
+        if is_told or (after is not None and after - time < _NO_TIME):
             continue
         if state in OVER:
-            yield Sentence(time, str(state))
+            is_late = number > 0 and task.states[number - 1][1] is State.ENDING
+            if state not in _IS_TOLD or is_late:
+                yield Sentence(time, "has ended" if is_late else str(state))
             continue
         last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
-        reasons = why_waiting(Then(past, last), TaskId(task.id)) if state is not State.PLANNING else []
+        then = Then(past, last)
+        is_silent = state is State.PLANNING or watches(then.tasks[task.id])  # of whose tests other sentences tell
+        reasons = [] if is_silent else why_waiting(then, TaskId(task.id))
+        if state is State.ENDING and not reasons:
+            continue
         why = f", {' and '.join(reasons)}" if reasons else ""
         yield Sentence(time, f"{state}{why}", None if after is None else after - time, after is None)
 

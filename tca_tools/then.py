@@ -12,12 +12,14 @@ from operator import attrgetter, itemgetter
 from typing import TypeVar
 
 from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Hold, Queueing, State, Suspension, Task, Wait
+from tca_tools.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State, Suspension, Task, Wait
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 from tca_wire.wording import kill_reason
 
+_WAITS = 32
+"""Waits of a handler that are looked at."""
 _Span = TypeVar("_Span", Queueing, Handling, Wait, Suspension)
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
@@ -161,7 +163,48 @@ class TaskThen:
     @property
     def wait(self) -> Wait | None:
         """What its handler waited for."""
-        return _going_on(self.handling.waits, self._time) if self.handling else None
+        return self.waits[-1] if self.waits else None
+
+    @property
+    def waits(self) -> list[Wait]:
+        """The same; of an async handler that waits in several places, all that began lately."""
+        run = self.handling
+        begun = run.waits[: bisect_right(run.waits, self._time, key=_START)][-_WAITS:] if run else []
+        return [wait for wait in begun if wait.end is None or wait.end > self._time]
+
+    @property
+    def asking(self) -> list[Message]:
+        """The queries of its handler that had not been answered, oldest first."""
+        asked = self.handling.asked if self.handling else None
+        return [one for one in asked or () if one.received <= self._time and not self._is_answered(one)]
+
+    def _is_answered(self, query: Message) -> bool:
+        is_given_up = bool(query.was("dropped", self._time) or query.was("failure", self._time))
+        return is_given_up or (query.answered is not None and query.answered <= self._time)
+
+    @property
+    def is_watching(self) -> bool:
+        """Whether a monitor had not come to an end, or was to begin anew."""
+        if not self._record.was("watched", self._time):
+            return True
+        return (self._retried or 0.0) >= self._record.written("watched", self._time)
+
+    @property
+    def _retried(self) -> float | None:
+        return max((time for time, _, _ in self._record.retries if time <= self._time), default=None)
+
+    @property
+    def is_retried(self) -> bool:
+        """Whether it was to be handled again, and had not been."""
+        retried = self._retried
+        begun = max((run.start for run in self._record.handlings if run.start <= self._time), default=None)
+        return retried is not None and begun is not None and begun < retried
+
+    @property
+    def ahead(self) -> list[Ahead]:
+        """Its deadlines that were to come, and when it was to be killed."""
+        known = self._past.ahead.get(self._record.id, ())
+        return [one for one in known if one.set_at <= self._time] if self.state not in (*OVER, State.ENDING) else []
 
 
 class Then:
@@ -223,6 +266,29 @@ class Then:
             begun = islice(runs, bisect_right(runs, self.moment, key=_START))
             self._running[key] = [run for run in begun if run.end is None or run.end > self.moment]
         return self._running[key]
+
+    def queueing_of(self, message: Message) -> Queueing | None:
+        """The wait of a message in a queue."""
+        return _going_on(message.queueings, self.moment)
+
+    def handling_of(self, message: Message) -> Handling | None:
+        """The run of its handler."""
+        return _going_on(message.handlings, self.moment)
+
+    def wanted(self, module: str, resource: str) -> Claim | None:
+        """The lock or reservation that somebody waited for."""
+        claims = self.past.wanted.get((module, resource), [])
+        begun = claims[: bisect_right(claims, self.moment, key=_START)]
+        return next((claim for claim in begun if self._is_wanted(claim)), None)
+
+    def _is_wanted(self, claim: Claim) -> bool:
+        return all(time is None or time > self.moment for time in (claim.granted, claim.end))
+
+    def reached_at(self, point: Point) -> float | None:
+        """When a point was reached, if that is known and it was."""
+        task = self.past.tasks.get(point.task)
+        time = None if task is None else task.reached.get(point.moment)
+        return time if time is not None and time <= self.moment else None
 
     def held_by(self, module: str, resource: str) -> Claim | None:
         """The lock or reservation that was in force."""

@@ -1,11 +1,15 @@
 """Why a task does not go on, in plain words. Asks what was known; changes nothing."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
+from operator import itemgetter
 
+from tca_tools.analysis import words
 from tca_tools.past import Past
-from tca_tools.records import Claim, Hold, State
+from tca_tools.records import Ahead, Claim, Hold, Message, State
 from tca_tools.then import TaskThen, Then
-from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.points import ROOT, Moment, Point, TaskId, describe_moments
+from tca_wire.vocabulary import MessageClass, Scope
 from tca_wire.wording import by_whom, place
 
 _CLAUSES = {
@@ -25,28 +29,70 @@ _NEXT = {
     State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
 }
 """The moments that a task may be kept from."""
+_UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
+"""States in which a task waits for what is under it, and until what has come."""
 _NAMED = 3
 """How many subtasks a reason names."""
 
 
-def why_waiting(then: Then, task_id: TaskId) -> list[str]:
-    """What keeps a task waiting: ``["until take steps {2} is achieved"]``; nothing if it is over or unknown."""
+def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> list[str]:
+    """What keeps a task waiting: ``["until take steps {2} is achieved"]``; nothing if it is over or unknown. All tools
+    ask here. What is said goes after ``waits_how``.
+    """
     task = then.tasks.get(task_id)
     reasons = _REASONS.get(task.state) if task else None
-    return list(dict.fromkeys(reasons(then, task))) if task and reasons else []
+    if not task or not reasons:
+        return []
+    found = list(dict.fromkeys(reasons(then, task)))
+    if with_children and task.state in _UNTIL_CHILDREN and not task.handling and not watches(task):
+        found += _of_children(then, task, _UNTIL_CHILDREN[task.state])
+    return found
 
 
 def waits_how(task: TaskThen) -> str:
-    """How a task waits until something: "waits", or "suspended by operator panel,"."""
+    """What goes before the reasons of a task: "waits", "suspended by operator panel,", "asked", "killed,"."""
+    if task.state is State.ENDING:
+        return "killed,"
+    if watches(task):
+        return "watches:"
+    if task.handling and not task.wait and task.asking:
+        return "asked"
     by = task.suspension.by if task.state is State.SUSPENDED and task.suspension else ""
     return f"suspended{by_whom(by)}," if by else "waits"
 
 
 def waits_since(task: TaskThen) -> float:
-    """From when on a task has waited for that: since its handler blocks, since it is suspended, or since its state."""
+    """From when on a task has waited for that: since its handler blocks or asked, since it is suspended, or since its
+    state.
+    """
     if task.state is State.SUSPENDED and task.suspension:
         return task.suspension.start
-    return task.wait.start if task.wait else task.since
+    if task.state is State.ENDING or watches(task) or not task.handling:
+        return task.since
+    return task.wait.start if task.wait else next((one.received for one in task.asking), task.since)
+
+
+def coming(then: Then, task: TaskThen) -> list[str]:
+    """What is to happen to a task at a time or after a point, in words: ``deadline: end achieving by 9.5 s``."""
+    return [said for one in task.ahead if (said := of_ahead(then, task, one))]
+
+
+def of_ahead(then: Then, task: TaskThen, ahead: Ahead) -> str:
+    """One of them; "" if it is not to come any more."""
+    if ahead.moment is not None:
+        due = ahead.set_at + ahead.seconds
+        is_to_come = ahead.moment not in task.reached and due > then.time
+        return f"deadline: {describe_moments(ahead.moment)[0]} by {words.moment(due)}" if is_to_come else ""
+    who = f"{_SCOPES[ahead.scope]} to be killed{by_whom(ahead.by)}"
+    if ahead.after is not None and not then.has_reached(ahead.after):
+        later = f"{words.seconds(ahead.seconds)} after" if ahead.seconds else "when"
+        return f"{who} {later} {then.describe(ahead.after.task)} {clause(ahead.after.moment)}"
+    since = max(ahead.set_at, (then.reached_at(ahead.after) or ahead.set_at) if ahead.after else ahead.set_at)
+    due = since + ahead.seconds
+    return f"{who} at {words.moment(due)}" if due > then.time else ""
+
+
+_SCOPES = {Scope.TASK: "is", Scope.DESCENDANTS: "what is under it is", Scope.SIBLINGS: "its siblings are"}
 
 
 def clause(moment: Moment) -> str:
@@ -54,19 +100,25 @@ def clause(moment: Moment) -> str:
     return _CLAUSES[moment]
 
 
-def kept_busy(then: Then, module: str, resource: str, sender: str) -> str:
-    """What keeps a resource from a message of *sender*: ``which controller has locked while handling walk {3}``."""
+def kept_busy(then: Then, module: str, resource: str, message: Message | TaskThen) -> str:
+    """What keeps a resource from a message: ``which controller has locked while handling walk {3}``."""
+    sender = message.sender
     held_by = then.held_by(module, resource)
     if held_by and not (held_by.is_reserved and held_by.sender == sender):
         return f"which {held_by.sender} has {_how(held_by)}{for_whom(then.past, held_by, then.moment)}"
-    busy = _busy(then, module, resource)
-    return f"busy with {busy}" if busy else ""
+    if busy := _busy(then, module, resource, message.id):
+        return f"busy with {busy}"
+    wanted = then.wanted(module, resource)
+    return f"which {wanted.sender} waits to {_TO[wanted.is_reserved]}" if wanted else ""
+
+
+_TO = {False: "lock", True: "reserve"}
 
 
 def claim_and_why(then: Then, claim: Claim) -> str:
     """A claim that waits, and for whom: ``lock of legs {8}, but legs is busy with move {4}``."""
     held_by = then.held_by(claim.module, claim.resource)
-    if held_by:
+    if held_by and held_by is not claim:
         return f"{claim}, but {held_by.sender} has {_how(held_by)} it{for_whom(then.past, held_by, then.moment)}"
     busy = _busy(then, claim.module, claim.resource)
     return f"{claim}, but {place(claim.module, claim.resource)} is busy with {busy}" if busy else str(claim)
@@ -84,8 +136,10 @@ def _how(claim: Claim) -> str:
     return "reserved" if claim.is_reserved else "locked"
 
 
-def _busy(then: Then, module: str, resource: str) -> str:
-    return _listed([then.describe(handling.message_id) for handling in then.running(module, resource)])
+def _busy(then: Then, module: str, resource: str, but: int = 0) -> str:
+    """What handlers of a resource run; of a message that waits for it, all but itself."""
+    runs = (run for run in then.running(module, resource) if run.message_id != but)
+    return _listed([then.describe(run.message_id) for run in runs])
 
 
 def _of_held_back(then: Then, task: TaskThen) -> Iterator[str]:
@@ -98,19 +152,36 @@ def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
     if not queueing or not queueing.module:
         yield f"for a module that handles {task.name}"
         return
-    why = kept_busy(then, queueing.module, queueing.resource, task.sender)
+    why = kept_busy(then, queueing.module, queueing.resource, task)
     yield f"for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
 
 
 def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
-    """A handler that runs may block."""
-    wait = task.wait
-    if wait and wait.moment:
-        yield _until(then, Point(TaskId(wait.awaited), wait.moment))
-    elif wait and wait.awaited in then.past.claims:
-        yield f"for the {claim_and_why(then, then.past.claims[wait.awaited])}"
-    elif wait:
-        yield f"for the reply to {then.describe(wait.awaited)}"
+    """A handler that runs may block, or go on while it waits for replies."""
+    waits = task.waits
+    for wait in waits:
+        if wait.moment:
+            yield _until(then, Point(TaskId(wait.awaited), wait.moment))
+        elif wait.awaited in then.past.claims:
+            yield f"for the {claim_and_why(then, then.past.claims[wait.awaited])}"
+        else:
+            yield f"for the reply to {then.describe(wait.awaited)}{_whereabouts(then, wait.awaited)}"
+    if not waits and (asking := task.asking):
+        yield f"{_listed([str(one) for one in asking])}{_whereabouts(then, asking[0].id)}, no reply yet"
+
+
+def _whereabouts(then: Then, message_id: int) -> str:
+    """Where a query is: ``, which no module handles``."""
+    query = then.past.messages.get(message_id)
+    if query is None or query.message_class is not MessageClass.QUERY:
+        return ""
+    if queueing := then.queueing_of(query):
+        if not queueing.module:
+            return ", which no module handles"
+        why = kept_busy(then, queueing.module, queueing.resource, query)
+        return f", which is queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
+    run = then.handling_of(query)
+    return f", which {place(run.module, run.resource)} handles" if run else ""
 
 
 def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
@@ -118,18 +189,52 @@ def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
         yield from _of_handled(then, task)
         return
     yield from _of_held_back(then, task)
-    yield from _of_children(then, task, Moment.END_PLANNING)
 
 
 def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
+    if watches(task):
+        yield _of_watching(then, task)
+        return
     yield from _of_held_back(then, task)
-    yield from _of_children(then, task, Moment.END_ACHIEVING)
+
+
+def watches(task: TaskThen) -> bool:
+    """Whether it is a monitor that has begun to watch, and goes on."""
+    is_begun = task.message_class.is_monitor and Moment.START_HANDLING in task.reached
+    return is_begun and task.is_watching and task.state in (State.ACHIEVING, State.PLANNING)
+
+
+def _of_watching(then: Then, monitor: TaskThen) -> str:
+    tests = then.past.tests.get(monitor.id, [])
+    last = tests[: bisect_right(tests, then.moment, key=itemgetter(0))][-1:]
+    if not last:
+        return "its condition has not been tested" if _has_condition(monitor) else "it has not been fired"
+    return f"its condition {'holds' if last[0][1] else 'does not hold'}"
+
+
+def _has_condition(monitor: TaskThen) -> bool:
+    return monitor.message_class is not MessageClass.DEMON_MONITOR
+
+
+def _of_ending(then: Then, task: TaskThen) -> Iterator[str]:
+    """A killed task ends when its handler has returned, and with what is done to leave things safe."""
+    if task.handling:
+        blocked = "".join(f", and waits {what}" for what in _of_handled(then, task)) if task.wait else ""
+        yield f"its handler still runs{blocked}"
+    yield from (f"waits {what}" for what in _of_children(then, task, Moment.END_ACHIEVING))
+    if task.suspension and not task.handling:
+        yield f"waits until {then.describe(task.suspension.cause)} is resumed"
 
 
 def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
+    if task.is_retried:  # all under it ends first
+        moment = Moment.END_ACHIEVING
     open_ones = [str(then.tasks[child]) for child in task.children if moment not in then.tasks[child].reached]
     if open_ones:
-        yield f"until {_listed(open_ones)} {'are' if len(open_ones) > 1 else 'is'} {_CLAUSES[moment][3:]}"
+        are = "are" if len(open_ones) > 1 else "is"
+        is_over = task.is_retried or task.state is State.ENDING  # however they end
+        ended = "have ended" if is_over and len(open_ones) > 1 else "has ended"
+        yield f"until {_listed(open_ones)} {ended if is_over else f'{are} {_CLAUSES[moment][3:]}'}"
 
 
 def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
@@ -137,7 +242,9 @@ def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
     moments that its parent has to reach first. A wait for a moment of its own leads on to what keeps it from that.
     """
     moments = list(_NEXT.get(task.state, ()))
-    if task.state is State.HELD:
+    if task.state is State.RECOVERING and Moment.START_HANDLING not in task.reached:
+        moments += _NEXT[State.HELD]
+    if moments == [Moment.START_HANDLING]:
         moments.append(Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING)
     for moment in moments:  # grows while it is walked
         for hold in task.holds:
@@ -159,6 +266,9 @@ def of_blocker(then: Then, task: TaskThen, blocker: Hold | Moment) -> str:
     before, delay = blocker.constraint.before, blocker.constraint.delay
     if before.task == ROOT:
         return f"until {round(delay, 3):.12g} s"
+    if tap := blocker.tap:
+        whose = f"of a wiretap of {tap.by}" if tap.by else "of a wiretap"
+        return f"until {then.describe(before.task)}, the listener {whose}, {_CLAUSES[before.moment]}"
     if delay and then.has_reached(before):
         return f"until {delay:g} s after {then.describe(before.task)} {_CLAUSES[before.moment]}"
     return _until(then, before)
@@ -169,7 +279,11 @@ def _is_met(then: Then, task: TaskThen, hold: Hold) -> bool:
 
 
 def _until(then: Then, point: Point) -> str:
-    return f"until {then.describe(point.task)} {_CLAUSES[point.moment]}"
+    task = then.past.tasks.get(point.task)
+    kind = (
+        f"{'monitor' if task.message_class.is_monitor else 'task'} " if task and task.name.startswith("until ") else ""
+    )
+    return f"until {kind}{then.describe(point.task)} {_CLAUSES[point.moment]}"
 
 
 def _listed(names: list[str]) -> str:
@@ -188,6 +302,14 @@ def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
 def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
     handlers = [str(then.tasks[handler]) for handler in task.caught_by[-1:] if handler in then.tasks]
     yield f"until {_listed(handlers)} has dealt with its failure"
+    if task.suspension and not task.handling:
+        yield f"until {then.describe(task.suspension.cause)} is resumed"
+    if task.queueing:
+        yield from _of_queued(then, task)
+    elif task.handling:
+        yield from _of_handled(then, task) if task.wait else ()
+    else:
+        yield from _of_held_back(then, task)
 
 
 _REASONS = {
@@ -199,4 +321,5 @@ _REASONS = {
     State.PLANNED: _of_held_back,
     State.HANDLING: _of_handled,
     State.ACHIEVING: _of_achieving,
+    State.ENDING: _of_ending,
 }

@@ -26,19 +26,19 @@ from tca_wire.facts_of_watching import (
     Unhandled,
     _Fact,
 )  # fmt: skip
-from tca_wire.points import TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
+from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role, Scope
 
 JOURNAL_VERSION = 1
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 
 __all__ = [
     "JOURNAL_VERSION", "Answered", "Attached", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
-    "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly", "HandlerAdded",
-    "HandlerRemoved", "Ignored", "Kept", "Killed", "LostDirectly", "ModuleJoined", "ModuleLeft", "MonitorEnded",
-    "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued", "Released", "Removed",
-    "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed", "TapAdded", "TapFired",
-    "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
+    "DeadlineSet", "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly",
+    "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly", "ModuleJoined",
+    "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued",
+    "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed",
+    "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
 ]  # fmt: skip
 
 
@@ -191,6 +191,25 @@ class SuspendedOrResumed(_Fact, frozen=True, tag="suspended"):
     by: str = ""
 
 
+class DeadlineSet(_Fact, frozen=True, tag="deadline"):
+    """If a task does not reach a moment within so many seconds from now, the failure "timeout" is raised on it."""
+
+    task: TaskId
+    moment: int
+    seconds: float
+
+
+class KillPlanned(_Fact, frozen=True, tag="to be killed"):
+    """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many seconds more."""
+
+    task: TaskId
+    scope: Scope
+    after: Point | None
+    seconds: float
+    why: str
+    by: str
+
+
 class Kept(_Fact, frozen=True, tag="kept"):
     """A module keeps a task: its data, outcome and place are remembered after its end."""
 
@@ -314,7 +333,7 @@ Fact = (
     | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Claimed | Granted | ClaimEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut
-    | Kept | Released
+    | Kept | Released | DeadlineSet | KillPlanned
 )  # fmt: skip
 
 

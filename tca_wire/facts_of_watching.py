@@ -40,13 +40,16 @@ class Removed(_Fact, frozen=True, tag="removed"):
 
 
 class TapAdded(_Fact, frozen=True, tag="tap"):
-    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task."""
+    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task. *by* is the module
+    that asked for it first ("": an older journal does not tell).
+    """
 
     id: int
     condition: Condition
     listener: str
     message: str
     task: TaskId
+    by: str = ""
 
 
 class TapFired(_Fact, frozen=True, tag="tapped"):

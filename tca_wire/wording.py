@@ -7,7 +7,7 @@ from typing import Any
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Point, describe_moments
-from tca_wire.vocabulary import CENTRAL
+from tca_wire.vocabulary import CENTRAL, Scope
 
 _COMMAND = "tca "
 """How the modules are called that commands of the command line are: "tca kill"."""
@@ -142,9 +142,18 @@ class Wording:
     def _kept(self, fact: facts.Kept | facts.Released) -> str:
         return f"{self._name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
 
+    def _deadline(self, fact: facts.DeadlineSet) -> str:
+        return f"{self._name(fact.task)}: {_moments(fact.moment)} within {fact.seconds:g} s"
+
+    def _kill_planned(self, fact: facts.KillPlanned) -> str:
+        what = f"{fact.scope} of {self._name(fact.task)}" if fact.scope is not Scope.TASK else self._name(fact.task)
+        after = f" after {self._point(fact.after)}" if fact.after is not None else ""
+        delay = f" in {fact.seconds:g} s" if fact.seconds else ""
+        return f"{what}{delay}{after}: {kill_reason(fact.why, fact.by)}"
+
     def _tap(self, fact: facts.TapAdded) -> str:
         at = self._name(fact.task) if fact.task else f"all {fact.message}"
-        return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}"
+        return f"{{{fact.id}}} {fact.listener} {fact.condition} of {at}{by_whom(fact.by)}"
 
     def _tap_fired(self, fact: facts.TapFired) -> str:
         listener = self._name(fact.listener) if fact.listener else "nobody"
@@ -203,7 +212,7 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
     fields = {name: getattr(fact, name) for name in fact.__struct_fields__ if name != "body"}
     if isinstance(fact, facts.Reached):
         fields["moments"] = describe_moments(fact.moments)
-    elif isinstance(fact, facts.WaitBegan):
+    elif isinstance(fact, facts.WaitBegan | facts.DeadlineSet):
         fields["moment"] = ", ".join(describe_moments(fact.moment))
     return fields
 
@@ -279,6 +288,8 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Claimed: Wording._claimed,
     facts.Granted: Wording._granted,
     facts.ClaimEnded: Wording._claim_ended,
+    facts.DeadlineSet: Wording._deadline,
+    facts.KillPlanned: Wording._kill_planned,
     facts.Kept: Wording._kept,
     facts.Released: Wording._kept,
     facts.RequestRefused: Wording._refused,

@@ -170,7 +170,7 @@ def _suspended(suspension: Suspension, step: Step) -> str:
 
 
 def _why_queued(past: Past, message: Message, step: Step) -> str:
-    why = kept_busy(Then(past, nextafter(step.end, 0.0)), step.module, step.resource, message.sender)
+    why = kept_busy(Then(past, nextafter(step.end, 0.0)), step.module, step.resource, message)
     return f"for {place(step.module, step.resource)}, {why}" if why else ""
 
 

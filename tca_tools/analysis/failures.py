@@ -14,6 +14,7 @@ from tca_tools.analysis.summary import values
 from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, fate, told_to
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, Task
+from tca_tools.story import exhausted
 from tca_wire.failures import BAD_DATA, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
@@ -126,7 +127,7 @@ def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple
     """What was done about a failure of a task: until *after*, when it had another failure, or ("") was retried."""
     first = bisect_left(called, case.time, key=_RECEIVED)
     mine = called[first : bisect_left(called, after[0], key=_RECEIVED) if after else None]
-    case.chain = [_described(one) for one in mine]
+    case.chain = [_described(past, one) for one in mine]
     if after and not after[1]:
         again = bisect_right(task.handlings, case.time, key=_START)
         case.recovery = (task.handlings[again].start if again < len(task.handlings) else after[0]) - case.time
@@ -135,11 +136,14 @@ def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple
     case.recovery = max(ends, default=case.time) - case.time
     if case.fate in ENDED_TASKS:
         case.why = task.why_killed or ""
+        case.chain += [exhausted(one) for one in past.exhausted.get(task.id, ()) if one.time >= case.time]
 
 
-def _described(handler: Task) -> str:
+def _described(past: Past, handler: Task) -> str:
     run = handler.handlings[-1] if handler.handlings else None
     words = str(handler) + (f" in {place(run.module, run.resource)}" if run else ", which nobody handled")
     if handler.failure:
         words += f", which failed itself ({handler.failure.partition(':')[0]})"
+    if handler.id in past.reissued:
+        words += ", which passed the failure on"
     return words

@@ -14,7 +14,6 @@ from tca_tools.story import awaited
 from tca_tools.then import Then
 from tca_tools.waiting import for_whom, why_waiting
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import Role
 from tca_wire.wording import by_whom, place
 
 _NO_TIME = 1e-6
@@ -151,12 +150,11 @@ def _until_resumed(suspension: Suspension) -> str:
 
 
 def _why_held(past: Past, task: Task, wait: LongWait) -> str:
-    """What held a task in the middle of its wait, or else at its end: a listener that had to be done before it."""
+    """What held a task in the middle of its wait."""
     if reasons := why_waiting(Then(past, (wait.start + wait.end) / 2), TaskId(task.id)):
         return " and ".join(reasons)
-    below = (past.tasks[child] for child in task.children)
-    listeners = [one for one in below if one.role is Role.LISTENER and wait.start < one.received <= wait.end]
-    return f"until the listener {listeners[-1]} is achieved" if listeners else "until it was killed or withdrawn"
+    is_killed = task.killed is not None and task.written("killed") <= wait.end
+    return "until it was killed" if is_killed else "for something that the journal does not tell of"
 
 
 def _where_handled(past: Past, wait: Wait) -> str:
@@ -173,6 +171,7 @@ def _queue_reason(past: Past, queueing: Queueing) -> str:
     if claim := locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end):
         how = "reserved" if claim.is_reserved else "locked"
         return f"for {where}, which {claim.sender} had {how}{for_whom(past, claim, claim.start)}"
-    busy = Then(past, queueing.start).running(queueing.module, queueing.resource)
+    runs = Then(past, queueing.start).running(queueing.module, queueing.resource)
+    busy = [run for run in runs if run.message_id != queueing.message_id]
     with_what = f", busy with {past.describe(busy[0].message_id)}" if busy else ""
     return f"for {where}{with_what}" + (f" and {len(busy) - 1} more" if len(busy) > 1 else "")

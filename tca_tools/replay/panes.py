@@ -23,7 +23,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut, printable
 from tca_tools.then import Then
-from tca_tools.waiting import waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, waits_how, waits_since, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import TaskId
 
@@ -187,6 +187,7 @@ class StoryPane(Widget):
         if reasons := why_waiting(then, TaskId(self._shown)):
             waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
             lines.append(Text.assemble((printable(waits), "yellow")))
+        lines += [Text.assemble((printable(said), "yellow")) for said in coming(then, task)]
         told = [sentence for sentence in self._told if sentence.time <= then.moment]
         room = max(self.size.height - 2 * len(lines), 1)
         return Text("\n").join([*lines, Text(), *(self._sentence(sentence, then) for sentence in told[-room:])])

@@ -29,6 +29,7 @@ FILLS = {
     State.ACHIEVED: "#cfeccb",
     State.RECOVERING: "#ffc9a3",
     State.SUSPENDED: "#e6e6c8",
+    State.ENDING: "#e8c4c0",
     State.FAILED: "#f28b82",
     State.KILLED: "#d5d5d5",
 }

@@ -8,6 +8,7 @@ from tca_tools.coping import ENDED_TASKS, Fate, fate
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.selection import lineage, subtree
+from tca_tools.story import exhausted
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
@@ -69,6 +70,10 @@ def _recoveries(past: Past, task: Task, depth: int) -> Iterator[Link]:
             by = f", handled by {handler.handlings[-1].module}" if handler.handlings else ""
             how = f": {handler.state}" if handler.state is not State.ACHIEVED else ""
             yield Link(handler.received, depth, f"exception handler {handler} was called{by}{how}")
+        if number in past.reissued:
+            yield Link(past.reissued[number], depth, f"{past.describe(number)} passed the failure on")
+    for one in past.exhausted.get(task.id, ()):
+        yield Link(one.time, depth, exhausted(one).replace(" has ", " had ", 1))
 
 
 def _end(past: Past, task: Task) -> str:

@@ -88,9 +88,9 @@ def _state_and(note: str, task: TaskThen) -> str:
     """``held, waits until ...``, ``failed: slip``."""
     if not note:
         return str(task.state)
-    if note.startswith("waits"):
-        return f"{task.state}, {note}"
-    return f"{task.state}: {note}" if task.state in (State.FAILED, State.KILLED) else f"{task.state}, failed: {note}"
+    if task.state in (State.FAILED, State.KILLED, State.ENDING):
+        return f"{task.state}: {note}"
+    return f"{task.state}, failed: {note}" if task.failure else f"{task.state}, {note}"
 
 
 def _brothers(then: Then, rows: list[Row], places: list[Place], found: Arrows) -> dict[int, int]:

@@ -22,6 +22,7 @@ COLOURS = {
     State.ACHIEVED: "green",
     State.RECOVERING: "bright_red",
     State.SUSPENDED: "yellow",
+    State.ENDING: "bright_red",
     State.FAILED: "red",
     State.KILLED: "red",
 }

@@ -4,12 +4,12 @@ from collections import Counter
 
 from tca_tools.analysis.words import seconds
 from tca_tools.data import data_text
-from tca_tools.records import State
+from tca_tools.records import OVER, State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, waits_how, waits_since, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.wording import by_whom
 
@@ -47,21 +47,42 @@ def note(then: Then, task: TaskThen) -> str:
 
 def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
-    if task.failure:
+    if task.state is State.ENDING:
+        return _ending(then, task), waits_since(task)
+    if task.failure and task.state in (*OVER, State.RECOVERING):
         return failure_line(task.failure), None
     if task.why_killed is not None:
-        above = then.tasks.get(task.parent)
-        return "" if above and above.why_killed == task.why_killed else printable(task.why_killed), None
-    if task.children and not task.handling and task.state in (State.ACHIEVING, State.PLANNING):
-        return "", None  # for them, and they are shown
-    reasons = why_waiting(then, TaskId(task.id))
+        return _why_killed(then, task), None
+    text, since = _going_on(then, task)
+    return "; ".join(filter(None, (failure_line(task.failure), text))), since
+
+
+def _going_on(then: Then, task: TaskThen) -> tuple[str, float | None]:
+    """What keeps it from going on, or else what is to come."""
+    reasons = why_waiting(then, TaskId(task.id), with_children=False)  # they are shown
+    ahead = coming(then, task)
     if reasons:
-        return printable(f"{waits_how(task)} {', and '.join(reasons)}"), waits_since(task)
+        more = f" ({'; '.join(ahead)})" if ahead else ""
+        return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), waits_since(task)
     if task.suspension and task.handling:
         return printable(
             f"still runs, though {then.describe(task.suspension.cause)} is suspended{by_whom(task.suspension.by)}"
         ), task.suspension.start
-    return "", None
+    return printable("; ".join(ahead)), None
+
+
+def _why_killed(then: Then, task: TaskThen) -> str:
+    """Why, if that is not said of what it is under."""
+    above = then.tasks.get(task.parent)
+    return "" if above and above.why_killed == task.why_killed else printable(task.why_killed or "")
+
+
+def _ending(then: Then, task: TaskThen) -> str:
+    """What keeps a killed task from its end, and why it was killed."""
+    if not (why := failure_line(task.failure)):
+        why = f"killed: {why}" if (why := _why_killed(then, task)) else "killed"
+    keeps = printable(", and ".join(why_waiting(then, TaskId(task.id))))
+    return f"{why}; {keeps}" if keeps else why
 
 
 def lasting(length: float) -> str:

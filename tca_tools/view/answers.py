@@ -14,7 +14,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
-from tca_tools.waiting import waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, waits_how, waits_since, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.wording import Wording, subject_of
@@ -77,6 +77,7 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
         "state": task.state,
         "reasons": why_waiting(then, task.id),
         "how": waits_how(task),
+        "coming": coming(then, task),
         "since": waits_since(task),
         "failure": task.failure,
         "killed": task.why_killed,

@@ -88,8 +88,8 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
         case facts.SuspendedOrResumed():
             return f"{fact.task} {'suspended' if fact.is_suspended else 'resumed'} by {fact.by}"
-        case facts.Killed() | facts.Retried():
-            return describe_ended_by(fact)
+        case facts.Killed() | facts.Retried() | facts.KillPlanned() | facts.DeadlineSet():
+            return describe_ending(fact)
         case facts.TimedOut():
             return f"time is up for {fact.constraint}"
         case facts.Unhandled() | facts.Recovered():
@@ -112,11 +112,18 @@ def describe_control(fact: facts.Fact) -> str:
             return f"{kind_of(fact)}: " + ", ".join(f"{key} {value}" for key, value in fields_of(fact).items())
 
 
-def describe_ended_by(fact: facts.Killed | facts.Retried) -> str:
-    if isinstance(fact, facts.Retried):
-        return f"{fact.task} retried by {fact.by}"
-    is_said = fact.by == CENTRAL or fact.why == f"by module '{fact.by}'"
-    return f"killed: task {fact.task}, why {fact.why}" + ("" if is_said else f", by {fact.by}")
+def describe_ending(fact: facts.Killed | facts.Retried | facts.KillPlanned | facts.DeadlineSet) -> str:
+    match fact:
+        case facts.Retried():
+            return f"{fact.task} retried by {fact.by}"
+        case facts.DeadlineSet():
+            return f"{fact.task} has {fact.seconds:g} s until {describe_moments(fact.moment)[0]}"
+        case facts.KillPlanned():
+            after = f", after {fact.after}" if fact.after else ""
+            return f"{fact.task} is to be killed ({fact.scope}){after}, in {fact.seconds:g} s"
+        case facts.Killed():
+            is_said = fact.by == CENTRAL or fact.why == f"by module '{fact.by}'"
+            return f"killed: task {fact.task}, why {fact.why}" + ("" if is_said else f", by {fact.by}")
 
 
 def describe_claim(fact: facts.Claimed | facts.Granted | facts.ClaimEnded) -> str:

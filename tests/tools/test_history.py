@@ -79,7 +79,7 @@ def test_why_each_task_waits() -> None:
 
 def test_why_a_queued_or_blocked_task_waits() -> None:
     assert reasons(walking().fold(until=0.65), 2) == ["for gait planner, busy with traverse arc {1}"]
-    assert reasons(walking().fold(until=1.0), 2) == ["for the reply to elevation map {5}"]
+    assert reasons(walking().fold(until=1.0), 2) == ["for the reply to elevation map {5}, which perception handles"]
     story = Story()
     story.queued(story.goal("dance", "user interface"))
     assert reasons(story.fold(), 1) == ["for a module that handles dance"]

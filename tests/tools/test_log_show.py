@@ -16,7 +16,7 @@ from tca_tools.log import KINDS
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Refusal, Scope
 
 Tca = Callable[..., Result]
 
@@ -63,6 +63,8 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(facts.Kept(task, "script"), facts.Released(task, "script"), facts.Released(task, ""))
     after = Point(task, Moment.START_ACHIEVING)
     story.say(facts.TimedOut(Constraint(Point(ROOT, Moment.START_ACHIEVING), after, 2.5)))
+    story.say(facts.DeadlineSet(task, Moment.END_ACHIEVING, 5.0))
+    story.say(facts.KillPlanned(task, Scope.DESCENDANTS, after, 3.0, "no need", "panel"))
 
 
 def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:

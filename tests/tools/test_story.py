@@ -187,7 +187,8 @@ def test_who_killed_is_told_once_and_with_the_reason_that_was_given() -> None:
     tale = Story().module("chef", "mop floor").at(1.0)
     reasons = {"by module 'panel'": "panel", "tired": "tca kill", "too late": "", "overload: one came": "central"}
     for why, by in reasons.items():
-        tale.say(facts.Killed(TaskId(tale.goal("mop floor", "user")), why, by))
+        mop = tale.goal("mop floor", "user")
+        tale.say(facts.Killed(TaskId(mop), why, by)).reached(mop, *Moment)
     history = tale.fold()
     assert [told(history, task)[-1] for task in range(1, 5)] == [
         "1.0 killed: by panel",

@@ -55,6 +55,7 @@ export class Details {
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
     for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`${about.how} ${reason}, for `), age(about.since));
+    for (const one of about.coming ?? []) yield element("p", { class: "lead" }, ...this.#linked(one));
     if (about.failure) {
       yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked(about.failure));
       if (about.told) yield element("p", { class: "lead" }, ...this.#linked(about.told));

@@ -1,0 +1,96 @@
+"""Why a task waits: whatever central names as its hold, the tools, which know the journal alone, name too."""
+
+import re
+from operator import itemgetter
+
+from central.player import Player
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life, operation
+
+from tca_central.core import Central
+from tca_central.events import Effect, Record
+from tca_central.load import _held, load
+from tca_tools.history import History
+from tca_tools.records import State
+from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
+from tca_wire.points import Moment, TaskId
+from tca_wire.wording import place
+
+_NUMBER = re.compile(r"\{(\d+)\}")
+_RESOURCE = re.compile(r"resource '(.*)' of '(.*)'")
+
+
+class ToldPlayer(Player):
+    """A player whose journal is folded; after every event central and the fold are asked why each task waits."""
+
+    def __init__(self) -> None:
+        super().__init__(check=False)
+        self.history = History()
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        for effect in effects:
+            if isinstance(effect, Record):
+                self.history.apply(effect.entry)
+        assert_same_reasons(self.central, self.history)
+        return effects
+
+
+def assert_same_reasons(central: Central, history: History) -> None:
+    then, told = Then(history), load(central)
+    for task_id, task in central.tree.tasks.items():
+        if not task.is_running:
+            assert why_waiting(then, TaskId(task_id)), (
+                f"no reason why {task} does not go on ({then.tasks[task_id].state})"
+            )
+    for row, (_, _, task, at) in zip(told["held"], sorted(_held(central), key=itemgetter(0, 1)), strict=False):
+        state = then.tasks[task.id].state
+        may_begin = (
+            at == Moment.START_ACHIEVING
+            and state in (State.HELD, State.PLANNING, State.RECOVERING)
+            and not task.delayed
+        )
+        if state is not State.SUSPENDED and not (task.is_goal and may_begin):
+            assert_named(then, task.id, row["for"])
+    for row in told["waits"]:
+        who = numbers(row["what"])
+        if who and who[0] in then.tasks:
+            assert_named(then, who[0], row["for"])
+    for row in told["suspended"]:
+        if not then.tasks[row["task"]].handling:
+            assert_named(then, row["task"], "is resumed")
+
+
+def assert_named(then: Then, task: int, what: str) -> None:
+    """What central says that a task waits for is named by the tools."""
+    reasons = " and ".join(why_waiting(then, TaskId(task)))
+    if found := _RESOURCE.search(what):
+        name, module = found.groups()
+        what = place(module, name)
+    for wanted in [f"{{{number}}}" for number in numbers(what)] or [_SAID.get(what, what)]:
+        assert wanted in reasons, (
+            f"{then.tasks[task]} ({then.tasks[task].state}) waits for {what}, and is told: {reasons}"
+        )
+
+
+_SAID = {"the end of a delay": " s", "a module that handles it": "for a module that handles"}
+
+
+def numbers(text: str) -> list[int]:
+    return [int(number) for number in _NUMBER.findall(text)]
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=300, deadline=None)
+def test_what_holds_a_task_is_told_as_central_tells_it(operations: list[tuple[str, int, int, int, int]]) -> None:
+    life = Life(ToldPlayer())
+    for name, *given_numbers in operations:
+        life.do(name, *given_numbers)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2, deadline=None)
+def test_the_same_in_a_long_life(seed: int) -> None:
+    Life(ToldPlayer()).go_on(seed, 1_000)

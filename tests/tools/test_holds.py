@@ -1,0 +1,224 @@
+"""What keeps a task that a wiretap, a handler that ignores a kill, or an answer that does not come holds up; and what is
+to come: told in rows and stories alike.
+"""
+
+from central.player import Player
+from tools.story import QUERY, Story
+
+from tca_tools.analysis.failures import failures
+from tca_tools.analysis.waits import waits
+from tca_tools.coping import Fate
+from tca_tools.history import History
+from tca_tools.records import State
+from tca_tools.story import story
+from tca_tools.tasktree_viz.failing import failure_chain
+from tca_tools.tasktree_viz.words import note
+from tca_tools.then import Then
+from tca_wire import facts, headers
+from tca_wire.parts import Attachment
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
+
+
+def noted(history: History, task: int, at: float | None = None) -> str:
+    then = Then.by_clock(history, at)
+    return note(then, then.tasks[task])
+
+
+def told(history: History, task: int) -> list[str]:
+    return [one.text for one in story(history, task)]
+
+
+def folded(player: Player) -> History:
+    return History.until(player.entries)
+
+
+def robot() -> Player:
+    """Legs that move, a checker, an expert, and a user."""
+    player = Player()
+    player.module("user")
+    player.module("legs", "command move", "goal walk")
+    player.module("checker", "command check")
+    player.module("expert", "exception handler mend", "exception handler replan")
+    return player
+
+
+def tapped(player: Player) -> int:
+    """A move that a wiretap of the checker holds while it is checked."""
+    tap = headers.Tap(player.number("checker"), Condition.BEFORE_HANDLING, "check", "move", ROOT, None)
+    player.receive("checker", tap)
+    return player.task("user", "move")
+
+
+def test_a_task_that_a_wiretap_holds_names_the_listener_and_whose_it_is() -> None:
+    player = robot()
+    move = tapped(player)
+    history = folded(player)
+    check = history.tasks[move].children[0]
+    assert history.tasks[move].state is State.HELD
+    reason = f"until check {{{check}}}, the listener of a wiretap of checker, has been handled"
+    assert noted(history, move) == f"waits {reason}"
+    assert f"held, {reason}" in told(history, move)
+    player.tick(5.0)
+    player.send("user", "walk")
+    longest = waits(folded(player))[0].longest[0]
+    assert (longest.who, longest.what, longest.is_open) == (f"move {{{move}}}", reason, True)
+
+
+def test_a_journal_that_does_not_tell_who_added_a_wiretap() -> None:
+    tale = Story().module("legs", "move").module("checker", "check").at(1.0)
+    tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT))
+    move = tale.command("move", "user")
+    check = move + 1
+    command = MessageClass.COMMAND
+    tale.say(facts.Received(check, "check", command, "central", TaskId(move), 0, False, b"", [], Role.LISTENER, move))
+    tale.say(facts.TapFired(90, move, check), facts.Delivered(check, check, "checker", "checker")).at(3.0)
+    tale.command("move", "user")
+    reason = f"waits until check {{{check}}}, the listener of a wiretap, has been handled"
+    assert noted(tale.fold(), move) == f"{reason}, for 2.00 s"
+    tale.at(4.0).reached(check, *Moment).delivered(move, "legs")
+    assert noted(tale.fold(), move) == ""
+
+
+def test_a_killed_task_whose_handler_runs_has_not_ended() -> None:
+    player = robot()
+    move = player.task("user", "move")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(move), "too slow"))
+    player.tick(28.0)
+    player.task("user", "walk")
+    history = folded(player)
+    assert history.tasks[move].state is State.ENDING
+    assert noted(history, move) == "killed: too slow (by user); its handler still runs, for 29.0 s"
+    player.reply("legs/1")
+    history = folded(player)
+    end = history.tasks[move].reached[Moment.END_ACHIEVING]
+    assert history.tasks[move].states[-1] == (end, State.KILLED)
+    assert told(history, move)[-3:] == ["killed: too slow (by user)", "ending, its handler still runs", "has ended"]
+
+
+def test_a_killed_task_waits_for_what_is_to_leave_things_safe() -> None:
+    player = robot()
+    walk = player.task("user", "walk")
+    player.send("legs/1", "check", under=walk, when_killed=True)
+    move = player.task("legs/1", "move", under=walk)
+    player.reply("legs/1")
+    player.receive("user", headers.Kill(player.number("user"), TaskId(walk), "stop"))
+    history = folded(player)
+    check = history.tasks[walk].children[-1]
+    assert noted(history, walk) == f"killed: stop (by user); waits until move {{{move}}}, check {{{check}}} have ended"
+    assert noted(history, move) == "killed; its handler still runs"
+
+
+def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
+    tale = Story().module("aio", "look").module("bee", "where").at(1.0)
+    look = tale.command("look", "user")
+    tale.delivered(look, "aio").at(2.0)
+    where = tale.received("where", QUERY, "aio", origin=look)
+    tale.delivered(where, "bee").at(6.0)
+    tale.command("look", "user")
+    history = tale.fold()
+    assert noted(history, look) == f"asked where {{{where}}}, which bee handles, no reply yet, for 4.00 s"
+    assert f"its handler asked where {{{where}}}, and goes on" in told(history, look)
+    tale.at(7.0).returned(where).say(facts.Answered(where))
+    assert noted(tale.fold(), look) == ""
+
+
+def test_a_reply_that_does_not_come_since_nobody_handles_the_query() -> None:
+    tale = Story().module("aio", "look").at(1.0)
+    look = tale.command("look", "user")
+    tale.delivered(look, "aio")
+    tale.queued(tale.received("where", QUERY, "aio", origin=look, blocking=True)).at(2.0)
+    tale.command("look", "user")
+    assert noted(tale.fold(), look) == "waits for the reply to where {2}, which no module handles, for 1.00 s"
+
+
+def test_deadlines_and_kills_that_are_to_come() -> None:
+    player = robot()
+    move = player.task("user", "move", deadline=100.0)
+    other = player.task("user", "move")
+    kill = headers.Kill(player.number("user"), TaskId(other), "", Scope.TASK, None, 800.0)
+    player.receive("user", kill)
+    begun = player.time
+    history = folded(player)
+    sent = history.tasks[move].received
+    assert noted(history, move) == f"deadline: end achieving by {sent + 100:.3f} s"
+    assert noted(history, other) == (
+        f"waits until move {{{move}}} is achieved (is to be killed by user at {begun + 800:.3f} s), for 1.00 s"
+    )
+    assert f"deadline: end achieving by {sent + 100:.3f} s" in told(history, move)
+    player.reply("legs/1")
+    assert noted(folded(player), move) == ""
+    player.tick(900.0)
+    assert noted(folded(player), other).startswith("killed: ")
+
+
+def test_a_kill_after_a_point_says_after_which() -> None:
+    player = robot()
+    first, second = player.task("user", "move"), player.task("user", "walk")
+    point = Point(TaskId(first), Moment.END_ACHIEVING)
+    player.receive("user", headers.Kill(player.number("user"), TaskId(second), "", Scope.TASK, point, 3.0))
+    assert f"is to be killed by user 3.00 s after move {{{first}}} is achieved" in noted(folded(player), second)
+
+
+def test_an_exception_handler_that_has_been_called_as_often_as_it_may() -> None:
+    player = robot()
+    player.declare("user", "command move")
+    move = player.task("user", "move", attachments=[Attachment("slip", "mend", 1)])
+    player.fail("legs/1", "slip")
+    retry = headers.Retry(player.number("expert/1"), TaskId(move))
+    player.receive("expert/1", retry)
+    player.reply("expert/1")
+    player.fail("legs/1", "slip")
+    history = folded(player)
+    said = "exception handler mend has been called once, as often as it may"
+    assert told(history, move)[-2] == said
+    assert said.replace("has", "had", 1) in [link.text for link in failure_chain(history, TaskId(move))]
+    last = failures(history)[0].cases[-1]
+    assert (last.fate, last.chain) == (Fate.NOT_HANDLED, [said])
+
+
+def test_an_exception_handler_that_passes_the_failure_on() -> None:
+    player = robot()
+    attachments = [Attachment("slip", "replan", 0), Attachment("slip", "mend", 0)]
+    move = player.task("user", "move", attachments=attachments)
+    player.fail("legs/1", "slip")
+    mend = folded(player).tasks[move].caught_by[0]
+    player.fail("expert/1", "slip", reissue=True)
+    history = folded(player)
+    assert f"mend {{{mend}}} passes the failure on" in told(history, move)
+    assert f"passes the failure of move {{{move}}} on" in told(history, mend)
+    assert failures(history)[0].cases[0].chain[0] == f"mend {{{mend}}} in expert, which passed the failure on"
+
+
+def test_a_task_that_is_handled_again_does_not_wait_for_itself() -> None:
+    tale = Story().module("oven", "bake").at(1.0)
+    bake = tale.command("bake", "user")
+    tale.queued(bake, "oven").delivered(bake, "oven").at(2.0)
+    assert not [text for text in told(tale.fold(), bake) if text.startswith("queued")]
+
+
+def test_a_lock_that_is_free_is_not_waited_for() -> None:
+    tale = Story().module("arm", "move").module("waiter", "wait").at(1.0)
+    wait = tale.command("wait", "user")
+    tale.delivered(wait, "waiter").at(2.0)
+    tale.say(facts.Claimed(90, "arm", "arm", False, "waiter", wait), facts.Granted(90)).at(5.0)
+    tale.say(facts.ClaimEnded(90, "released"))
+    assert told(tale.fold(), wait)[2:] == ["its handler has the lock of arm {90}"]
+
+
+def test_a_monitor_says_whether_its_condition_holds() -> None:
+    tale = Story().at(1.0)
+    watch = tale.received("until ready", MessageClass.POLLING_MONITOR, "user")
+    tale.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING)
+    assert noted(tale.fold(), watch) == "watches: its condition has not been tested"
+    tale.at(2.0).say(facts.MonitorTested(TaskId(watch), False))
+    assert noted(tale.fold(), watch) == "watches: its condition does not hold, for 1.00 s"
+
+
+def test_a_task_that_fails_under_what_was_killed_already_goes_on() -> None:
+    """What survives a kill may fail, and nobody handles that: it is not over, and its failure was not dealt with."""
+    tale = Story().module("legs", "move").at(1.0)
+    move = tale.command("move", "user")
+    tale.at(2.0).say(facts.Failed(move, "slip", "", True), facts.Unhandled(TaskId(move)))
+    assert tale.fold().tasks[move].state is State.HELD
+    assert failures(tale.fold())[0].cases[0].fate is Fate.NOT_HANDLED
