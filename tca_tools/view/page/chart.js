@@ -330,7 +330,7 @@ export class Chart {
   #click(event) {
     const found = event.offsetY > AXIS && this.at(event.offsetX, event.offsetY);
     if (found && found.span.message) this.choose(found.wait ? found.wait.message : found.span.message);
-    else if (event.offsetX > this.labels) this.setTime(this.#timeAt(event.offsetX));
+    else if (event.offsetX > this.labels) this.setTime(this.#timeAt(event.offsetX), { keepUp: true });
   }
 
   #zoom(x, factor) {

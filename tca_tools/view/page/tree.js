@@ -29,7 +29,7 @@ export class Tree {
     this.asked = 0; // goes up with all that may change notes
     this.isAsking = false;
     this.found = new Set();
-    this.keepsUp = true; // what is being handled stays in sight, until the reader scrolls himself
+    this.keepsUp = true; // what is current stays in sight, until the reader scrolls himself
     this.arrows = document.createElementNS("http://www.w3.org/2000/svg", "svg");
     this.arrows.id = "arrows";
     this.scroller.addEventListener("scroll", () => this.#draw());
@@ -96,9 +96,24 @@ export class Tree {
   }
 
   #keepUp() {
-    const handling = this.store.head.states.findIndex((state) => state.name === "handling");
-    const place = this.rows.findLastIndex((row) => row.task && this.store.stateAt(row.task, this.time) === handling);
+    const { chosen } = this.outline, isAlive = chosen && this.store.ended(chosen, this.time) === null;
+    if (isAlive && this.#inSight()[0]?.task === chosen) return; // what he watches goes on
+    const place = this.#current();
     if (place >= 0) this.#scrollTo(place);
+  }
+
+  // The row of what goes on: the last task that is being handled; if there is none, what changed last.
+  #current() {
+    const { store, time } = this, handling = store.head.states.findIndex((state) => state.name === "handling");
+    let newest = -Infinity, place = -1;
+    for (let i = this.rows.length - 1; i >= 0; i--) {
+      const { task } = this.rows[i];
+      if (!task) continue;
+      if (store.stateAt(task, time) === handling) return i;
+      const changed = store.entered(task, time);
+      if (changed > newest) [newest, place] = [changed, i];
+    }
+    return place;
   }
 
   #scrollTo(place) {
@@ -106,19 +121,25 @@ export class Tree {
     if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 2;
   }
 
-  // Bring a task into sight.
-  reveal(task) {
+  // Bring a task into sight, as it is at a time.
+  reveal(task, time) {
     this.outline.choose(task);
     this.keepsUp = false;
-    this.show(this.time);
+    this.show(time);
     let place = this.rows.findIndex((row) => row.task === task);
-    if (place < 0 && task.time <= this.time) {
+    if (place < 0 && task.time <= time) {
       this.outline.reveal(task);
-      this.show(this.time);
+      this.show(time);
       place = this.rows.findIndex((row) => row.task === task);
     }
     if (place < 0) return this.#draw();
     this.#scrollTo(place);
+    this.#draw();
+  }
+
+  // No task is chosen any more.
+  leave() {
+    this.outline.choose(null);
     this.#draw();
   }
 
