@@ -55,7 +55,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
         ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
         central.ignore(connection, header.number, f"{ended}: no failure can be raised on it")
         return
-    raise_failure(central, task, failure_of(header, body))
+    raise_failure(central, task, failure_of(header, body), connection.module.name)
     central.send(connection, header.number, Accepted(header.number, header.task))
 
 
@@ -74,9 +74,10 @@ def fail_task(central: State, task: Task, failure: Failure) -> None:
             task.more.recovering = handler
 
 
-def raise_failure(central: State, task: Task, failure: Failure) -> None:
-    """Raise a failure on a task beside its handler: who has the task goes on."""
-    central.facts.append(facts.Failed(task.id, failure.name, failure.text, is_beside=True))
+def raise_failure(central: State, task: Task, failure: Failure, by: str = CENTRAL) -> None:
+    """Raise a failure on a task beside its handler, as *by* wants: who has the task goes on."""
+    said = facts.Failed(task.id, failure.name, failure.text, is_beside=True, by=by, body=failure.body)
+    central.facts.append(said)
     _search(central, task, failure)
 
 

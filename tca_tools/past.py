@@ -5,7 +5,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from math import inf
 
-from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Suspension, Task
+from tca_tools.records import Claim, Handling, Message, ModuleRecord, Offer, Queueing, Raised, Suspension, Task
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 
@@ -25,11 +25,10 @@ class Past:
 
     def __init__(self) -> None:
         self.time = 0.0
-        self.times = array("d")
-        """The time of each entry, each later than the one before."""
+        self.times, self.numbers = array("d"), array("q")
+        """The time of each entry, each later than the one before, and its number."""
         self.clock = array("d")
         """What the entries say that their times are."""
-        self.numbers = array("q")
         self.began: float | None = None
         """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
         self.epoch = ""
@@ -54,6 +53,8 @@ class Past:
         """For each message who offered to handle it, oldest first."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor when its condition was tested, and whether it held."""
+        self.raised: dict[int, list[Raised]] = {}
+        """By task the failures that were raised beside its handler."""
         self.formats: dict[str, facts.FormatDefined] = {}
         """For each message its class and formats, as first declared."""
         self.lost_directly: dict[str, int] = {}

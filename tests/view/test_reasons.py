@@ -80,3 +80,32 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
     ):
         made = "([text, room]) => import('/page/format.js').then(({ abridged }) => abridged(text, room, (one) => one.length))"
         assert page.evaluate(made, [text, room]) == told
+
+
+def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"), "#t=4.2&task=7")
+    expect(page.locator("#task .state")).to_have_text("handling")
+    handled = page.locator("#story tr").last
+    expect(handled).to_contain_text("handled by controller")
+    expect(handled).to_contain_text("…")
+    expect(page.locator("#story")).not_to_contain_text("failed")
+    expect(page.locator("#chain")).to_have_count(0)
+    expect(page.locator("#later")).to_contain_text("failed: terrain collision")
+    page.keyboard.press("End")
+    expect(page.locator("#story")).to_contain_text("handled by controller: failed")
+    expect(page.locator("#later")).to_have_count(0)
+    expect(page.locator("#chain")).to_have_count(1)
+
+
+def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
+    story = Story().module("eyes", "look").at(1.0)
+    query = story.received("look", MessageClass.QUERY, "user")
+    story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED, data={"seen": 0})
+    story.say(facts.Failed(query, "blind", "")).say(facts.Answered(query))
+    page = look(story.write(tmp_path / "blind"), f"#t=2&task={query}")
+    expect(page.locator("#task h2")).to_have_text("look {1}")
+    expect(page.locator("#task .lead")).to_have_count(0)
+    expect(page.locator("#task pre")).to_have_count(0)
+    page.keyboard.press("End")
+    expect(page.locator("#task .lead").first).to_have_text("blind")
+    expect(page.locator("#task pre")).to_contain_text("seen")

@@ -173,6 +173,7 @@ export class Chart {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
+    for (const failure of row.raised) this.#drawRaised(failure, top + held * THIN, lanes, thin);
     context.fillStyle = css("--paper");
     context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
     context.fillStyle = css("--ink");
@@ -228,6 +229,18 @@ export class Chart {
       context.fillText(words, Math.max(x, this.labels) + 4, y + tall / 2 + 0.5);
       context.restore();
     }
+  }
+
+  // The moment at which a failure was raised beside the handler: a stroke across the bar, and a mark on it.
+  #drawRaised({ time, span, handled }, top, lanes, thin) {
+    const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? THIN - 2 : LANE - 2;
+    if (x < this.labels || x > this.width) return;
+    const y = isQueued ? top + lanes * LANE + Math.min(span.lane, thin - 1) * THIN : top + Math.min(span.lane, lanes - 1) * LANE;
+    context.fillStyle = css("--paper");
+    context.fillRect(x - 2, y, 4, tall); // seen in bars of its own colour, too
+    context.fillStyle = css(handled ? "--handled" : "--bad");
+    context.fillRect(x - 1, y, 2, tall);
+    this.#mark(x, y, context.fillStyle);
   }
 
   #drawQueued(span, x, width, y) {
@@ -296,7 +309,8 @@ export class Chart {
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;
       const wait = span.waits.find((one) => one.start <= time && one.end >= time);
-      return { span, wait, row };
+      const failure = row.raised.find((one) => one.span === span && Math.abs(one.time - time) <= 1.5 * near);
+      return { span, wait, row, failure };
     }
     return null;
   }

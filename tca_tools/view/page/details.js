@@ -38,7 +38,12 @@ export class Details {
     yield* this.#data("data of the failure", about.failure_data);
     yield element("h3", { text: "story" });
     if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
-    yield element("table", {}, ...about.story.map((one) => this.#sentence(one)));
+    const later = about.story.findIndex(({ time }) => time > this.time), known = later < 0 ? about.story : about.story.slice(0, later);
+    yield element("table", { id: "story" }, ...known.map((one) => this.#sentence(one)));
+    if (later >= 0) {
+      yield element("h3", { text: "what came later" });
+      yield element("table", { id: "later" }, ...about.story.slice(later).map((one) => this.#sentence(one)));
+    }
     if (!about.chain?.length) return;
     yield element("h3", { text: "its failure, step by step" });
     yield element("table", { id: "chain" }, ...about.chain.map((link) => this.#link(link)));
@@ -85,9 +90,10 @@ export class Details {
       element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }), element("td", {}, what));
   }
 
-  #sentence({ time, text, seconds: took }) {
-    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)),
-      element("td", { class: "number", text: took === null ? "" : length(took) }), element("td", {}, ...this.#linked(text)));
+  #sentence({ time, text, seconds: took, is_open: isOpen }) {
+    const isKnown = time <= this.time, lasts = isOpen && isKnown ? [age(time), " …"] : [took === null ? "" : length(took)];
+    return element("tr", { class: isKnown ? "" : "met" }, element("td", { class: "number" }, this.#moment(time)),
+      element("td", { class: "number" }, ...lasts), element("td", {}, ...this.#linked(text)));
   }
 
   #link({ time, depth, text }) {

@@ -4,7 +4,8 @@ import { length, seconds } from "./format.js";
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
-export function describe({ span, wait, row }, store) {
+export function describe({ span, wait, row, failure }, store) {
+  if (failure) return `a failure was raised on ${span.name} {${span.message}}, beside its handler, at ${seconds(failure.time)}${failure.handled ? ", and handled" : ""}`;
   const one = wait ?? span, end = Math.min(one.end, store.end);
   const holder = store.byId.get(span.message)?.name ?? "message";
   const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
