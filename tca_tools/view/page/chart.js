@@ -2,7 +2,7 @@
 
 import { css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
-import { describe, firstWith, share } from "./spans.js";
+import { describe, firstWith, isLight, share } from "./spans.js";
 
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
@@ -223,10 +223,12 @@ export class Chart {
       context.beginPath();
       context.rect(x, y, wide, tall);
       context.clip();
-      context.fillStyle = span.waits.length || span.kind === "waiting" ? "#111" : "#fff";
+      const left = Math.max(x, this.labels) + 4;
+      const words = fitted(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - left - 2);
+      const right = left + context.measureText(words).width;
+      context.fillStyle = isLight(span, this.#timeAt(left), this.#timeAt(right)) ? "#111" : "#fff";
       context.textAlign = "left";
-      const words = span.kind === "waiting" ? `waits for ${span.name}` : span.name;
-      context.fillText(words, Math.max(x, this.labels) + 4, y + tall / 2 + 0.5);
+      context.fillText(words, left, y + tall / 2 + 0.5);
       context.restore();
     }
   }

@@ -28,6 +28,13 @@ export function share(lane, from, to, seconds) {
   return Math.min((sums[to] - sums[from]) / seconds, 1);
 }
 
+// Whether a bar is light, since its handler waits, in more than half of a stretch of time.
+export function isLight({ kind, waits }, from, to) {
+  let light = 0;
+  for (const wait of waits) light += Math.max(Math.min(wait.end, to) - Math.max(wait.start, from), 0);
+  return kind === "waiting" || light > (to - from) / 2;
+}
+
 // The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.
 export function firstWith(list, holds, start = 0) {
   let low = start, high = list.length;

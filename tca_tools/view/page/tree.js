@@ -7,6 +7,7 @@ import { Outline } from "./outline.js";
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
+const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
@@ -225,7 +226,7 @@ export class Tree {
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const { text: note, since, whole } = this.#note(task) ?? { text: "", since: null, whole: "" };
     const why = element("span", { class: "why", title: whole });
-    const lasted = since === null ? [] : [", for ", age(since)], told = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name;
+    const lasted = since === null ? [] : [", for ", age(since)], told = (note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const room = this.room - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
     why.append(element("span", { class: "what", text: abridged(told, room, this.widthOf) }), ...lasted);
     line.append(cell, element("span", { class: "when", text: when }), why);
@@ -276,7 +277,7 @@ export class Tree {
   #drawArrows(first, last) {
     const places = new Map(), paths = [], cell = this.spacer.querySelector(".task");
     for (let place = first; place < last; place++) if (this.rows[place].task) places.set(this.rows[place].task, place);
-    const edge = cell ? cell.offsetLeft + cell.offsetWidth : 0, room = cell ? parseFloat(getComputedStyle(cell).paddingRight) : 0;
+    const edge = cell ? cell.offsetLeft + cell.offsetWidth - 5 : 0, room = cell ? parseFloat(getComputedStyle(cell).paddingRight) : 0;
     for (const [task, place] of places) {
       const drawn = new Map();
       for (const hold of task.holds) {
