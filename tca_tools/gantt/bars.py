@@ -285,8 +285,8 @@ class _Filler:
         failures = self.past.raised.get(number, []) if task is not None else []
         if task is None or not failures:
             return []
-        spans = sorted([*task.handlings, *task.queueings], key=attrgetter("start"))
-        after = next((span.start for span in spans if span.start > bar.start), inf)
+        starts = [handling.start for handling in task.handlings] + [queueing.start for queueing in task.queueings]
+        after = min((start for start in starts if start > bar.start), default=inf)
         marks = (one for one in failures if bar.start <= one.time < after)
         return [
             Mark(one.time, went_on(self.past, task, one.time), titles.raised(self.past, task, one)) for one in marks

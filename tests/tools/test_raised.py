@@ -4,6 +4,7 @@ from pathlib import Path
 
 from tools.story import Story
 
+from tca_tools.analysis.failures import failures
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
@@ -56,3 +57,8 @@ def test_an_older_journal_does_not_tell() -> None:
     told = Story().module("legs", "move").at(1.0)
     move = told.delivered(told.command("move", "user"), "legs").at(2.0).say(facts.Failed(1, "slip", "", is_beside=True))
     assert "failed: slip" in [one.text for one in story(move.fold(), 1)]
+
+
+def test_a_report_tells_who_raised_it() -> None:
+    found = {case.failure: case.raised_by for kind in failures(late().fold()) for case in kind.cases}
+    assert found == {"timeout": "central", "slip": "the command 'tca raise'"}
