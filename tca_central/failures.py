@@ -64,7 +64,7 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
         ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
         central.ignore(connection, header.number, f"{ended}: no failure can be raised on it")
         return
-    raise_failure(central, task, failure_of(header, body))
+    raise_failure(central, task, failure_of(header, body), connection.module.name)
     central.send(connection, header.number, Accepted(header.number, header.task))
 
 
@@ -83,9 +83,9 @@ def fail_task(central: State, task: Task, failure: Failure) -> None:
             task.more.recovering = handler
 
 
-def raise_failure(central: State, task: Task, failure: Failure) -> None:
-    """Raise a failure on a task beside its handler: who has the task goes on."""
-    central.has_failed(task, failure, is_beside=True)
+def raise_failure(central: State, task: Task, failure: Failure, by: str = CENTRAL) -> None:
+    """Raise a failure on a task beside its handler, as *by* wants: who has the task goes on."""
+    central.has_failed(task, failure, is_beside=True, by=by)
     _search(central, task, failure)
 
 

@@ -147,9 +147,10 @@ class State:
             return Outcome.KILLED, "", task.killed, b""
         return Outcome.DONE, "", "", task.result
 
-    def has_failed(self, delivery: Delivery, failure: Failure, *, is_beside: bool = False) -> None:
-        """Note that a failure was raised on a task or message."""
-        self.facts.append(facts.Failed(delivery.id, failure.name, failure.text, is_beside=is_beside))
+    def has_failed(self, delivery: Delivery, failure: Failure, *, is_beside: bool = False, by: str = "") -> None:
+        """Note that a failure was raised on a task or message; beside the handler of a task by whom, and with what."""
+        body = failure.body if is_beside else b""
+        self.facts.append(facts.Failed(delivery.id, failure.name, failure.text, is_beside, by, body))
         what = delivery.message
         self.failed[delivery.id] = (
             str(delivery) if isinstance(delivery, Task) else f"{what.message_class} {delivery.id} '{what.name}'"

@@ -9,7 +9,7 @@ from typing import Any
 
 from tca_tools.garbage import no_garbage
 from tca_tools.reacting import Reacting
-from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, Task, Wait
+from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, Raised, Task, Wait
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.vocabulary import Outcome
@@ -249,8 +249,13 @@ class History(Reacting):
         lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
         if lost:
             lost.outcome = Outcome.FAILED
+        text = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
+        if fact.is_beside:
+            self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by))
         if message := self.messages.get(lost.message_id if lost else fact.id):
-            self._change(message, "failure", f"{fact.failure}: {fact.text}" if fact.text else fact.failure)
+            self._change(message, "failure", text)
+            if fact.body:
+                self._change(message, "failure_data", fact.body)
 
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:

@@ -14,6 +14,7 @@ from tca_tools.records import (
     ModuleRecord,
     Offer,
     Queueing,
+    Raised,
     Suspension,
     Task,
 )
@@ -40,6 +41,8 @@ class Reactions:
         """For tasks that are to be killed, or must be done by a time: that."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor when its condition was tested, and whether it held."""
+        self.raised: dict[int, list[Raised]] = {}
+        """By task the failures that were raised beside its handler."""
 
 
 class Past(Reactions):
@@ -58,11 +61,10 @@ class Past(Reactions):
     def __init__(self) -> None:
         super().__init__()
         self.time = 0.0
-        self.times = array("d")
-        """The time of each entry, each later than the one before."""
+        self.times, self.numbers = array("d"), array("q")
+        """The time of each entry, each later than the one before, and its number."""
         self.clock = array("d")
         """What the entries say that their times are."""
-        self.numbers = array("q")
         self.began: float | None = None
         """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
         self.epoch = ""

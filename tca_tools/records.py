@@ -113,6 +113,17 @@ class Offer:
     """When it took that back, or left."""
 
 
+@dataclass(frozen=True, slots=True)
+class Raised:
+    """A failure was raised on a task beside its handler, which goes on."""
+
+    time: float
+    text: str
+    """Its name, with what was said of it."""
+    by: str
+    """The module that raised it, or "central" ("": the journal does not tell)."""
+
+
 Change = tuple[float, str, Any]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import groupby
-from math import nextafter
+from math import inf, nextafter
 from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from tca_tools.then import Then
 from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, watches, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import by_whom, kill_reason, place
+from tca_wire.wording import by_whom, kill_reason, place, raised_by
 
 _NEWLINE = "\n"
 _NO_TIME = 1e-6
@@ -36,6 +36,12 @@ class Sentence(NamedTuple):
     ending: str = ""
     """The end of the text, if it tells how it ended: not known before."""
 
+    def known(self, moment: float) -> "Sentence":
+        """What was known of it at a moment: of what ended later, not how nor when."""
+        if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
+            return self._replace(text=self.text.removesuffix(self.ending), seconds=None, is_open=True, ending="")
+        return self
+
     def by(self, moment: float, time: float) -> str:
         """What was known of it at a moment, when the clock showed *time*: with how long it took, or has so far."""
         if self.is_open or (self.seconds is not None and self.time + self.seconds > moment):
@@ -44,12 +50,14 @@ class Sentence(NamedTuple):
         return self.text + (f", {self.seconds:.3f} s" if self.seconds is not None else "")
 
 
-def story(past: Past, message_id: int) -> list[Sentence]:
-    """All that happened to a message or task, in order; nothing of one that is unknown."""
+def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
+    """All that happened to a message or task, in order; nothing of one that is unknown. What it waited for at *moment*
+    is told as that was then.
+    """
     message = past.messages.get(message_id)
     if message is None:
         return []
-    told = [_birth(past, message), *_changes(message)]
+    told = [_birth(past, message), *_changes(past, message)]
     if isinstance(message, Task):
         told += _exhausted(past, message)
         told += _kills(message)
@@ -59,11 +67,11 @@ def story(past: Past, message_id: int) -> list[Sentence]:
         told += _tests(past, message)
         told += _plans(past, message)
     told += _tellings(past, message)
-    told += _waits_in_queues(past, message)
+    told += _waits_in_queues(past, message, moment)
     for handling in message.handlings:
         told += _run(past, handling)
     if isinstance(message, Task):
-        told += _states(past, message)
+        told += _states(past, message, moment)
     return sorted(told, key=attrgetter("time"))  # at one time: what happened before what follows from it
 
 
@@ -82,21 +90,22 @@ def _birth(past: Past, message: Message) -> Sentence:
     return Sentence(message.received, text)
 
 
-def _waits_in_queues(past: Past, message: Message) -> Iterator[Sentence]:
+def _waits_in_queues(past: Past, message: Message, moment: float) -> Iterator[Sentence]:
     for queueing in message.queueings:
         if queueing.end == queueing.start:
             continue  # it passed through, to a handler that was free
         text = "no module handles it"
         if where := place(queueing.module, queueing.resource):
-            why = _kept_busy(past, queueing, message)
+            why = _kept_busy(past, queueing, message, moment)
             text = f"queued for {where}" + (f", {why}" if why else "")
         yield _spanning(queueing, text)
 
 
-def _kept_busy(past: Past, queueing: Queueing, message: Message) -> str:
-    """Who had the resource when the wait began; or who had it for himself when it ended."""
+def _kept_busy(past: Past, queueing: Queueing, message: Message, moment: float) -> str:
+    """Who had the resource when the wait began; or who had it for himself when it ended, or at a moment before."""
     key, start = (queueing.module, queueing.resource), Then(past, queueing.start)
-    last = Then(past) if queueing.end is None else Then(past, nextafter(queueing.end, 0.0))
+    end = past.time if queueing.end is None else nextafter(queueing.end, 0.0)
+    last = Then(past, min(end, moment) if queueing.start <= moment else end)
     return kept_busy(last if last.held_by(*key) and not start.held_by(*key) else start, *key, message)
 
 
@@ -129,12 +138,14 @@ def awaited(past: Past, wait: Wait) -> str:
     return f"for the reply to {past.describe(wait.awaited)}"
 
 
-def _changes(message: Message) -> Iterator[Sentence]:
+def _changes(past: Past, message: Message) -> Iterator[Sentence]:
     changed = {name for _, name, _ in message.changes}
+    raised = {(one.time, one.text): raised_by(one.by) for one in past.raised.get(message.id, ())}
     for name, say in _SAY.items():
         for time, new in message.became(name) if name in changed else ():
             if new:
-                yield Sentence(time, say(new))
+                who = raised.get((time, new), "") if name == "failure" else ""
+                yield Sentence(time, say(new) + who)
 
 
 _SAY: dict[str, Any] = {
@@ -205,7 +216,7 @@ def _plans(past: Past, task: Task) -> Iterator[Sentence]:
             yield Sentence(one.set_at, said)
 
 
-def _states(past: Past, task: Task) -> Iterator[Sentence]:
+def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
     for number, (time, state) in enumerate(task.states):
         after = task.states[number + 1][0] if number + 1 < len(task.states) else None
@@ -218,6 +229,7 @@ def _states(past: Past, task: Task) -> Iterator[Sentence]:
                 yield Sentence(time, "has ended" if is_late else str(state))
             continue
         last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
+        last = min(last, moment) if time <= moment else last
         then = Then(past, last)
         is_silent = state is State.PLANNING or watches(then.tasks[task.id])  # of whose tests other sentences tell
         reasons = [] if is_silent else why_waiting(then, TaskId(task.id))

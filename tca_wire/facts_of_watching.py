@@ -12,13 +12,16 @@ class _Fact(msgspec.Struct, frozen=True, array_like=True):
 
 class Failed(_Fact, frozen=True, tag="failed"):
     """A failure was raised on a task or message. Of a module that was lost no handler returns: this ends its part; but
-    a failure that is raised *beside* the handler changes nothing for the one that has the task.
+    a failure that is raised *beside* the handler changes nothing for the one that has the task. Of that one *by* is the
+    module that raised it, or "central" ("": an older journal does not tell), and *body* the failure's data.
     """
 
     id: int
     failure: str
     text: str
     is_beside: bool = False
+    by: str = ""
+    body: bytes = b""
 
 
 class Attached(_Fact, frozen=True, tag="attached"):

@@ -102,7 +102,7 @@ class Wording:
         return f"{self._name(fact.task)}: {_moments(fact.moments)}"
 
     def _failed(self, fact: facts.Failed) -> str:
-        return f"{self._name(fact.id)}: {fact.failure}" + (f": {fact.text}" if fact.text else "")
+        return f"{self._name(fact.id)}: {fact.failure}" + (f": {fact.text}" if fact.text else "") + raised_by(fact.by)
 
     def _killed(self, fact: facts.Killed) -> str:
         return f"{self._name(fact.task)}: {kill_reason(fact.why, fact.by)}"
@@ -236,6 +236,13 @@ def kill_reason(why: str, by: str) -> str:
         return why
     whom = by_whom(by).strip()
     return whom if why in ("", f"by module '{by}'") else f"{why} ({whom})"
+
+
+def raised_by(by: str) -> str:
+    """Who raised a failure beside the handler: " (raised by the command 'tca raise')"; of what central raises, its text
+    tells.
+    """
+    return f" (raised{by_whom(by)})" if by not in ("", CENTRAL) else ""
 
 
 def place(module: str, resource: str) -> str:

@@ -18,7 +18,7 @@ from tca_tools.story import exhausted
 from tca_wire.failures import BAD_DATA, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import place
+from tca_wire.wording import by_whom, place
 
 _RECEIVED, _START = attrgetter("received"), attrgetter("start")
 _OF_CENTRAL = NOT_BY_CHOICE - {HANDLER_ERROR, BAD_DATA}
@@ -105,7 +105,7 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
             continue
         name, _, words = text.partition(": ")
         failed = in_vain.get(time)
-        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(message, failed)
+        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(past, message, failed, time)
         why = told_to(past, message, time)
         case = Case(message.id, str(message), name, words, time, by, [], fate(past, message, time), why, 0.0, 0.0)
         case.lost = time - failed.start if failed else 0.0
@@ -114,11 +114,12 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         yield case
 
 
-def _raised_by(message: Message, failed: Handling | None) -> str:
+def _raised_by(past: Past, message: Message, failed: Handling | None, time: float) -> str:
     if failed:
         return f"its handler in {place(failed.module, failed.resource)}"
     where = message.handlings[-1] if message.handlings else None
-    return "another module or central" + (
+    by = next((one.by for one in past.raised.get(message.id, ()) if one.time == time), "")
+    return (by_whom(by).removeprefix(" by ") or "another module or central") + (
         f", beside its handler in {place(where.module, where.resource)}" if where else ""
     )
 

@@ -9,7 +9,7 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.coping import has_coped
+from tca_tools.coping import has_coped, went_on
 from tca_tools.gantt import titles
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
@@ -37,6 +37,17 @@ class Part:
         return self.tell()
 
 
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A moment of a bar."""
+
+    time: float
+    has_coped: bool
+    """Whether the run went on after that failure."""
+    title: str
+    """All there is to say about it."""
+
+
 @dataclass(slots=True)
 class Bar:
     """A message in a resource: handled, waited for outside of a handler, queued or suspended."""
@@ -51,6 +62,8 @@ class Bar:
     has_coped: bool = False
     """Whether the run went on after that failure."""
     waits: list[Part] = field(default_factory=list)
+    raised: list[Mark] = field(default_factory=list)
+    """The failures that were raised on it meanwhile, beside its handler."""
     is_suspended: bool = False
     is_beside: bool = False
     """Whether it is not what was asked for, but what that waited for."""
@@ -246,6 +259,7 @@ class _Filler:
         bar.has_failed = handling.outcome is Outcome.FAILED
         bar.has_coped = bar.has_failed and has_coped(past, handling)
         bar.is_beside = self._is_beside(handling.message_id)
+        bar.raised = self._raised(handling.message_id, bar)
         for wait in handling.waits:
             until = end if wait.end is None else min(wait.end, end)
             bar.waits.append(Part(wait.start, until, partial(titles.handler_waits, past, handling, wait)))
@@ -262,7 +276,21 @@ class _Filler:
             self.past.name(queueing.message_id), tell, queueing.start, self._until(queueing.end), queueing.end is None
         )
         bar.is_beside = self._is_beside(queueing.message_id)
+        bar.raised = self._raised(queueing.message_id, bar)
         return bar
+
+    def _raised(self, number: int, bar: Bar) -> list[Mark]:
+        """The failures that were raised on a task in a bar of it, or after its last one."""
+        task = self.past.tasks.get(number)
+        failures = self.past.raised.get(number, []) if task is not None else []
+        if task is None or not failures:
+            return []
+        starts = [handling.start for handling in task.handlings] + [queueing.start for queueing in task.queueings]
+        after = min((start for start in starts if start > bar.start), default=inf)
+        marks = (one for one in failures if bar.start <= one.time < after)
+        return [
+            Mark(one.time, went_on(self.past, task, one.time), titles.raised(self.past, task, one)) for one in marks
+        ]
 
     def _add_suspended(self, task: Task) -> None:
         """The spans in which a task was suspended, in the row where it was or would be handled."""

@@ -5,12 +5,13 @@ from html import escape
 
 from tca_tools.gantt.bars import Chart
 from tca_tools.gantt.colours import dark
-from tca_tools.gantt.shapes import CHARACTER, LONGEST_LABEL, MARGIN
+from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, LONGEST_LABEL, MARGIN
 from tca_tools.terminal import columns_of, cut, printable
 
 _LINE = 24.0
 _MOST_NAMES = 40
 """A robot has so many messages at most whose colours can be told apart."""
+_RAISED = "failure raised beside the handler"
 _GREY = "#52606d"
 
 
@@ -31,6 +32,9 @@ def meanings(chart: Chart) -> list[tuple[str, str]]:
     items += [('class="reserved"', "reserved")] * any(one.is_reserved for one in held)
     items += [('class="failed"', "failed")] * any(bar.has_failed and not bar.has_coped for bar in bars)
     items += [('class="coped"', "failed, and handled")] * any(bar.has_coped for bar in bars)
+    marks = [mark for bar in bars for mark in bar.raised if chart.start <= mark.time <= chart.end]
+    items += [(f'fill="{FAILED}"', _RAISED)] * any(not mark.has_coped for mark in marks)
+    items += [(f'fill="{COPED}"', f"{_RAISED}, and handled")] * any(mark.has_coped for mark in marks)
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
     items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)

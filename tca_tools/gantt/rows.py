@@ -22,6 +22,7 @@ _NARROW, _COLUMN = 1.5, 4.0
 _SMALLEST = 1.0
 _PALEST = 0.45
 _START = attrgetter("start")
+_STROKE = 2.5
 _FRAMED = 6.0
 """Pixels: a narrower bar that failed gets no frame."""
 
@@ -102,6 +103,21 @@ class Painter:
             yield from self._long_queue(row.queued, below)
         else:
             yield from self._queue(row.queued, below)
+            yield from self._marks(row.queued, below, _QUEUE_LANE, _MOST_QUEUE_LANES)
+        yield from self._marks(row.handled, top, _LANE, _MOST_LANES)
+
+    def _marks(self, bars: list[Bar], top: float, lane: float, most: int) -> Iterator[str]:
+        """The moments at which failures were raised beside the handlers: strokes that are higher than the bar."""
+        drawn: set[tuple[int, int]] = set()
+        for bar in bars:
+            for mark in bar.raised:
+                x, number = self._scale.x(mark.time), min(bar.lane, most - 1)
+                place = number, round(x / self._scale.finest)
+                if place in drawn or not self._scale.start <= mark.time <= self._scale.end:
+                    continue
+                drawn.add(place)
+                look, y = f'fill="{COPED if mark.has_coped else FAILED}"', top + number * lane
+                yield rectangle(look, x - _STROKE / 2, y - 1, x + _STROKE / 2, lane + 1, mark.title)
 
     def _queue(self, bars: list[Bar], top: float) -> Iterator[str]:
         wide, blocks = in_blocks(bars, self._scale.start, self._column, self._narrow)

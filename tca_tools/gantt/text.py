@@ -93,6 +93,10 @@ def _legend(chart: Chart, width: int, blocks: Blocks) -> Iterator[str]:
     failed = {bar.has_coped for row in chart.rows for bar in row.handled if bar.has_failed}
     words += [f"{blocks.handled}{_FAILED} failed"] * (False in failed)
     words += [f"{blocks.handled}{_COPED} failed, and handled"] * (True in failed)
+    marks = [mark for row in chart.rows for bar in (*row.handled, *row.queued) for mark in bar.raised]
+    raised = {mark.has_coped for mark in marks if chart.start <= mark.time <= chart.end}
+    words += [f"{_FAILED} failure raised beside the handler"] * (False in raised)
+    words += [f"{_COPED} the same, and handled"] * (True in raised)
     line = ""
     for word in words:
         if line and len(line) + 2 + len(word) > width:
@@ -131,6 +135,7 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
         for bar in row.queued:
             character = blocks.suspended if bar.is_suspended else blocks.queued
             _paint_run(queued[bar.lane], bar.start, bar.end, chart, character, bar.name, colours[bar.name])
+            _paint_marks(queued[bar.lane], bar, chart)
         yield from queued
     held = [one for one in row.held if one.end >= chart.start and one.start <= chart.end]
     if held:
@@ -169,6 +174,16 @@ def _paint(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -
         colour = "yellow" if bar.has_coped else "red"
     cells.characters[first:behind] = line
     cells.colours[first:behind] = [colour] * len(line)
+    _paint_marks(cells, bar, chart)
+
+
+def _paint_marks(cells: _Cells, bar: Bar, chart: Chart) -> None:
+    """The moments at which failures were raised beside its handler."""
+    for mark in bar.raised:
+        if chart.start <= mark.time <= chart.end:
+            at = min(_column(mark.time, chart, len(cells.characters)), len(cells.characters) - 1)
+            cells.characters[at] = _COPED if mark.has_coped else _FAILED
+            cells.colours[at] = "yellow" if mark.has_coped else "red"
 
 
 def _paint_run(

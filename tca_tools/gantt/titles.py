@@ -4,10 +4,12 @@ from math import inf
 
 from tca_tools.coping import failing, told_to
 from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Queueing, Task, Wait
+from tca_tools.records import Claim, Handling, Queueing, Raised, Task, Wait
 from tca_tools.waiting import for_whom
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import by_whom, place
+from tca_wire.wording import by_whom, place, raised_by
+
+NEWLINE = "\n"
 
 
 def handled(past: Past, handling: Handling) -> str:
@@ -20,6 +22,13 @@ def handled(past: Past, handling: Handling) -> str:
         told = told_to(past, failing(past, handling), handling.end or past.time)
         title += f", {told}" if told else ""
     return title
+
+
+def raised(past: Past, task: Task, failure: Raised) -> str:
+    """``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
+    told = told_to(past, task, failure.time)
+    title = f"{task} failed at {failure.time:.3f} s: {failure.text.partition(NEWLINE)[0]}{raised_by(failure.by)}"
+    return title + (f", {told}" if told else "")
 
 
 def handler_waits(past: Past, handling: Handling, wait: Wait) -> str:

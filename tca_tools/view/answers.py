@@ -7,7 +7,7 @@ from tca_tools.coping import Fate, fate, told_to, went_on
 from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import Message, Task
-from tca_tools.story import sender_of, story
+from tca_tools.story import Sentence, sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -34,7 +34,8 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
         message = past.messages.get(message_id)
         if message is None:
             return None
-        told = [{"time": one.time, "text": one.text, "seconds": one.seconds} for one in story(past, message_id)]
+        then = Then(past, moment)
+        told = [_sentence(one, then.moment) for one in story(past, message_id, then.moment)]
         answer = {
             "id": message.id,
             "name": message.name,
@@ -46,29 +47,35 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             "about_id": message.about,
             "received": message.received,
             "data": data_text(message.body),
-            "result": data_text(message.result),
-            "failure_data": data_text(message.failure_data),
-            **_failure_answer(past, message),
+            "result": data_text(message.was("result", then.moment)),
+            "failure_data": data_text(message.was("failure_data", then.moment)),
+            **_failure_answer(past, message, then.moment),
             "story": told[-_LONGEST_STORY:],
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
-        then = Then(past, moment)
         if isinstance(message, Task):
-            links = failure_chain(past, TaskId(message.id))
+            links = [link for link in failure_chain(past, TaskId(message.id)) if link.time <= then.moment]
             answer["chain"] = [asdict(link) | {"text": words.failure_line(link.text)} for link in links]
         if isinstance(message, Task) and message.received <= then.moment:
             answer |= _task_answer(past, then, then.tasks[message.id])
         return answer
 
 
-def _failure_answer(past: Past, message: Message) -> dict[str, Any]:
-    """Its failure as it stands, whether the run went on after it, and who was told."""
-    time = message.written("failure")
+def _sentence(one: Sentence, moment: float) -> dict[str, Any]:
+    """What was known of it; of what was still to come all, since the page says that it was."""
+    if one.time <= moment:
+        one = one.known(moment)
+    return {"time": one.time, "text": one.text, "seconds": one.seconds, "is_open": one.is_open}
+
+
+def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, Any]:
+    """Its failure as it stood, whether the run went on after it, and who was told."""
+    failure, time = message.was("failure", moment), message.written("failure", moment)
     return {
-        "failure": message.failure,
-        "handled": bool(message.failure) and went_on(past, message, time),
-        "replaced": bool(message.failure) and fate(past, message, time) is Fate.REPLACED,
-        "told": told_to(past, message, time) if message.failure else "",
+        "failure": failure,
+        "handled": bool(failure) and went_on(past, message, time),
+        "replaced": bool(failure) and fate(past, message, time) is Fate.REPLACED,
+        "told": told_to(past, message, time) if failure else "",
     }
 
 

@@ -39,7 +39,8 @@ TABLES = {
     "suspended.by": "i",  # a text: of each state "suspended", in their order, who wanted that, in words
     "failure.message": "i",  # or 0: of what came directly
     "failure.time": "d",
-    "failure.span": "i",  # the run of a handler that ended with it, or -1
+    "failure.span": "i",  # the run of a handler that ended with it, or what it was raised beside; or -1
+    "failure.beside": "B",  # whether it was raised beside the handler
     "verdict.failure": "i",  # the row of a failure
     "verdict.good": "B",  # whether the run went on after it, from now on
     "hold.task": "i",
@@ -86,6 +87,7 @@ class Feed:
         self.columns = Columns(TABLES)
         self._rows: dict[str, int] = {}
         self._open: dict[int, int] = {}  # the spans of records that go on, by the records' identity
+        self._newest: dict[int, int] = {}  # by message the span in which it was handled or queued last
         self._connected: dict[str, dict[str, int]] = {}  # the spans of modules that are connected, by resource
         self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
@@ -129,13 +131,19 @@ class Feed:
     def _tell_failed(self, fact: Failed) -> None:
         """A failure was raised on a message, or on what the fact names by its delivery."""
         number = self.history.message_of.get(fact.id, fact.id)
+        if fact.is_beside:
+            span = self._newest.get(number, -1)
+            self._tell_failure(self.history.tasks.get(number), number, self.history.time, span, is_beside=True)
+            return
         runs = [one for one in self._ended_badly if fact.id in (one[0].delivery, one[0].message_id)][:1]
         for one in runs:
             self._ended_badly.remove(one)
         self._tell_failure(self.history.messages.get(number), number, self.history.time, runs[0][1] if runs else -1)
 
-    def _tell_failure(self, failed: Failing | None, message: int, time: float, span: int) -> None:
-        row = self.columns.add("failure", message, time, span)
+    def _tell_failure(
+        self, failed: Failing | None, message: int, time: float, span: int, is_beside: bool = False
+    ) -> None:
+        row = self.columns.add("failure", message, time, span, is_beside)
         if failed is not None:
             self._verdicts.follow(row, failed, time)
 
@@ -226,7 +234,9 @@ class Feed:
         """Tell of a record that is new."""
         if id(record) not in self._open:
             text = self.columns.text(name)
-            self._open[id(record)] = self.columns.add("span", row, kind, text, message, within, start)
+            self._open[id(record)] = number = self.columns.add("span", row, kind, text, message, within, start)
+            if kind in (SpanKind.HANDLING, SpanKind.QUEUED):
+                self._newest[message] = number
 
     def _end(self, record: object, time: float, outcome: int = 0) -> None:
         self.columns.add("end", self._open.pop(id(record)), time, outcome)

@@ -67,7 +67,8 @@ def describe(fact: facts.Fact) -> str:
         case facts.Queued():
             return f"{fact.id} waits for {fact.module or 'a handler'}"
         case facts.Failed():
-            beside = ", beside its handler" if fact.is_beside else ""
+            whose = f" by {fact.by}" if fact.by not in ("", CENTRAL) else ""
+            beside = f", beside its handler{whose}" if fact.is_beside else ""
             return f"failed: id {fact.id}, failure {fact.failure}, text {fact.text}{beside}"
         case facts.FormatDefined() | facts.ResourceChanged() | facts.RequestRefused():
             return ""

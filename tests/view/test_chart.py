@@ -80,3 +80,25 @@ def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
         assert page.evaluate(made) == labels
     made = "import('/page/format.js').then(({ length }) => [0.0009996, 0.9996, 0.25].map(length))"
     assert page.evaluate(made) == ["1.00 ms", "1.00 s", "250 ms"]
+
+
+def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "hold the arm", "ask the eyes").at(1.0)
+    for name, wait in (("hold the arm", 0.0), ("ask the eyes", 9.0)):
+        task = story.command(name, "user")
+        story.delivered(task, "legs").say(facts.Claimed(task + 90, "eyes", "eyes", False, "legs", task))
+        story.at(story.entries[-1].time + wait).say(facts.Granted(task + 90)).at(story.entries[-1].time + 10 - wait)
+        story.returned(task)
+    page = look(story.write(tmp_path / "names"))
+    expect(page.locator("#counts")).to_be_attached()
+    drawn = """() => {
+      const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
+      context.fillText = (text, ...where) => { told.push([text, context.fillStyle]); fill.call(context, text, ...where); };
+      chart.draw();
+      delete context.fillText;
+      return told;
+    }"""
+    told = dict(page.evaluate(drawn))
+    assert (told["hold the arm"], told["ask the eyes"]) == ("#ffffff", "#111111")
+    page.evaluate("Object.assign(tca.chart, { from: 0, to: 200 })")
+    assert any(text.startswith("hold") and text.endswith("…") for text, _ in page.evaluate(drawn))

@@ -98,13 +98,16 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
 def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     """What was told last of each failure is what the records say now; and each is told."""
     last = dict(page.table("verdict"))
-    told = {(message, time, last.get(row, 0)) for row, (message, time, _) in enumerate(page.table("failure"))}
+    told = {(message, time, last.get(row, 0)) for row, (message, time, *_) in enumerate(page.table("failure"))}
     raised = {(entry.time, fact.id) for entry in entries for fact in entry.facts if isinstance(fact, facts.Failed)}
     assert len(raised) <= len(page.table("failure"))
     for message, time, is_good in told:
         if message in history.messages:
             assert is_good == went_on(history, history.messages[message], time)
-    spans = {span: last.get(row, 0) for row, (_, _, span) in enumerate(page.table("failure")) if span >= 0}
+    ended = [
+        (row, span) for row, (*_, span, is_beside) in enumerate(page.table("failure")) if span >= 0 and not is_beside
+    ]
+    spans = {span: last.get(row, 0) for row, span in ended}
     bad = [run for run in history.handlings if run.outcome is Outcome.FAILED]
     assert sorted(spans.values()) == sorted(has_coped(history, run) for run in bad)
 
@@ -162,9 +165,9 @@ def test_each_failure_is_told_with_its_message() -> None:
         feed.apply(entry)
     page.take(feed)
     assert page.table("failure") == [
-        (move, 2.0, 1),
-        (move, 3.0, -1),
-        (99, 3.0, -1),
+        (move, 2.0, 1, 0),
+        (move, 3.0, -1, 0),
+        (99, 3.0, -1, 0),
     ]
 
 

@@ -145,3 +145,36 @@ def test_a_query_that_was_sent_directly_and_failed_is_amber_too(look: Look, tmp_
     page = look(story.at(2.0).write(tmp_path / "direct"))
     told = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
     assert page.evaluate(told) == [["look", True], ["log", False]]
+
+
+def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move", resource="left").at(1.0)
+    move = story.command("move", "user")
+    story.delivered(move, "legs", "left").at(3.0)
+    story.say(
+        facts.Failed(move, "slip", "why", is_beside=True, by="tca raise#7", body=b"\xcb@\t\x00\x00\x00\x00\x00\x00")
+    )
+    waits = story.command("move", "user")
+    story.queued(waits, "legs", "left").at(4.0).say(
+        facts.Failed(waits, "timeout", "late", is_beside=True, by="central")
+    )
+    page = look(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "slip"))
+    expect(page.locator("#counts")).to_be_attached()
+    for time, kind in ((3, "handled"), (4, "queued")):
+        x, y, is_marked = page.evaluate(
+            """([time, kind]) => {
+          const { chart } = tca, place = chart.layout.find((one) => one.row.label === "legs / left");
+          const [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
+          const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels);
+          const y = place.top + (kind === "queued" ? 18 * place.lanes : 0) + 3;
+          const [red, green, blue] = chart.canvas.getContext("2d").getImageData(Math.floor(x), y, 1, 1).data;
+          return [box.left + x, box.top + y, red > 150 && blue < 60];  // red or amber
+        }""",
+            [time, kind],
+        )
+        assert is_marked
+        page.mouse.move(x, y)
+        expect(page.locator("#hint")).to_contain_text(f"beside its handler, at {time}.000 s")
+    page.locator(f".row[data-task='{move}']").click()
+    expect(page.locator("#task")).to_contain_text("failed: slip: why (raised by the command 'tca raise')")
+    expect(page.locator("#task")).to_contain_text("the failure's data: 3.125")

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import Story
+from tools.story import Story, stumbling
 from view.conftest import Look
 
 from tca_wire import facts
 from tca_wire.points import Moment
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 
 pytestmark = pytest.mark.slow
 
@@ -80,3 +80,73 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
     ):
         made = "([text, room]) => import('/page/format.js').then(({ abridged }) => abridged(text, room, (one) => one.length))"
         assert page.evaluate(made, [text, room]) == told
+
+
+def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) -> None:
+    page = look(stumbling().write(tmp_path / "walk"), "#t=4.2&task=7")
+    expect(page.locator("#task .state")).to_have_text("handling")
+    handled = page.locator("#story tr").last
+    expect(handled).to_contain_text("handled by controller")
+    expect(handled).to_contain_text("…")
+    expect(page.locator("#story")).not_to_contain_text("failed")
+    expect(page.locator("#chain")).to_have_count(0)
+    expect(page.locator("#later")).to_contain_text("failed: terrain collision")
+    page.keyboard.press("End")
+    expect(page.locator("#story")).to_contain_text("handled by controller: failed")
+    expect(page.locator("#later")).to_have_count(0)
+    expect(page.locator("#chain")).to_have_count(1)
+
+
+def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
+    story = Story().module("eyes", "look").at(1.0)
+    query = story.received("look", MessageClass.QUERY, "user")
+    story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED, data={"seen": 0})
+    story.say(facts.Failed(query, "blind", "")).say(facts.Answered(query))
+    page = look(story.write(tmp_path / "blind"), f"#t=2&task={query}")
+    expect(page.locator("#task h2")).to_have_text("look {1}")
+    expect(page.locator("#task .lead")).to_have_count(0)
+    expect(page.locator("#task pre")).to_have_count(0)
+    page.keyboard.press("End")
+    expect(page.locator("#task .lead").first).to_have_text("blind")
+    expect(page.locator("#task pre")).to_contain_text("seen")
+
+
+@pytest.mark.parametrize("letters", ["A", "deep "])
+def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
+    look: Look, tmp_path: Path, letters: str
+) -> None:
+    long = letters * (100_000 // len(letters))
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user", data={"to": long})
+    story.delivered(move, "legs").at(2.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", long))
+    page = look(story.reached(move, *Moment).write(tmp_path / "long"), f"#task={move}")
+    expect(page.locator("#task .lead.bad")).to_contain_text("show all 100006 characters")
+    assert page.evaluate("document.getElementById('task').textContent.length") < 30_000
+    assert page.evaluate("document.querySelector('.row .why').textContent.length") < 1000
+    page.locator("#task .lead.bad button").click()
+    expect(page.locator("#task textarea")).to_have_value(f"slip: {long}")
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .line").last).to_be_attached()
+    assert page.evaluate("document.getElementById('messages').textContent.length") < 10_000
+
+
+def test_a_traceback_keeps_its_lines_and_loses_its_carets(look: Look, tmp_path: Path) -> None:
+    text = "ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\n           ~^~\nZeroDivisionError: division"
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user")
+    story.delivered(move, "legs").at(2.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "handler error", text))
+    page = look(story.write(tmp_path / "trace"), f"#task={move}")
+    told = page.locator("#story .said", has_text="File")
+    expect(told).to_have_text("failed: handler error: ZeroDivisionError\n  File 'legs.py', line 7\n    return 1/0\nZeroDiv"
+                              "isionError: division", use_inner_text=True)  # fmt: skip
+
+
+def test_a_module_whose_work_is_done_did_not_fail(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").module("eyes", "look").at(1.0)
+    story.say(facts.ModuleLeft("legs", "it said goodbye")).at(2.0).say(
+        facts.ModuleLeft("eyes", "its connection closed")
+    )
+    page = look(story.write(tmp_path / "gone"))
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .line", has_text="its connection closed")).to_have_class(re.compile("bad"))
+    expect(page.locator("#messages .line", has_text="goodbye")).not_to_have_class(re.compile("bad"))

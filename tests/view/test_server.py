@@ -52,6 +52,7 @@ def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
         "time": 4.5,
         "text": "failed: terrain collision: leg 4 met\x1b[31m rock",
         "seconds": None,
+        "is_open": False,
     }
     assert asked(address, "message/4?at=1")["constraints"] == [
         {"id": 3, "text": "start achieving not before take steps {3} end achieving", "kind": "SEQ", "is_met": False},

@@ -2,7 +2,7 @@
 
 import { css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
-import { describe, firstWith, share } from "./spans.js";
+import { describe, firstWith, isLight, share } from "./spans.js";
 
 const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
@@ -173,6 +173,7 @@ export class Chart {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
+    for (const failure of row.raised) this.#drawRaised(failure, top + held * THIN, lanes, thin);
     context.fillStyle = css("--paper");
     context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
     context.fillStyle = css("--ink");
@@ -222,12 +223,26 @@ export class Chart {
       context.beginPath();
       context.rect(x, y, wide, tall);
       context.clip();
-      context.fillStyle = span.waits.length || span.kind === "waiting" ? "#111" : "#fff";
+      const left = Math.max(x, this.labels) + 4;
+      const words = fitted(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - left - 2);
+      const right = left + context.measureText(words).width;
+      context.fillStyle = isLight(span, this.#timeAt(left), this.#timeAt(right)) ? "#111" : "#fff";
       context.textAlign = "left";
-      const words = span.kind === "waiting" ? `waits for ${span.name}` : span.name;
-      context.fillText(words, Math.max(x, this.labels) + 4, y + tall / 2 + 0.5);
+      context.fillText(words, left, y + tall / 2 + 0.5);
       context.restore();
     }
+  }
+
+  // The moment at which a failure was raised beside the handler: a stroke across the bar, and a mark on it.
+  #drawRaised({ time, span, handled }, top, lanes, thin) {
+    const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? THIN - 2 : LANE - 2;
+    if (x < this.labels || x > this.width) return;
+    const y = isQueued ? top + lanes * LANE + Math.min(span.lane, thin - 1) * THIN : top + Math.min(span.lane, lanes - 1) * LANE;
+    context.fillStyle = css("--paper");
+    context.fillRect(x - 2, y, 4, tall); // seen in bars of its own colour, too
+    context.fillStyle = css(handled ? "--handled" : "--bad");
+    context.fillRect(x - 1, y, 2, tall);
+    this.#mark(x, y, context.fillStyle);
   }
 
   #drawQueued(span, x, width, y) {
@@ -296,7 +311,8 @@ export class Chart {
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;
       const wait = span.waits.find((one) => one.start <= time && one.end >= time);
-      return { span, wait, row };
+      const failure = row.raised.find((one) => one.span === span && Math.abs(one.time - time) <= 1.5 * near);
+      return { span, wait, row, failure };
     }
     return null;
   }
@@ -330,7 +346,7 @@ export class Chart {
   #click(event) {
     const found = event.offsetY > AXIS && this.at(event.offsetX, event.offsetY);
     if (found && found.span.message) this.choose(found.wait ? found.wait.message : found.span.message);
-    else if (event.offsetX > this.labels) this.setTime(this.#timeAt(event.offsetX));
+    else if (event.offsetX > this.labels) this.setTime(this.#timeAt(event.offsetX), { keepUp: true });
   }
 
   #zoom(x, factor) {

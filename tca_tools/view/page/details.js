@@ -2,6 +2,8 @@
 
 import { age, element, length, seconds, soon } from "./format.js";
 
+const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
+
 export class Details {
   constructor(store, { choose, setTime, ask }) {
     Object.assign(this, { store, choose, setTime, ask });
@@ -38,7 +40,12 @@ export class Details {
     yield* this.#data("data of the failure", about.failure_data);
     yield element("h3", { text: "story" });
     if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
-    yield element("table", {}, ...about.story.map((one) => this.#sentence(one)));
+    const later = about.story.findIndex(({ time }) => time > this.time), known = later < 0 ? about.story : about.story.slice(0, later);
+    yield element("table", { id: "story" }, ...known.map((one) => this.#sentence(one)));
+    if (later >= 0) {
+      yield element("h3", { text: "what came later" });
+      yield element("table", { id: "later" }, ...about.story.slice(later).map((one) => this.#sentence(one)));
+    }
     if (!about.chain?.length) return;
     yield element("h3", { text: "its failure, step by step" });
     yield element("table", { id: "chain" }, ...about.chain.map((link) => this.#link(link)));
@@ -77,7 +84,8 @@ export class Details {
   *#data(name, text) {
     if (!text) return;
     yield element("h3", { text: name });
-    yield element("pre", { text: pretty(text) });
+    const whole = pretty(text), shown = whole.slice(0, LONGEST_DATA);
+    yield element("pre", { text: shown }, shown.length < whole.length ? rest(whole) : null);
   }
 
   #constraint(one) {
@@ -86,13 +94,14 @@ export class Details {
       element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }), element("td", {}, what));
   }
 
-  #sentence({ time, text, seconds: took }) {
-    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)),
-      element("td", { class: "number", text: took === null ? "" : length(took) }), element("td", {}, ...this.#linked(text)));
+  #sentence({ time, text, seconds: took, is_open: isOpen }) {
+    const isKnown = time <= this.time, lasts = isOpen && isKnown ? [age(time), " …"] : [took === null ? "" : length(took)];
+    return element("tr", { class: isKnown ? "" : "met" }, element("td", { class: "number" }, this.#moment(time)),
+      element("td", { class: "number" }, ...lasts), element("td", { class: "said" }, ...this.#linked(text)));
   }
 
   #link({ time, depth, text }) {
-    const told = element("td", {}, ...this.#linked(text));
+    const told = element("td", { class: "said" }, ...this.#linked(text));
     told.style.paddingLeft = `calc(${depth} * var(--indent))`;
     return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)), told);
   }
@@ -103,8 +112,17 @@ export class Details {
     return when;
   }
 
-  // A text in which the tasks that it names are links: "move {7}", "task 7".
+  // A text in which tasks are links; of a very long one the beginning, and the rest when that is asked for.
   *#linked(text) {
+    const shown = withoutCarets(text);
+    if (shown.length <= LONGEST) return yield* this.#withLinks(shown);
+    yield* this.#withLinks(shown.slice(0, LONGEST));
+    yield "… ";
+    yield rest(shown);
+  }
+
+  // A text in which the tasks that it names are links: "move {7}", "task 7".
+  *#withLinks(text) {
     let told = 0;
     for (const { 0: found, 1: braced, 2: plain, index } of text.matchAll(/\{(\d+)\}|\btask (\d+)\b/g)) {
       const task = this.store.byId.get(Number(braced ?? plain)), name = `${task?.name} `;
@@ -123,6 +141,16 @@ export class Details {
     return made;
   }
 }
+
+// A button that shows all of a text, in a frame of its own.
+function rest(text) {
+  const made = element("button", { class: "link", text: `show all ${text.length} characters` });
+  made.addEventListener("click", () => made.replaceWith(element("textarea", { class: "whole", readOnly: true, rows: 16, value: text })));
+  return made;
+}
+
+// Python marks places in a traceback with lines of ^ and ~, under letters of one width.
+function withoutCarets(text) { return text.replaceAll(/\n[ \t]*[\^~]+[ \t]*(?=\n|$)/g, ""); }
 
 function times([start, end]) {
   if (end === null) return element("span", {}, `${seconds(start)} –  (`, age(start), ")");

@@ -28,15 +28,19 @@ async function ask(what, parameters = {}) {
   }
 }
 
-function setTime(time, { keepPlaying = false } = {}) {
+// With `keepUp` the tree comes along to what is current then, whatever the reader looked at before.
+function setTime(time, { keepPlaying = false, keepUp = time === Infinity && !keepPlaying } = {}) {
   if (!keepPlaying) slider.stop();
-  if (keepPlaying || time === Infinity) tree.keepsUp = true;
+  if (keepUp) tree.keepsUp = true;
   cursor = time >= store.end ? Infinity : Math.max(time, store.start);
+  slider.time = Math.min(cursor, store.end); // at once: the next key may come before the next picture
   if (!keepPlaying) reveal(cursor);
   draw();
 }
 
 function reveal(time) { chart.reveal(Math.min(time, store.end)); }
+
+function keepUp() { tree.keepsUp = true; }
 
 // A bit on, while the run is played.
 function playTo(time) {
@@ -52,13 +56,15 @@ function choose(id) {
   details.show(id, cursor);
   if (task) {
     if (task.time > cursor) setTime(task.time);
-    tree.reveal(task);
+    tree.reveal(task, Math.min(cursor, store.end)); // at the moment that all parts are about to show
+  } else {
+    tree.leave();
   }
   chart.draw();
   remember();
 }
 
-const callbacks = { choose, setTime, playTo, reveal, ask };
+const callbacks = { choose, setTime, playTo, reveal, keepUp, ask };
 const tree = new Tree(store, callbacks);
 const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);
@@ -143,9 +149,9 @@ function remember() {
   if (hash !== (location.hash || location.pathname)) history.replaceState(null, "", hash);
 }
 
-function recall() {
-  const said = new URLSearchParams(location.hash.slice(1));
-  if (said.has("t")) setTime(Number(said.get("t")) || 0);
+function recall(otherwise) {
+  const said = new URLSearchParams(location.hash.slice(1)), time = said.has("t") ? Number(said.get("t")) || 0 : otherwise;
+  if (time !== undefined) setTime(time, { keepUp: true });
   if (said.has("task")) choose(Number(said.get("task")));
 }
 
@@ -201,7 +207,7 @@ const KEYS = {
   ArrowDown: () => moveChoice(1),
   Enter: () => tree.toggleChosen(),
   " ": () => slider.toggle(),
-  Home: () => setTime(store.start),
+  Home: () => setTime(store.start, { keepUp: true }),
   End: () => setTime(Infinity),
   "[": () => goToFailure(-1),
   "]": () => goToFailure(1),
@@ -242,6 +248,7 @@ document.getElementById("divider").addEventListener("pointerdown", (down) => {
 });
 
 document.addEventListener("visibilitychange", draw);
+window.addEventListener("hashchange", () => recalled && recall(Infinity)); // an address is pasted into a page that is open
 setInterval(goOn, BEAT);
 window.tca = { store, tree, chart, slider }; // for a look from the browser's console
 follow();

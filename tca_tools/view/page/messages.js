@@ -4,6 +4,8 @@ import { element, seconds, soon } from "./format.js";
 import { lastNotAfter } from "./store.js";
 
 const BEFORE = 60, AFTER = 40;
+const LONGEST = 600; // characters of a line
+const GOODBYE = "it said goodbye"; // of a module that left because its work was done
 const BAD = ["failed", "killed", "dropped", "refused", "module left", "unhandled"];
 
 export class Messages {
@@ -31,14 +33,14 @@ export class Messages {
   }
 
   // Red, or amber if the run went on.
-  #tint({ kind, id, time }) {
-    if (!BAD.includes(kind)) return "";
+  #tint({ kind, id, time, text }) {
+    if (!BAD.includes(kind) || kind === "module left" && text.endsWith(GOODBYE)) return "";
     return kind === "failed" && this.store.failureAt(id, time)?.handled ? "handled" : "bad";
   }
 
   #line(line, place) {
     const kinds = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", this.#tint(line)];
-    const text = line.text + (line.data ? `  ${line.data}` : "");
+    const text = (line.text + (line.data ? `  ${line.data}` : "")).slice(0, LONGEST);
     const made = element("div", { class: kinds.filter(Boolean).join(" "), title: text },
       element("span", { class: "faint", text: `${seconds(line.time)}  ` }),
       element("span", { class: "kind", text: line.kind }), element("span", { text }));

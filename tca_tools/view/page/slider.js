@@ -7,8 +7,8 @@ const EDGE = 7; // pixels beside the track
 const LONGEST_SILENCE = 5; // seconds: so long it takes at most, however slow the run is played, until the next message
 
 export class Slider {
-  constructor(store, { setTime, playTo, reveal }) {
-    Object.assign(this, { store, setTime, playTo, reveal });
+  constructor(store, { setTime, playTo, reveal, keepUp }) {
+    Object.assign(this, { store, setTime, playTo, reveal, keepUp });
     this.time = 0;
     this.playing = null;
     this.canvas = document.getElementById("slider");
@@ -41,8 +41,7 @@ export class Slider {
     const { times } = this.store, place = lastNotAfter(times, this.time) + by;
     if (place >= times.length) this.setTime(Infinity);
     if (place < 0 || place >= times.length) return;
-    this.time = times[place]; // at once: the next key may come before the next picture
-    this.setTime(this.time);
+    this.setTime(times[place]);
   }
 
   // To another moment at which something failed; what failed there, if there is one.
@@ -50,7 +49,6 @@ export class Slider {
     const { failures } = this.store;
     const next = by > 0 ? failures.find(({ time }) => time > this.time) : failures.findLast(({ time }) => time < this.time);
     if (!next) return undefined;
-    this.time = next.time;
     this.setTime(next.time);
     return next.message;
   }
@@ -74,6 +72,7 @@ export class Slider {
     if (this.time >= this.store.last) this.time = this.store.start;
     this.playing = { last: performance.now(), frame: 0, time: this.time };
     this.reveal(this.time);
+    this.keepUp(); // until the reader scrolls
     const tick = (now) => {
       const { playing } = this, speed = this.#speedAt(playing.time);
       playing.time += Math.max(now - playing.last, 0) / 1000 * speed;
@@ -106,7 +105,7 @@ export class Slider {
   #drag(event) {
     this.stop();
     const { start, end } = this.store, share = (event.offsetX - EDGE) / (this.canvas.clientWidth - 2 * EDGE);
-    this.setTime(share >= 1 ? Infinity : start + Math.max(share, 0) * (end - start));
+    this.setTime(share >= 1 ? Infinity : start + Math.max(share, 0) * (end - start), { keepUp: true });
   }
 
   draw() {

@@ -4,7 +4,8 @@ import { length, seconds } from "./format.js";
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
-export function describe({ span, wait, row }, store) {
+export function describe({ span, wait, row, failure }, store) {
+  if (failure) return `a failure was raised on ${span.name} {${span.message}}, beside its handler, at ${seconds(failure.time)}${failure.handled ? ", and handled" : ""}`;
   const one = wait ?? span, end = Math.min(one.end, store.end);
   const holder = store.byId.get(span.message)?.name ?? "message";
   const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
@@ -25,6 +26,13 @@ export function share(lane, from, to, seconds) {
     sums.push(sums[sums.length - 1] + span.end - span.start);
   }
   return Math.min((sums[to] - sums[from]) / seconds, 1);
+}
+
+// Whether a bar is light, since its handler waits, in more than half of a stretch of time.
+export function isLight({ kind, waits }, from, to) {
+  let light = 0;
+  for (const wait of waits) light += Math.max(Math.min(wait.end, to) - Math.max(wait.start, from), 0);
+  return kind === "waiting" || light > (to - from) / 2;
 }
 
 // The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.

@@ -34,13 +34,14 @@ function noteFailure(task, time) {
 }
 
 function newRow(label) {
-  return { label, handled: [], queued: [], held: [], connected: [], failed: [] };
+  return { label, handled: [], queued: [], held: [], connected: [], failed: [], raised: [] };
 }
 
 // Into the first lane in which nothing else goes on.
 function putIntoLane(lanes, span) {
   let lane = lanes.findIndex((spans) => spans[spans.length - 1].end <= span.start);
   if (lane < 0) lane = lanes.push([]) - 1;
+  span.lane = lane;
   lanes[lane].push(span);
 }
 
@@ -160,7 +161,8 @@ export class Store {
       const message = columns["failure.message"][i], span = this.spans[columns["failure.span"][i]];
       const failure = { message, time, span, handled: false }; // handled: the run went on after it, or still may
       this.verdicts.push(failure);
-      if (span) span.failure = failure;
+      if (span && columns["failure.beside"][i]) this.rows[span.row].raised.push(failure);
+      else if (span) span.failure = failure;
       if (!message) return;
       this.failures.push(failure);
       if (!this.failuresOf.has(message)) this.failuresOf.set(message, []);

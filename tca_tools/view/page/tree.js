@@ -7,6 +7,7 @@ import { Outline } from "./outline.js";
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
+const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
@@ -29,7 +30,7 @@ export class Tree {
     this.asked = 0; // goes up with all that may change notes
     this.isAsking = false;
     this.found = new Set();
-    this.keepsUp = true; // what is being handled stays in sight, until the reader scrolls himself
+    this.keepsUp = true; // what is current stays in sight, until the reader scrolls himself
     this.arrows = document.createElementNS("http://www.w3.org/2000/svg", "svg");
     this.arrows.id = "arrows";
     this.scroller.addEventListener("scroll", () => this.#draw());
@@ -96,9 +97,24 @@ export class Tree {
   }
 
   #keepUp() {
-    const handling = this.store.head.states.findIndex((state) => state.name === "handling");
-    const place = this.rows.findLastIndex((row) => row.task && this.store.stateAt(row.task, this.time) === handling);
+    const { chosen } = this.outline, isAlive = chosen && this.store.ended(chosen, this.time) === null;
+    if (isAlive && this.#inSight()[0]?.task === chosen) return; // what he watches goes on
+    const place = this.#current();
     if (place >= 0) this.#scrollTo(place);
+  }
+
+  // The row of what goes on: the last task that is being handled; if there is none, what changed last.
+  #current() {
+    const { store, time } = this, handling = store.head.states.findIndex((state) => state.name === "handling");
+    let newest = -Infinity, place = -1;
+    for (let i = this.rows.length - 1; i >= 0; i--) {
+      const { task } = this.rows[i];
+      if (!task) continue;
+      if (store.stateAt(task, time) === handling) return i;
+      const changed = store.entered(task, time);
+      if (changed > newest) [newest, place] = [changed, i];
+    }
+    return place;
   }
 
   #scrollTo(place) {
@@ -106,19 +122,25 @@ export class Tree {
     if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 2;
   }
 
-  // Bring a task into sight.
-  reveal(task) {
+  // Bring a task into sight, as it is at a time.
+  reveal(task, time) {
     this.outline.choose(task);
     this.keepsUp = false;
-    this.show(this.time);
+    this.show(time);
     let place = this.rows.findIndex((row) => row.task === task);
-    if (place < 0 && task.time <= this.time) {
+    if (place < 0 && task.time <= time) {
       this.outline.reveal(task);
-      this.show(this.time);
+      this.show(time);
       place = this.rows.findIndex((row) => row.task === task);
     }
     if (place < 0) return this.#draw();
     this.#scrollTo(place);
+    this.#draw();
+  }
+
+  // No task is chosen any more.
+  leave() {
+    this.outline.choose(null);
     this.#draw();
   }
 
@@ -205,7 +227,7 @@ export class Tree {
     const { text: note, since, whole } = this.#note(task) ?? { text: "", since: null, whole: "" };
     const isHandled = name === "failed" && this.store.lastFailure(task.id, this.time)?.handled;
     const why = element("span", { class: isHandled ? "why handled" : "why", title: whole });
-    const lasted = since === null ? [] : [", for ", age(since)], told = note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name;
+    const lasted = since === null ? [] : [", for ", age(since)], told = (note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const room = this.room - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
     why.append(element("span", { class: "what", text: abridged(told, room, this.widthOf) }), ...lasted);
     line.append(cell, element("span", { class: "when", text: when }), why);
@@ -256,7 +278,7 @@ export class Tree {
   #drawArrows(first, last) {
     const places = new Map(), paths = [], cell = this.spacer.querySelector(".task");
     for (let place = first; place < last; place++) if (this.rows[place].task) places.set(this.rows[place].task, place);
-    const edge = cell ? cell.offsetLeft + cell.offsetWidth : 0, room = cell ? parseFloat(getComputedStyle(cell).paddingRight) : 0;
+    const edge = cell ? cell.offsetLeft + cell.offsetWidth - 5 : 0, room = cell ? parseFloat(getComputedStyle(cell).paddingRight) : 0;
     for (const [task, place] of places) {
       const drawn = new Map();
       for (const hold of task.holds) {

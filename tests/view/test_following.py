@@ -1,0 +1,159 @@
+"""The tree goes where the reader does: to what he chose, to what is current at a time, and nowhere against his will."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+from tools.story import Story
+from view.conftest import Look
+
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome
+
+pytestmark = pytest.mark.slow
+
+STEPS = 60
+SLIP = 40
+"""The step whose last move fails."""
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Path:
+    """One step of ten seconds after the other: 5 s of each, nothing is handled."""
+    story = Story().module("planner", "step").module("legs", "move")
+    for step in range(STEPS):
+        story.at(step * 10.0)
+        parent = story.goal("step", "user")
+        story.delivered(parent, "planner").reached(parent, Moment.START_ACHIEVING)
+        moves = [story.command("move", "planner", parent) for _ in range(3)]
+        story.returned(parent)
+        for place, move in enumerate(moves):
+            story.at(step * 10.0 + 1 + place).delivered(move, "legs").at(step * 10.0 + 1.5 + place)
+            if step == SLIP and place == 2:
+                story.returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", "on ice"))
+            else:
+                story.returned(move).reached(move, Moment.END_ACHIEVING)
+        story.at(step * 10.0 + 5)
+        if step % 5 == 0:  # so that there are no long runs of steps alike, which would be folded
+            story.say(facts.Killed(TaskId(parent), "enough"))
+        story.reached(parent, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    return story.write(tmp_path / "walk")
+
+
+def chosen(page: Page) -> Locator:
+    return page.locator(".row.chosen")
+
+
+def on_slider(page: Page, share: float) -> None:
+    box = page.locator("#slider").bounding_box()
+    assert box
+    page.mouse.click(box["x"] + box["width"] * share, box["y"] + box["height"] / 2)
+
+
+def first_number(step: int) -> int:
+    return step * 4 + 1
+
+
+def test_the_failure_that_one_goes_to_is_in_sight(look: Look, walk: Path) -> None:
+    page = look(walk, "#t=15")
+    expect(page.locator(".row").first).to_be_visible()
+    page.keyboard.press("]")
+    expect(page.locator("#clock")).to_have_text(f"{SLIP * 10 + 3.5:.3f} s")
+    expect(chosen(page)).to_have_attribute("data-task", str(first_number(SLIP) + 3))
+    expect(chosen(page)).to_be_in_viewport()
+    page.keyboard.press("Home")
+    page.locator("#tree").focus()
+    page.keyboard.press("]")
+    expect(chosen(page)).to_be_in_viewport()
+
+
+def test_what_a_bar_of_the_future_stands_for_is_in_sight(look: Look, walk: Path) -> None:
+    page = look(walk, "#t=15")
+    expect(page.locator(".row").first).to_be_visible()
+    x, y = page.evaluate("""() => {
+      Object.assign(tca.chart, { from: 580, to: 600 });
+      tca.chart.draw();
+      const { chart } = tca, place = chart.layout.find((one) => one.row.label === "legs");
+      const span = place.row.handled[0].at(-1), box = chart.canvas.getBoundingClientRect(), [from, to] = chart.window;
+      const x = chart.labels + (span.start + 0.2 - from) / (to - from) * (chart.width - chart.labels);
+      return [box.left + x, box.top + place.top + 6];
+    }""")
+    page.mouse.click(x, y)
+    expect(chosen(page)).to_have_attribute("data-task", str(first_number(STEPS - 1) + 3))
+    expect(chosen(page)).to_be_in_viewport()
+    before = page.locator("#rows").evaluate("(rows) => rows.scrollTop")
+    for _ in range(4):  # what was chosen stays where it is
+        page.keyboard.press("ArrowRight")
+    expect(chosen(page)).to_be_in_viewport()
+    assert page.locator("#rows").evaluate("(rows) => rows.scrollTop") == before
+
+
+def test_a_query_that_failed_is_no_task_that_was_chosen_before(look: Look, tmp_path: Path) -> None:
+    story = Story().module("eyes", "look").at(1.0)
+    move = story.command("move", "user")
+    query = story.at(2.0).received("look", MessageClass.QUERY, "user")
+    story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED).say(facts.Failed(query, "blind", ""))
+    page = look(story.write(tmp_path / "blind"), f"#t=2.5&task={move}")
+    expect(chosen(page)).to_have_count(1)
+    page.keyboard.press("]")
+    expect(page.locator("#task h2")).to_have_text("look {2}")
+    expect(chosen(page)).to_have_count(0)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.76, 1.0])
+def test_where_nothing_is_handled_the_tree_shows_what_happened_last(look: Look, walk: Path, share: float) -> None:
+    page = look(walk)
+    on_slider(page, share)
+    expect(page.locator("#follow")).to_have_class("on" if share == 1.0 else "")
+    step = page.evaluate("tca.tree.store.sentBy(tca.store.top, tca.slider.time)") - 1
+    assert step > 10  # far below what a window has
+    expect(page.locator(f".row[data-task='{first_number(step)}']")).to_be_in_viewport()
+
+
+def test_where_everything_waits_the_newest_wait_is_in_sight(look: Look, tmp_path: Path) -> None:
+    story = Story().module("planner", "step")
+    for number in range(50):
+        task = story.at(float(number)).command("open door", "user")
+        if number % 2:
+            story.queued(task)
+    page = look(story.write(tmp_path / "waiting"))
+    expect(page.locator(".row[data-task='50']")).to_be_in_viewport()
+    expect(page.locator(".row[data-task='1']")).not_to_be_in_viewport()
+    on_slider(page, 0.6)
+    expect(page.locator(".row[data-task='29']")).to_be_in_viewport()
+
+
+def test_who_scrolls_is_left_alone_until_he_asks(look: Look, walk: Path) -> None:
+    page = look(walk)
+    on_slider(page, 0.5)
+    page.locator("#rows").hover()
+    page.mouse.wheel(0, -100_000)
+    first = page.locator(".row[data-task='1']")
+    expect(first).to_be_in_viewport()
+    for key in ("ArrowRight", "ArrowRight", "ArrowLeft"):
+        page.keyboard.press(key)
+        expect(first).to_be_in_viewport()
+    on_slider(page, 0.7)
+    expect(first).not_to_be_in_viewport()
+    page.locator("#speed").select_option("100")
+    page.locator("#play").click()
+    page.locator("#rows").hover()
+    page.mouse.wheel(0, -100_000)
+    expect(page.locator("#play")).to_have_text("▶")  # until the end, which he sees there
+    expect(first).to_be_in_viewport()
+
+
+def test_an_address_is_pasted_into_the_page_that_is_open(look: Look, walk: Path) -> None:
+    page = look(walk)
+    expect(page.locator("#follow")).to_have_class("on")
+    address, task = page.url.split("#")[0], first_number(30) + 2
+    page.evaluate(f"location.assign('{address}#t=302.2&task={task}')")
+    expect(page.locator("#clock")).to_have_text("302.200 s")
+    expect(chosen(page)).to_have_attribute("data-task", str(task))
+    expect(chosen(page)).to_be_in_viewport()
+    expect(page.locator("#task h2")).to_have_text(f"move {{{task}}}")
+    page.evaluate(f"location.assign('{address}#task=1')")  # no moment: the end
+    expect(page.locator("#follow")).to_have_class("on")
+    expect(chosen(page)).to_have_attribute("data-task", "1")
+    expect(chosen(page)).to_be_in_viewport()
