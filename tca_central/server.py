@@ -63,6 +63,7 @@ class Server:
         self._outboxes: dict[ConnectionId, Outbox] = {}
         self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
         self._too_slow: dict[ConnectionId, str] = {}
+        self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
         self._next_beat = BEAT_PERIOD
         self._context = zmq.Context()
         self._lock = _lock_of(endpoint)
@@ -139,7 +140,11 @@ class Server:
             elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.asked:
                 watch = self.central.asked[fact.id]
                 what = watch.condition.message.name
-                log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
+                if what not in self._unseen:
+                    self._unseen.add(what)
+                    log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
+            elif isinstance(fact, facts.HandlerAdded):
+                self._unseen.discard(fact.message)
 
     def _flush(self) -> None:
         """End a turn: first the journal, then the messages that it justifies."""
