@@ -5,7 +5,7 @@ from tca_module import Command, Goal, Module, Task, this
 TEA = Goal("tea")
 BOIL, LAY, POUR = Command("boil water"), Command("lay table"), Command("pour")
 
-kitchen, hands = Module("kitchen"), Module("hands", capacity=3)
+kitchen, hands = Module("kitchen"), Module("hands")
 
 
 @kitchen.handles(TEA)

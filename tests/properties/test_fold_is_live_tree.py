@@ -1,39 +1,29 @@
 """Folding the journal gives the live tree, after every event of a random life."""
 
 import pytest
-from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
 from tca_central.core import Central
-from tca_central.events import Effect, Record
 from tca_tools.history import History
 from tca_wire import headers
 from tca_wire.constraints import Flags
 from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
 
 
-class FoldedPlayer(Player):
-    """Folds every entry, and looks whether that gives the live tree."""
+class LivePlayer(FoldedPlayer):
+    """Looks whether the fold gives the live tree."""
 
-    def __init__(self) -> None:
-        super().__init__(check=False)
-        self.history = History()
-
-    def event(self, event: object) -> list[Effect]:
-        effects = super().event(event)
-        for effect in effects:
-            if isinstance(effect, Record):
-                self.history.apply(effect.entry)
+    def compare(self) -> None:
         assert_same(self.central, self.history)
-        return effects
 
 
 @given(st.lists(operation, max_size=50))
 @settings(max_examples=400, deadline=None)
 def test_folding_the_journal_gives_the_live_tree(operations: list[tuple[str, int, int, int, int]]) -> None:
-    life = Life(FoldedPlayer())
+    life = Life(LivePlayer())
     for name, *numbers in operations:
         life.do(name, *numbers)
 
@@ -41,14 +31,14 @@ def test_folding_the_journal_gives_the_live_tree(operations: list[tuple[str, int
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=2, deadline=None)
 def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
-    Life(FoldedPlayer()).go_on(seed, 2_000)
+    Life(LivePlayer()).go_on(seed, 2_000)
 
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=30, deadline=None)
 def test_folding_many_long_journals_gives_the_live_tree(seed: int) -> None:
-    Life(FoldedPlayer()).go_on(seed, 5_000)
+    Life(LivePlayer()).go_on(seed, 5_000)
 
 
 def assert_same(central: Central, history: History) -> None:
@@ -69,7 +59,7 @@ def assert_same(central: Central, history: History) -> None:
 
 
 def test_a_retried_task_waits_under_a_new_number() -> None:
-    player = FoldedPlayer()
+    player = LivePlayer()
     player.module("legs", "command move")
     player.module("user")
     player.declare("user", "command move")

@@ -3,13 +3,12 @@
 import re
 from operator import itemgetter
 
-from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
 from tca_central.core import Central
-from tca_central.events import Effect, Record
 from tca_central.load import _held, load
 from tca_tools.history import History
 from tca_tools.records import State
@@ -22,20 +21,11 @@ _NUMBER = re.compile(r"\{(\d+)\}")
 _RESOURCE = re.compile(r"resource '(.*)' of '(.*)'")
 
 
-class ToldPlayer(Player):
-    """A player whose journal is folded; after every event central and the fold are asked why each task waits."""
+class ToldPlayer(FoldedPlayer):
+    """After every event central and the fold are asked why each task waits."""
 
-    def __init__(self) -> None:
-        super().__init__(check=False)
-        self.history = History()
-
-    def event(self, event: object) -> list[Effect]:
-        effects = super().event(event)
-        for effect in effects:
-            if isinstance(effect, Record):
-                self.history.apply(effect.entry)
+    def compare(self) -> None:
         assert_same_reasons(self.central, self.history)
-        return effects
 
 
 def assert_same_reasons(central: Central, history: History) -> None:
