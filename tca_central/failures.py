@@ -332,8 +332,10 @@ def _check_order(central: State, task: Task, asking: Task | None) -> None:
     moment = END_PLANNING if task.reached & END_HANDLING else END_HANDLING
     if task.reached & moment:
         return
-    awaited = [child for child in (task.children or {}).values() if child.survives and not child.is_guest]
-    for one in (*awaited, asking) if asking is not None and asking not in awaited else awaited:
+    awaited = {child for child in (task.children or {}).values() if child.survives and not child.is_guest}
+    if asking is not None:
+        awaited.add(asking)
+    for one in sorted(awaited, key=lambda one: one.id):
         if path := find_path(central.tree, Place(task, moment), Place(one, END_ACHIEVING)):
             waits = next(place.task for place in path if place.task is not task)
             text = f"{task} can't be retried: {waits} under it must end before, and waits for {task}"

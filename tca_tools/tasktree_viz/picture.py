@@ -5,8 +5,6 @@ from typing import Any
 
 from tca_tools.errors import NoPicture
 
-PICTURES = (".svg", ".png", ".pdf")
-
 
 def drawn(source: str, kind: str) -> bytes:
     """The picture that *source* describes, as "svg", "png" or "pdf". Raises NoPicture."""
