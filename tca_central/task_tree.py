@@ -27,7 +27,9 @@ class Rare:
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
         self.taps: list[Tap] = []  #: its own wiretaps, oldest first
-        self.fired: set[int] = set()  #: wiretaps that have been fired before a moment of it
+        self.fired: dict[
+            int, bool
+        ] = {}  #: wiretaps fired before a moment of it -> whether anybody handled the listener
         self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: what it is doing
