@@ -78,14 +78,7 @@ def successors(place: Place) -> Iterator[Place]:
             yield from (Place(follower, one) for one in ENDS_OF_HANDLING)
         elif at == moment:
             yield Place(follower, its_moment)
-    if moment in (START_PLANNING, START_ACHIEVING):
-        yield from (Place(child, moment) for child in (task.children or {}).values() if not child.is_free)
-    elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
-        yield Place(parent, moment)
-        if moment == END_ACHIEVING and _decides(task, parent):
-            yield from (Place(parent, one) for one in ENDS_OF_HANDLING)
-        if moment == END_ACHIEVING and task.rare is not None:
-            yield from (Place(asked, one) for asked in task.rare.asked for one in ENDS_OF_HANDLING)
+    yield from _relatives_after(task, moment)
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -100,6 +93,17 @@ def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
         if at in (moment, came_before) and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)
     yield from _relatives_before(task, moment)
+
+
+def _relatives_after(task: Task, moment: int) -> Iterator[Place]:
+    if moment in (START_PLANNING, START_ACHIEVING):
+        yield from (Place(child, moment) for child in (task.children or {}).values() if not child.is_free)
+    elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
+        yield Place(parent, moment)
+        if moment == END_ACHIEVING and _decides(task, parent):
+            yield from (Place(parent, one) for one in ENDS_OF_HANDLING)
+        if moment == END_ACHIEVING and task.rare is not None:
+            yield from (Place(asked, one) for asked in task.rare.asked for one in ENDS_OF_HANDLING)
 
 
 def _relatives_before(task: Task, moment: int) -> Iterator[Place]:

@@ -20,6 +20,7 @@ CHECKED = {
     "checker": ("command check", "goal survey", "inform note"),
 }
 """Who checks comes and goes by itself."""
+MESSAGES = [message for handled in CHECKED.values() for message in handled]
 BEFORE = (Condition.BEFORE_HANDLING,) * 4 + (
     Condition.BEFORE_ACHIEVING, Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED, Condition.WHEN_ACHIEVED,
 )  # fmt: skip
@@ -35,7 +36,7 @@ class CheckedLife(JudgedLife):
     """Many checks: of messages, and of single tasks that wait."""
 
     modules = CHECKED
-    messages = [message for handled in CHECKED.values() for message in handled]
+    messages = MESSAGES
 
     def join(self, module: str) -> None:
         self.generation += 1
