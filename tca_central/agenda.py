@@ -19,12 +19,10 @@ from tca_central.intervals import (
     MUST_FOLLOW_IN_GOAL,
     REACHED_AT_BIRTH_BY_COMMAND,
     STARTS,
-    STARTS_OF_COMMAND,
-    STARTS_OF_GOAL,
     delivered_at,
 )
 from tca_central.registry import Delivery, Tap
-from tca_central.task_tree import Task, TaskTree, taps_of
+from tca_central.task_tree import Task, TaskTree, first_moments, taps_of, to_be_fired
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Killed, Reached, TimedOut
 from tca_wire.points import (
@@ -324,22 +322,3 @@ class Agenda:
     def _take_back(self, task: Task) -> None:
         task.requested = False
         self.withdrawn.append(task)
-
-
-def first_moments(task: Task) -> int:
-    """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
-    if task.reached & START_HANDLING:
-        return START_HANDLING
-    return STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
-
-
-def to_be_fired(task: Task, moments: int) -> list[Tap]:
-    """The wiretaps to be fired before a task reaches *moments*: those that have not been, or whose listener nobody
-    handled then and somebody does now.
-    """
-    fired = task.rare.fired if task.rare else {}
-    return [
-        tap
-        for tap in taps_of(task)
-        if tap.before & moments and (tap.id not in fired or (not fired[tap.id] and tap.listener.handlers))
-    ]

@@ -1,7 +1,6 @@
 """Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
 
 from tca_central import claims, direct, notices
-from tca_central.agenda import to_be_fired
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.intervals import FAILURE, RETURNED
@@ -12,7 +11,7 @@ from tca_central.requests import fail_delivery, give_up
 from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
 from tca_central.taps import happened, listeners_come
-from tca_central.task_tree import Task
+from tca_central.task_tree import Task, to_be_fired
 from tca_wire import facts, headers
 from tca_wire.failures import MODULE_LOST
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Cancelled

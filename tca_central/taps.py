@@ -12,13 +12,12 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from tca_central import direct
-from tca_central.agenda import first_moments, to_be_fired
 from tca_central.errors import RequestError
 from tca_central.intervals import DELIVERED, FAILURE, KILLED, REPLIED, RETURNED, SENT, STARTS, SUCCESS, delivered_at
 from tca_central.making import data_for, make_statement, make_task
 from tca_central.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.state import State, involved
-from tca_central.task_tree import Task, taps_of
+from tca_central.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself, enlist
 from tca_wire import facts, headers
 from tca_wire.formats import NO_DATA, first_difference
