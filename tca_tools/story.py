@@ -224,7 +224,7 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
         if is_told or (after is not None and after - time < _NO_TIME):
             continue
         if state in OVER:
-            is_late = number > 0 and task.states[number - 1][1] is State.ENDING
+            is_late = number > 0 and (task.states[number - 1][1] is State.ENDING or _failed_before(task, state, time))
             if state not in _IS_TOLD or is_late:
                 yield Sentence(time, "has ended" if is_late else str(state))
             continue
@@ -237,6 +237,11 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
             continue
         why = f", {' and '.join(reasons)}" if reasons else ""
         yield Sentence(time, f"{state}{why}", None if after is None else after - time, after is None)
+
+
+def _failed_before(task: Task, state: State, time: float) -> bool:
+    """Whether it ends as failed, and went on after its failure: so does what survives what is above it."""
+    return state is State.FAILED and task.killed is None and task.written("failure", time) < time
 
 
 def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
