@@ -61,7 +61,7 @@ def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
     if story:
         one = one_task(past, story)
         wanted = messages_of(past, subtree(past, [one]))
-        return Pick(rows, wanted, waited_for(past, one, wanted), *_life(past, past.tasks[one]))
+        return Pick(rows, wanted, waited_for(past, one, wanted), wanted, *_life(past, past.tasks[one]))
     if asked.task is not None:
         return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
     return Pick(rows)
