@@ -8,6 +8,7 @@ any handler is told, and nothing fails with it. Pure; each step is O(log) of wha
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from enum import StrEnum
+from math import inf
 from operator import attrgetter, itemgetter
 
 from tca_tools.past import Past
@@ -17,6 +18,11 @@ from tca_wire.vocabulary import Outcome, Role
 _SINCE, _START = itemgetter(0), attrgetter("start")
 _UNDECIDED = (State.RECOVERING, State.ENDING, State.FAILED)
 """States in which a failure leaves its task first; what comes after them decides."""
+
+HANDLED = "failed (handled)"
+"""How a task stands that has failed, if the run went on after that."""
+STANDINGS = tuple(word for state in State for word in ((state, HANDLED) if state is State.FAILED else (state,)))
+"""All words for how a task stands, in the order in which they are listed."""
 
 Failing = Message | Handling
 """What fails: a message; or the run of a handler, of what is no message that central knows."""
@@ -60,6 +66,16 @@ def went_on(past: Past, failed: Failing, time: float) -> bool:
     if isinstance(last, Task):
         return _has_failed(last) and _of_task(past, last, when) in (*GOOD_FATES, Fate.OPEN)
     return _has_asker(past, last)
+
+
+def coped_with(past: Past, message: Message, moment: float = inf) -> bool:
+    """Whether a message had failed at a moment, and the run went on after that, or still may."""
+    return bool(message.was("failure", moment)) and went_on(past, message, message.written("failure", moment))
+
+
+def standing(past: Past, task: Task, state: State, moment: float = inf) -> str:
+    """How a task in a state stands at a moment: that, and of a failure whether the run went on after it."""
+    return HANDLED if state is State.FAILED and coped_with(past, task, moment) else str(state)
 
 
 def has_coped(past: Past, handling: Handling) -> bool:
