@@ -248,7 +248,7 @@ class History(Reacting):
             self._unqueue(fact.id)
         lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
         if lost:
-            lost.outcome = Outcome.FAILED
+            lost.outcome, lost.is_lost = Outcome.FAILED, True
         text = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
         if fact.is_beside:
             self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by))

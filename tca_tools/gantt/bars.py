@@ -188,7 +188,7 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
     _Filler(past, pick, rows, start, end).fill()
     bars = [bar for row in rows.values() for bar in row.bars]
     names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
-    start, end = _span_of(bars, past.time, pick, start, end)
+    start, end = _span_of(bars, past, pick, start, end)
     for row in rows.values():
         row.handled, row.queued, row.held_back = (
             _in_lanes(bars, start, end) for bars in (row.handled, row.queued, row.held_back)
@@ -202,14 +202,17 @@ def _shows_empty(row: Row, pick: Pick) -> bool:
     return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
 
 
-def _span_of(bars: list[Bar], now: float, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
-    """From when until when the chart goes: what was not asked for is where the bars are, with a little room."""
+def _span_of(bars: list[Bar], past: Past, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
+    """From when until when the chart goes: what was not asked for is where the bars are, with a little room; of a run
+    that goes on, until now.
+    """
+    now = past.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
     first = min((bar.start for bar in bars), default=0.0)
     last = max((bar.end for bar in bars), default=now)
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
-    end = min(last + room, now) if end is None else end
+    end = (now if past.is_live else min(last + room, now)) if end is None else end
     return start, max(end, start)
 
 

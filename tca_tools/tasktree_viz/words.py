@@ -117,9 +117,10 @@ def folded(row: Row) -> str:
     return f"+ {row.folded} task{'s' * (row.folded != 1)} {row.state}"
 
 
-def summary(then: Forest) -> str:
-    """``4.00 s, 8 tasks: 2 held, 1 achieving``."""
+def summary(then: Forest, *, is_live: bool = False) -> str:
+    """``4.00 s, 8 tasks: 2 held, 1 achieving``; of a run that goes on, as of when."""
     counts = Counter(task.standing for task in then.tasks.values())
     states = ", ".join(f"{counts[standing]} {standing}" for standing in STANDINGS if counts[standing])
     total = f"{len(then.tasks)} task{'s' * (len(then.tasks) != 1)}"
-    return f"{then.time:.2f} s, {total}" + (f": {states}" if states else "")
+    still = " (still running)" * is_live
+    return f"{then.time:.2f} s{still}, {total}" + (f": {states}" if states else "")
