@@ -165,15 +165,12 @@ class StoryPane(Widget):
     def __init__(self, recording: Recording) -> None:
         super().__init__(id="story")
         self._recording = recording
-        self._told: list[Sentence] = []
         self._shown = 0
         self._then: Then | None = None
 
     def show(self, task: int, then: Then) -> None:
         """Show another task, or another moment."""
-        if task != self._shown:
-            self._shown, self._told = task, story(self._recording.past, task)
-        self._then = then
+        self._shown, self._then = task, then
         self.refresh()
 
     def render(self) -> Text:
@@ -190,7 +187,7 @@ class StoryPane(Widget):
             waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
             lines.append(Text.assemble((printable(waits), "yellow")))
         lines += [Text.assemble((printable(said), "yellow")) for said in coming(then, task)]
-        told = [sentence for sentence in self._told if sentence.time <= then.moment]
+        told = [one for one in story(then.past, self._shown, then.moment) if one.time <= then.moment]
         room = max(self.size.height - 2 * len(lines), 1)
         return Text("\n").join([*lines, Text(), *(self._sentence(sentence, then) for sentence in told[-room:])])
 

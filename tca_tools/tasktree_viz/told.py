@@ -24,7 +24,7 @@ _SHORTEST = 8
 
 
 def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterator[str]:
-    """The story, line by line, wrapped to *width*."""
+    """The story as far as the past goes, line by line, wrapped to *width*."""
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
     task = past.tasks[number]
     above = list(reversed(lineage(past, number)))[:-1]
@@ -34,7 +34,7 @@ def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterato
     if above:
         yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
     yield ""
-    for sentence in story(past, number):
+    for sentence in story(past, number, past.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
         so_far = f", {past.time - sentence.time:.3f} s so far" if sentence.is_open else ""
         if width < _NARROW:

@@ -54,7 +54,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):
-            links = [link for link in failure_chain(past, TaskId(message.id)) if link.time <= then.moment]
+            links = failure_chain(past, TaskId(message.id), then.moment)
             answer["chain"] = [asdict(link) | {"text": words.failure_line(link.text)} for link in links]
         if isinstance(message, Task) and message.received <= then.moment:
             answer |= _task_answer(past, then, then.tasks[message.id])
