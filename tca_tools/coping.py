@@ -8,6 +8,7 @@ any handler is told, and nothing fails with it. Pure; each step is O(log) of wha
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from enum import StrEnum
+from math import inf
 from operator import attrgetter, itemgetter
 
 from tca_tools.past import Past
@@ -17,6 +18,11 @@ from tca_wire.vocabulary import Outcome, Role
 _SINCE, _START = itemgetter(0), attrgetter("start")
 _UNDECIDED = (State.RECOVERING, State.ENDING, State.FAILED)
 """States in which a failure leaves its task first; what comes after them decides."""
+
+HANDLED = "failed (handled)"
+"""How a task stands that has failed, if the run went on after that."""
+STANDINGS = tuple(word for state in State for word in ((state, HANDLED) if state is State.FAILED else (state,)))
+"""All words for how a task stands, in the order in which they are listed."""
 
 Failing = Message | Handling
 """What fails: a message; or the run of a handler, of what is no message that central knows."""
@@ -54,12 +60,22 @@ def fate(past: Past, failed: Failing, time: float) -> Fate:
     return Fate.COPED if went_on(past, failed, time) else Fate.ANSWERED
 
 
-def went_on(past: Past, failed: Failing, time: float) -> bool:
-    """Whether the run went on, or still may, after what failed at *time*."""
-    *_, (last, when) = _passed_on(past, failed, time)
+def went_on(past: Past, failed: Failing, time: float, known: float = inf) -> bool:
+    """Whether the run went on, or still may, after what failed at *time*; as far as that was known at a moment."""
+    *_, (last, when) = _passed_on(past, failed, time, known)
     if isinstance(last, Task):
-        return _has_failed(last) and _of_task(past, last, when) in (*GOOD_FATES, Fate.OPEN)
+        return _has_failed(last, known) and _of_task(past, last, when, known) in (*GOOD_FATES, Fate.OPEN)
     return _has_asker(past, last)
+
+
+def coped_with(past: Past, message: Message, moment: float = inf) -> bool:
+    """Whether a message had failed at a moment, and the run went on after that, or still may."""
+    return bool(message.was("failure", moment)) and went_on(past, message, message.written("failure", moment))
+
+
+def standing(past: Past, task: Task, state: State, moment: float = inf) -> str:
+    """How a task in a state stands at a moment: that, and of a failure whether the run went on after it."""
+    return HANDLED if state is State.FAILED and coped_with(past, task, moment) else str(state)
 
 
 def has_coped(past: Past, handling: Handling) -> bool:
@@ -83,8 +99,10 @@ def hinges(past: Past, failed: Failing, time: float) -> list[tuple[Task | Handli
     return [(last, False), (top, True)]
 
 
-def told_to(past: Past, failed: Failing, time: float) -> str:
-    """Who is told of the failure of a query, and what came of it: "told to chef, who went on"."""
+def told_to(past: Past, failed: Failing, time: float, known: float = inf) -> str:
+    """Who is told of the failure of a query, and what came of it: "told to chef, who went on"; as far as that was known
+    at a moment.
+    """
     if not _has_asker(past, failed):
         return ""
     if isinstance(failed, Message) and failed.role is Role.CONDITION:
@@ -93,15 +111,15 @@ def told_to(past: Past, failed: Failing, time: float) -> str:
     if failed.by is None:
         return f"told to {sender}"
     asker = past.describe(failed.by.message_id)
-    if failed.by.end is None:
+    if failed.by.end is None or failed.by.end > known:
         return f"told to {sender}, whose handler of {asker} still runs"
     if failed.by.outcome is not Outcome.FAILED:
         return f"told to {sender}, whose handler of {asker} went on"
-    after = ", and that was handled" if went_on(past, failed, time) else ""
+    after = ", and that was handled" if went_on(past, failed, time, known) else ""
     return f"told to {sender}, whose handler of {asker} failed then{after}"
 
 
-def _passed_on(past: Past, failed: Failing, time: float) -> Iterator[tuple[Failing, float]]:
+def _passed_on(past: Past, failed: Failing, time: float, known: float = inf) -> Iterator[tuple[Failing, float]]:
     """What failed, and what failed with it, when: as far as a task, or who was told and did not fail."""
     while True:
         yield failed, time
@@ -110,7 +128,9 @@ def _passed_on(past: Past, failed: Failing, time: float) -> Iterator[tuple[Faili
         run = failed.by
         if monitor := _monitor(past, failed):
             failed = monitor
-        elif run is not None and run.outcome is Outcome.FAILED and _has_asker(past, failed):
+        elif (
+            run is not None and run.outcome is Outcome.FAILED and (run.end or 0.0) <= known and _has_asker(past, failed)
+        ):
             failed, time = failing(past, run), run.end or time  # older than what it asked, so this ends
         else:
             return
@@ -129,26 +149,32 @@ def _monitor(past: Past, failed: Failing) -> Task | None:
     return past.tasks.get(failed.about) if isinstance(failed, Message) and failed.role is Role.CONDITION else None
 
 
-def _has_failed(task: Task) -> bool:
-    return bool(task.failure) or any(name == "failure" for _, name, _ in task.changes)
+def _has_failed(task: Task, known: float) -> bool:
+    return any(name == "failure" and time <= known for time, name, _ in task.changes)
 
 
-def _of_task(past: Past, task: Task, time: float) -> Fate:
+def _place(task: Task, time: float) -> int:
+    """Which of its states a task was in."""
+    return max(bisect_right(task.states, time, key=_SINCE) - 1, 0)
+
+
+def _of_task(past: Past, task: Task, time: float, known: float = inf) -> Fate:
     """By the first state that decides: killed, or one in which the task goes on, or has ended well."""
-    first = max(bisect_right(task.states, time, key=_SINCE) - 1, 0)
-    decided = next((place for place in range(first, len(task.states)) if task.states[place][1] not in _UNDECIDED), None)
-    if decided is None and task.states[-1][1] is State.RECOVERING:
+    first, last = _place(task, time), _place(task, known)
+    decided = next((place for place in range(first, last + 1) if task.states[place][1] not in _UNDECIDED), None)
+    if decided is None and task.states[last][1] is State.RECOVERING:
         return Fate.OPEN
     if decided is not None and task.states[decided][1] is not State.KILLED:
         if _was_begun_again(task, time, task.states[decided][0]):
             return Fate.RETRIED
         if time not in past.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
             return Fate.DEALT_WITH
-    if task.top != task.id and past.tasks[task.top].state is State.ACHIEVED:
+    top = past.tasks[task.top]
+    if top is not task and top.states[_place(top, known)][1] is State.ACHIEVED:
         return Fate.REPLACED
-    handlers = (past.tasks[one] for one in reversed(task.caught_by) if one in past.tasks)
-    last = next(handlers, None)
-    return Fate.KILLED if last is not None and last.received >= time else Fate.NOT_HANDLED
+    called = (past.tasks[one].received for one in reversed(task.caught_by) if one in past.tasks)
+    newest = next((when for when in called if when <= known), None)
+    return Fate.KILLED if newest is not None and newest >= time else Fate.NOT_HANDLED
 
 
 def _was_begun_again(task: Task, time: float, end: float) -> bool:

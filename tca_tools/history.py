@@ -179,7 +179,8 @@ class History(Reacting):
         self._unqueue(fact.id)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
-        message = self.messages.get(fact.message_id)
+        if message := self.messages.get(fact.message_id):
+            self._begin_anew(message)
         handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
         handling.delivery = fact.id
         self.handlings.append(handling)
@@ -190,7 +191,6 @@ class History(Reacting):
         self._module(fact.module).resources.setdefault(fact.resource, 1)
         if message:
             message.handlings.append(handling)
-            self._forget_outcome(message)
             self._touch(message.id)
 
     def _return(self, fact: facts.Returned) -> None:
@@ -248,7 +248,7 @@ class History(Reacting):
             self._unqueue(fact.id)
         lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
         if lost:
-            lost.outcome = Outcome.FAILED
+            lost.outcome, lost.is_lost = Outcome.FAILED, True
         text = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
         if fact.is_beside:
             self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by))

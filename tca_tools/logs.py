@@ -131,7 +131,7 @@ class Log:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
-        except OSError:
+        except (OSError, IndexError, UnusableLog):  # it is gone
             pass
         return False
 
@@ -145,7 +145,7 @@ class Log:
             return None
         try:
             silence = time.time() - self.segments()[-1].stat().st_mtime
-        except OSError:
+        except (OSError, IndexError, UnusableLog):
             return None
         return last + max(silence, 0.0)
 
@@ -208,13 +208,21 @@ class Log:
         with self._excused(), segment.open("rb") as stream:
             reader = JournalReader(stream, str(segment))
             while True:
-                is_last = self.segments()[-1] == segment  # asked first: after that nothing is added to it
+                is_last = self.segments()[-1:] == [segment]  # asked first: after that nothing is added to it
                 for entry in self._counted(reader, segment):
                     yield entry, Place(segment, reader.offset)
                 self._note_end(segment, reader)
+                self._check_is_whole(segment, reader)
                 if not is_last or self._followed_by:
                     return
                 wait()
+
+    def _check_is_whole(self, segment: Path, reader: JournalReader) -> None:
+        """Raise JournalDamaged if a segment that is followed is gone, or has lost something that was read."""
+        if not segment.exists():
+            raise JournalDamaged(f"{segment}: has been removed")
+        if reader.torn < 0:
+            raise JournalDamaged(f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes")
 
     def _note_end(self, segment: Path, reader: JournalReader) -> None:
         self._torn = (segment, reader.offset, reader.torn) if reader.torn else None

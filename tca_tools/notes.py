@@ -37,6 +37,15 @@ class Notes(Past):
         if (task := self.tasks.get(message_id)) is not None:
             self._touched[message_id] = task
 
+    def _begin_anew(self, message: Message) -> None:
+        """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
+        since it survives what is above it, keeps that failure.
+        """
+        if not isinstance(message, Task) or not (
+            message.is_recovering or message.is_dealt_with or message.is_unhandled
+        ):
+            self._forget_outcome(message)
+
     def _forget_outcome(self, message: Message) -> None:
         """It is handled anew: what came of that before is void. A message to many keeps what the others answered."""
         self._change(message, "failure", "")

@@ -37,7 +37,7 @@ class Reacting(Notes):
     def _unhandled(self, fact: facts.Unhandled) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            task.is_recovering, task.is_unhandled = False, True
+            task.is_recovering, task.is_dealt_with, task.is_unhandled = False, False, True
             self.unhandled.setdefault(fact.task, []).append(self.time)
             self._exhaust(fact.task)
 
@@ -49,7 +49,7 @@ class Reacting(Notes):
     def _retried(self, fact: facts.Retried) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
-            task.is_recovering = False
+            task.is_recovering = task.is_dealt_with = task.is_unhandled = False
             self._forget_outcome(task)
             is_other = fact.body not in (b"", task.body)
             task.retries.append((self.time, fact.by, is_other))

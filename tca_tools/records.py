@@ -77,6 +77,8 @@ class Handling:
     """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
     asked: "list[Message] | None" = field(default=None, repr=False, compare=False)
     """The queries that its handler sent."""
+    is_lost: bool = False
+    """Whether it failed because its module was lost: no handler returned."""
 
 
 @dataclass(slots=True)

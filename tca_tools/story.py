@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import groupby
 from math import inf, nextafter
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from tca_tools.analysis.words import times
@@ -51,8 +51,8 @@ class Sentence(NamedTuple):
 
 
 def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
-    """All that happened to a message or task, in order; nothing of one that is unknown. What it waited for at *moment*
-    is told as that was then.
+    """All that happened to a message or task, in order; nothing of one that is unknown. What had begun at *moment* is
+    told as it was known then, but for how it ended: that is Sentence's.
     """
     message = past.messages.get(message_id)
     if message is None:
@@ -61,15 +61,15 @@ def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
     if isinstance(message, Task):
         told += _exhausted(past, message)
         told += _kills(message)
-        told += _suspensions(past, message)
+        told += _suspensions(past, message, moment)
         told += _recoveries(past, message)
         told += _retries(message)
-        told += _tests(past, message)
+        told += _tests(past, message, moment)
         told += _plans(past, message)
-    told += _tellings(past, message)
+    told += _tellings(past, message, moment)
     told += _waits_in_queues(past, message, moment)
     for handling in message.handlings:
-        told += _run(past, handling)
+        told += _run(past, handling, moment)
     if isinstance(message, Task):
         told += _states(past, message, moment)
     return sorted(told, key=attrgetter("time"))  # at one time: what happened before what follows from it
@@ -109,7 +109,7 @@ def _kept_busy(past: Past, queueing: Queueing, message: Message, moment: float) 
     return kept_busy(last if last.held_by(*key) and not start.held_by(*key) else start, *key, message)
 
 
-def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
+def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
@@ -123,7 +123,7 @@ def _run(past: Past, handling: Handling) -> Iterator[Sentence]:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
     for query in handling.asked or ():
-        if not any(wait.awaited == query.id for wait in handling.waits):
+        if not any(wait.awaited == query.id and wait.start <= max(moment, query.received) for wait in handling.waits):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
             took = None if end is None else end - query.received
             yield Sentence(query.received, f"its handler asked {query}, and goes on", took, took is None)
@@ -173,10 +173,10 @@ def exhausted(one: Exhausted) -> str:
     return f"exception handler {one.handler} has been called {times(one.calls)}, as often as it may"
 
 
-def _tellings(past: Past, message: Message) -> Iterator[Sentence]:
+def _tellings(past: Past, message: Message, moment: float) -> Iterator[Sentence]:
     """Who was told that a query failed, and went on or did not."""
     for time, failure in message.became("failure"):
-        if failure and (who := told_to(past, message, time)):
+        if failure and (who := told_to(past, message, time, max(moment, time))):
             yield Sentence(time, f"its failure is {who}")
 
 
@@ -199,9 +199,9 @@ def _retries(task: Task) -> Iterator[Sentence]:
         yield Sentence(time, "to be handled again" + ", with other data" * is_other + who)
 
 
-def _tests(past: Past, monitor: Task) -> Iterator[Sentence]:
+def _tests(past: Past, monitor: Task, moment: float) -> Iterator[Sentence]:
     """What a monitor's condition came to; tests with the same outcome, one after the other, are one sentence."""
-    for holds, tests in groupby(past.tests.get(monitor.id, ()), key=itemgetter(1)):
+    for (_, holds), tests in groupby(past.tests.get(monitor.id, ()), key=lambda test: (test[0] <= moment, test[1])):
         first, *more = [time for time, _ in tests]
         text = "its condition holds" if holds else "its condition does not hold"
         often = f", {1 + len(more)} times" if more else ""
@@ -224,7 +224,7 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
         if is_told or (after is not None and after - time < _NO_TIME):
             continue
         if state in OVER:
-            is_late = number > 0 and task.states[number - 1][1] is State.ENDING
+            is_late = number > 0 and (task.states[number - 1][1] is State.ENDING or _failed_before(task, state, time))
             if state not in _IS_TOLD or is_late:
                 yield Sentence(time, "has ended" if is_late else str(state))
             continue
@@ -239,11 +239,16 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
         yield Sentence(time, f"{state}{why}", None if after is None else after - time, after is None)
 
 
-def _suspensions(past: Past, task: Task) -> Iterator[Sentence]:
+def _failed_before(task: Task, state: State, time: float) -> bool:
+    """Whether it ends as failed, and went on after its failure: so does what survives what is above it."""
+    return state is State.FAILED and task.killed is None and task.written("failure", time) < time
+
+
+def _suspensions(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
     """When it was suspended and resumed, and which handlers ran on."""
     for suspension in task.suspensions:
         cause, text = past.describe(suspension.cause), f"suspended{by_whom(suspension.by)}"
-        if suspension.end is None or suspension.is_resumed:
+        if suspension.end is None or suspension.is_resumed or suspension.start <= moment < suspension.end:
             text += f", until {cause} is resumed"
         elif suspension.cause != task.id:
             text += f" with {cause}"

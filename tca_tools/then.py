@@ -11,6 +11,7 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import TypeVar
 
+from tca_tools.coping import standing
 from tca_tools.past import Past
 from tca_tools.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State, Suspension, Task, Wait
 from tca_wire.constraints import Constraint
@@ -73,6 +74,11 @@ class TaskThen:
         return self._stage[1]
 
     @property
+    def standing(self) -> str:
+        """The same in words; of a failure whether the run went on after it, as far as the journal tells."""
+        return standing(self._past, self._record, self.state, self._time)
+
+    @property
     def since(self) -> float:
         """From when on it was in that state."""
         return self._stage[0]
@@ -130,6 +136,12 @@ class TaskThen:
     def caught_by(self) -> list[TaskId]:
         """The exception handlers that were called for its failures."""
         return self._past.children_until(self._record.caught_by, self._time)
+
+    @property
+    def called(self) -> float | None:
+        """When the last of them was called."""
+        last = next((self._past.tasks.get(one) for one in reversed(self.caught_by)), None)
+        return None if last is None else last.received
 
     @property
     def reached(self) -> dict[Moment, float]:

@@ -62,9 +62,11 @@ def waits_how(task: TaskThen) -> str:
 
 
 def waits_since(task: TaskThen) -> float:
-    """From when on a task has waited for that: since its handler blocks or asked, since it is suspended, or since its
-    state.
+    """From when on a task has waited for that: since its handler blocks or asked, since it is suspended, since an
+    exception handler was called for its failure, or since its state.
     """
+    if task.state is State.RECOVERING:
+        return task.since if task.called is None else max(task.called, task.since)
     if task.state is State.SUSPENDED and task.suspension:
         return task.suspension.start
     if task.state is State.ENDING or watches(task) or not task.handling:
@@ -299,9 +301,14 @@ def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
         yield f"until {then.describe(task.suspension.cause)} is resumed"
 
 
-def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
+def dealing(then: Then, task: TaskThen, what: str = "its failure") -> str:
+    """Who takes care of a task's failure: ``until recover {5} has dealt with its failure``."""
     handlers = [str(then.tasks[handler]) for handler in task.caught_by[-1:] if handler in then.tasks]
-    yield f"until {_listed(handlers)} has dealt with its failure"
+    return f"until {handlers[0]} has dealt with {what}" if handlers else f"until somebody has dealt with {what}"
+
+
+def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
+    yield dealing(then, task)
     if task.suspension and not task.handling:
         yield f"until {then.describe(task.suspension.cause)} is resumed"
     if task.queueing:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tca_tools.analysis.words import moment
+from tca_tools.coping import STANDINGS, standing
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
 
@@ -34,8 +35,8 @@ class Summary:
     modules: int
     """Those that handled, offered, sent or locked something: who only asks what there is does not count."""
     messages: int
-    tasks: dict[State, int]
-    """How many tasks are in which state at the end, those that occur."""
+    tasks: dict[str, int]
+    """How many tasks stand how at the end, in words, those that occur."""
     top: dict[State, int]
     """The same of top-level tasks."""
     failures: int
@@ -54,7 +55,7 @@ class Summary:
 
 def summary(past: Past) -> Summary:
     """What there is to say of the whole run."""
-    counts = Counter(task.state for task in past.tasks.values())
+    counts = Counter(standing(past, task, task.state) for task in past.tasks.values())
     top = [past.tasks[task] for task in past.top]
     top_counts = Counter(task.state for task in top)
     failed = [message for message in past.messages.values() if message.failure or message.changes]
@@ -68,7 +69,7 @@ def summary(past: Past) -> Summary:
         past.time,
         len(_working(past)),
         len(past.messages),
-        {state: counts[state] for state in State if counts[state]},
+        {one: counts[one] for one in STANDINGS if counts[one]},
         {state: top_counts[state] for state in State if top_counts[state]},
         failures,
         _reasons(top),

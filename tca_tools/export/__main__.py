@@ -9,7 +9,7 @@ import click
 
 from tca_tools.errors import ToolError
 from tca_tools.export.tables import TABLES
-from tca_tools.history import History
+from tca_tools.folding import folded
 from tca_tools.logs import Log, open_log
 from tca_tools.output import make_folder, new_file
 from tca_tools.past import Past
@@ -29,7 +29,7 @@ def _perfetto(journal: Log, output: Path) -> None:
         from tca_tools.export.trace.packets import write_trace  # noqa: PLC0415 - exports are extras
     except ImportError as error:
         raise _missing("perfetto", "exports", error) from None
-    past = History.until(journal)
+    past = folded(journal)
     with new_file(output) as stream:
         write_trace(past, stream)
 
@@ -40,7 +40,7 @@ def _mcap(journal: Log, output: Path) -> None:
     except ImportError as error:
         raise _missing("mcap", "exports", error) from None
     entries = _Counted(journal)
-    past = History.until(entries)
+    past = folded(journal, entries=entries)
     again = islice(Log(journal.path), entries.count)  # a run that goes on has more of them by now
     with new_file(output) as stream:
         write_mcap(past, again, stream)
@@ -56,7 +56,7 @@ def _json_lines(journal: Log, output: Path) -> None:
 def _csv(journal: Log, output: Path) -> None:
     from tca_tools.export.csv_files import write_csv  # noqa: PLC0415
 
-    _tables(History.until(journal), output, ".csv", write_csv)
+    _tables(folded(journal), output, ".csv", write_csv)
 
 
 def _parquet(journal: Log, output: Path) -> None:
@@ -64,7 +64,7 @@ def _parquet(journal: Log, output: Path) -> None:
         from tca_tools.export.parquet_files import write_parquet  # noqa: PLC0415
     except ImportError as error:
         raise _missing("pyarrow", "parquet", error) from None
-    _tables(History.until(journal), output, ".parquet", write_parquet)
+    _tables(folded(journal), output, ".parquet", write_parquet)
 
 
 def _tables(past: Past, output: Path, suffix: str, write: Callable[..., None]) -> None:

@@ -52,7 +52,10 @@ def write_mcap(past: Past, entries: Iterable[Entry], stream: BinaryIO) -> None:
     """Write a run, of which all is known, and its entries once more."""
     writer = _Topics(past, stream)
     nanoseconds = Nanoseconds(past)
-    streams = (_from_entries(past, entries, nanoseconds), _states(past, nanoseconds), _resources(past, nanoseconds))
+    streams = (
+        _from_entries(past, entries, nanoseconds), _states(past, nanoseconds), _resources(past, nanoseconds),
+        _now(past, nanoseconds),
+    )  # fmt: skip
     for said in heapq.merge(*streams, key=itemgetter(0)):
         writer.write(said)
     writer.finish()
@@ -81,10 +84,21 @@ def _from_entries(past: Past, entries: Iterable[Entry], nanoseconds: Nanoseconds
 
 def _log_line(entry: Entry, fact: Fact, wording: Wording, time: int) -> dict[str, Any]:
     kind = kind_of(fact)
-    return {
-        "timestamp": {"sec": time // _SECOND, "nsec": time % _SECOND}, "level": _LEVELS.get(kind, _INFO),
-        "message": f"{kind}: {wording.words(fact)}", "name": "tca", "file": "", "line": entry.number,
-    }  # fmt: skip
+    return _line(time, _LEVELS.get(kind, _INFO), f"{kind}: {wording.words(fact)}", entry.number)
+
+
+def _line(time: int, level: int, text: str, number: int) -> dict[str, Any]:
+    """A line of Foxglove's log; *number* is the entry that it is about."""
+    timestamp = {"sec": time // _SECOND, "nsec": time % _SECOND}
+    return {"timestamp": timestamp, "level": level, "message": text, "name": "tca", "file": "", "line": number}
+
+
+def _now(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
+    """Of a run that goes on, that it does at the present: so far the file goes."""
+    if past.is_live and past.times:
+        time = max(nanoseconds(past.time), nanoseconds(past.times[-1]))
+        text = f"still running: nothing has happened since {past.times[-1]:.3f} s"
+        yield Said(time, "/tca/log", "", _line(time + since_1970(past), _INFO, text, past.numbers[-1]))
 
 
 def _has_coped(past: Past, fact: facts.Failed, time: float) -> bool:

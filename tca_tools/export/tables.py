@@ -15,7 +15,7 @@ from tca_tools.data import plain_data
 from tca_tools.past import Past
 from tca_tools.records import Message, Wait
 from tca_wire.points import MOMENTS, describe_moments
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import CENTRAL, Outcome
 
 
 class Kind(StrEnum):
@@ -40,7 +40,8 @@ class Table(NamedTuple):
 
 
 def _run(past: Past) -> Iterator[Row]:
-    yield past.epoch or None, past.began, past.clock[0] if past.clock else None, past.time, len(past.times)
+    first, last = (past.clock[0], past.clock[-1]) if past.clock else (None, None)
+    yield past.epoch or None, past.began, first, last, max(past.time, last or 0.0), past.is_live, len(past.times)
 
 
 def _messages(past: Past) -> Iterator[Row]:
@@ -70,7 +71,19 @@ def _failures(past: Past) -> Iterator[Row]:
     for time, message, text in sorted(found, key=itemgetter(0)):
         name, _, words = text.partition(": ")
         became = fate(past, message, time)
-        yield message.id, message.name, time, name, words or None, str(became), went_on(past, message, time)
+        by = _raised_by(past, message, time, text)
+        yield message.id, message.name, time, name, words or None, by, str(became), went_on(past, message, time)
+
+
+def _raised_by(past: Past, message: Message, time: float, text: str) -> str | None:
+    """The module that raised a failure: that of the handler which failed with it, or who did it beside that; or
+    "central". None: the journal does not tell.
+    """
+    for one in past.raised.get(message.id, ()):
+        if (one.time, one.text) == (time, text):
+            return one.by or None
+    failed = next((run for run in message.handlings if run.end == time and run.outcome is Outcome.FAILED), None)
+    return CENTRAL if failed is None or failed.is_lost else failed.module
 
 
 def _started(message: Message) -> float | None:
@@ -146,7 +159,14 @@ def _json(body: bytes) -> str | None:
 _INT, _SECONDS, _TEXT, _FLAG, _JSON = Kind.INTEGER, Kind.SECONDS, Kind.TEXT, Kind.FLAG, Kind.JSON
 
 TABLES = (
-    Table("run", {"epoch": _TEXT, "began": _SECONDS, "first": _SECONDS, "last": _SECONDS, "entries": _INT}, _run),
+    Table(
+        "run",
+        {
+            "epoch": _TEXT, "began": _SECONDS, "first": _SECONDS, "last": _SECONDS, "until": _SECONDS, "live": _FLAG,
+            "entries": _INT,
+        },
+        _run,
+    ),
     Table(
         "messages",
         {
@@ -177,8 +197,8 @@ TABLES = (
     Table(
         "failures",
         {
-            "message": _INT, "name": _TEXT, "time": _SECONDS, "failure": _TEXT, "text": _TEXT, "fate": _TEXT,
-            "handled": _FLAG,
+            "message": _INT, "name": _TEXT, "time": _SECONDS, "failure": _TEXT, "text": _TEXT, "raised_by": _TEXT,
+            "fate": _TEXT, "handled": _FLAG,
         },
         _failures,
     ),

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import click
 
+from tca_tools.folding import folded
 from tca_tools.gantt.bars import ROOM, Pick, chart
 from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
 from tca_tools.garbage import no_garbage
-from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.past import Past
@@ -32,8 +32,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     if asked.task is not None and story:
         raise click.UsageError("--task and --story exclude each other: ask for one of them")
     journal = open_log(asked.log_path)
-    history = History.until(journal, asked.at)
-    history.go_on(journal.present(history.time), asked.at)
+    history = folded(journal, asked.at)
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))
@@ -44,7 +43,8 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
         if story
         else ""
     )
-    title = f"{printable(journal.name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s"
+    still = " (still running)" * (history.is_live and drawing.end >= history.time)
+    title = f"{printable(journal.name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s{still}"
     blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE))) else UNICODE
     if output is None:
         width = line_width() or WIDTH_OF_TEXT
@@ -61,7 +61,7 @@ def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
     if story:
         one = one_task(past, story)
         wanted = messages_of(past, subtree(past, [one]))
-        return Pick(rows, wanted, waited_for(past, one, wanted), *_life(past, past.tasks[one]))
+        return Pick(rows, wanted, waited_for(past, one, wanted), wanted, *_life(past, past.tasks[one]))
     if asked.task is not None:
         return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
     return Pick(rows)

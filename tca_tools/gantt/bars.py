@@ -13,12 +13,16 @@ from tca_tools.coping import has_coped, went_on
 from tca_tools.gantt import titles
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.terminal import cut, printable
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
 NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""
 
+_HELD = (State.HELD, State.PLANNED)
+"""States in which a task may not go on yet: it may not be handled, or may not be achieved."""
+_FEWEST = 8
 ROOM = 0.02
 """Beside the bars, of the time that they take."""
 
@@ -50,7 +54,7 @@ class Mark:
 
 @dataclass(slots=True)
 class Bar:
-    """A message in a resource: handled, waited for outside of a handler, queued or suspended."""
+    """A message in a resource: handled, waited for outside of a handler, queued, suspended or held."""
 
     name: str
     tell: Callable[[], str]
@@ -65,6 +69,8 @@ class Bar:
     raised: list[Mark] = field(default_factory=list)
     """The failures that were raised on it meanwhile, beside its handler."""
     is_suspended: bool = False
+    why: Callable[[], str] | None = None
+    """Of what is held: what that waits for, with its name; it stands on the bar if there is room for some of it."""
     is_beside: bool = False
     """Whether it is not what was asked for, but what that waited for."""
     lane: int = 0
@@ -74,6 +80,10 @@ class Bar:
     def title(self) -> str:
         """All there is to say about it."""
         return self.tell()
+
+    def words(self, columns: int) -> str:
+        """Why it is held, in so many columns; "" if that are too few to say anything."""
+        return cut(printable(self.why()), columns) if self.why and columns >= _FEWEST else ""
 
 
 @dataclass(slots=True)
@@ -101,6 +111,8 @@ class Row:
     handled: list[Bar] = field(default_factory=list)
     queued: list[Bar] = field(default_factory=list)
     """What waits for the resource, or is suspended and would be handled there."""
+    held_back: list[Bar] = field(default_factory=list)
+    """What constraints hold back that would be handled there."""
     held: list[Held] = field(default_factory=list)
     """Its locks and reservations."""
     is_offered: bool = False
@@ -115,6 +127,16 @@ class Row:
     def queue_lanes(self) -> int:
         """How many lanes the queued bars need."""
         return max((bar.lane + 1 for bar in self.queued), default=0)
+
+    @property
+    def held_lanes(self) -> int:
+        """How many lanes the bars need of what is held back."""
+        return max((bar.lane + 1 for bar in self.held_back), default=0)
+
+    @property
+    def bars(self) -> list[Bar]:
+        """All its bars."""
+        return [*self.handled, *self.queued, *self.held_back]
 
 
 @dataclass(slots=True)
@@ -138,6 +160,8 @@ class Pick:
     """Only of these messages ..."""
     beside: Container[int] = ()
     """... and, paler, of these."""
+    held: Container[int] = ()
+    """Of which tasks it is shown when they were held, and why."""
     since: float | None = None
     """When what is asked for began: there the chart begins if nothing else is asked for ..."""
     until: float | None = None
@@ -162,12 +186,14 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
         if pick.row(module.name):
             _add_rows(rows, past, module)
     _Filler(past, pick, rows, start, end).fill()
-    bars = [bar for row in rows.values() for bar in (*row.handled, *row.queued)]
+    bars = [bar for row in rows.values() for bar in row.bars]
     names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
-    start, end = _span_of(bars, past.time, pick, start, end)
+    start, end = _span_of(bars, past, pick, start, end)
     for row in rows.values():
-        row.handled, row.queued = (_in_lanes(bars, start, end) for bars in (row.handled, row.queued))
-    shown = [row for row in rows.values() if row.handled or row.queued or _shows_empty(row, pick)]
+        row.handled, row.queued, row.held_back = (
+            _in_lanes(bars, start, end) for bars in (row.handled, row.queued, row.held_back)
+        )
+    shown = [row for row in rows.values() if row.bars or _shows_empty(row, pick)]
     return Chart(start, end, shown, list(names))
 
 
@@ -176,14 +202,17 @@ def _shows_empty(row: Row, pick: Pick) -> bool:
     return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
 
 
-def _span_of(bars: list[Bar], now: float, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
-    """From when until when the chart goes: what was not asked for is where the bars are, with a little room."""
+def _span_of(bars: list[Bar], past: Past, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
+    """From when until when the chart goes: what was not asked for is where the bars are, with a little room; of a run
+    that goes on, until now.
+    """
+    now = past.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
     first = min((bar.start for bar in bars), default=0.0)
     last = max((bar.end for bar in bars), default=now)
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
-    end = min(last + room, now) if end is None else end
+    end = (now if past.is_live else min(last + room, now)) if end is None else end
     return start, max(end, start)
 
 
@@ -222,7 +251,7 @@ class _Filler:
             if self._wants(queueing):
                 self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
         for task in self.past.tasks.values():
-            self._add_suspended(task)
+            self._add_kept(task)
         for key, claims in self.past.grants.items():
             if self.pick.row(key[0]):
                 self._row(*key).held += [self._held(claim) for claim in claims]
@@ -292,20 +321,24 @@ class _Filler:
             Mark(one.time, went_on(self.past, task, one.time), titles.raised(self.past, task, one)) for one in marks
         ]
 
-    def _add_suspended(self, task: Task) -> None:
-        """The spans in which a task was suspended, in the row where it was or would be handled."""
-        if not any(state is State.SUSPENDED for _, state in task.states):
+    def _add_kept(self, task: Task) -> None:
+        """The spans in which a task was suspended or held, in the row where it was or would be handled."""
+        wanted = (State.SUSPENDED, *_HELD) if task.id in self.pick.held else (State.SUSPENDED,)
+        if not any(state in wanted for _, state in task.states):
             return
         ends = [*task.states[1:], (None, State.SUSPENDED)]
         for (start, state), (end, _) in zip(task.states, ends, strict=True):
-            if state is not State.SUSPENDED or not self.pick.message(task.id):
+            if state not in wanted or not self.pick.message(task.id):
                 continue
             where = _home(self.past, task, start, end)
             if self.pick.row(where[0]):
-                tell = partial(titles.suspended, self.past, task, start, end)
-                bar = Bar(task.name, tell, start, self._until(end), end is None, is_suspended=True)
+                is_suspended = state is State.SUSPENDED
+                tell = partial(titles.suspended if is_suspended else titles.held_back, self.past, task, start, end)
+                bar = Bar(task.name, tell, start, self._until(end), end is None, is_suspended=is_suspended)
                 bar.is_beside = self._is_beside(task.id)
-                self._row(*where).queued.append(bar)
+                bar.why = None if is_suspended else partial(titles.why_held, self.past, task, end)
+                row = self._row(*where)
+                (row.queued if is_suspended else row.held_back).append(bar)
 
     def _held(self, claim: Claim) -> Held:
         start = claim.start if claim.granted is None else claim.granted

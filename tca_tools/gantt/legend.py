@@ -22,12 +22,15 @@ def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
 
 def meanings(chart: Chart) -> list[tuple[str, str]]:
     """What a square may look like (attributes of a ``<rect>``), and what that means."""
-    bars = [bar for row in chart.rows for bar in (*row.handled, *row.queued)]
+    bars = [bar for row in chart.rows for bar in row.bars]
     held = [one for row in chart.rows for one in row.held if one.end >= chart.start and one.start <= chart.end]
     shown = {bar.name for bar in bars}
     items = [('fill="#3e4c59"', "handling"), ('fill="#c5cbd3"', "waiting for a reply, task or lock")]
     items += [('fill="url(#queued)"', "queued")]
     items += [('fill="url(#suspended)"', "suspended")] * any(bar.is_suspended for bar in bars)
+    items += [(f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"', "held")] * any(
+        row.held_back for row in chart.rows
+    )
     items += [('class="locked"', "locked")] * any(not one.is_reserved for one in held)
     items += [('class="reserved"', "reserved")] * any(one.is_reserved for one in held)
     items += [('class="failed"', "failed")] * any(bar.has_failed and not bar.has_coped for bar in bars)

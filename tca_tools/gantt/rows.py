@@ -17,6 +17,8 @@ _MOST_LANES = 12
 _MOST_QUEUE_LANES = 6
 """Of a longer queue only the length is drawn."""
 _QUEUE_HEIGHT = 30.0
+_HELD_LANE, _MOST_HELD_LANES = 17.0, 6
+"""What is held says why on its bar; of more the number is said."""
 _NARROW, _COLUMN = 1.5, 4.0
 """Pixels: of a bar that is not drawn alone if it has neighbours, and of the column in which those are put together."""
 _SMALLEST = 1.0
@@ -66,7 +68,8 @@ class Painter:
 
     def height(self, row: Row) -> float:
         """How high a row is."""
-        return min(row.lanes, _MOST_LANES) * _LANE + self._queue_height(row)
+        held = min(row.held_lanes, _MOST_HELD_LANES + 1) * _HELD_LANE
+        return min(row.lanes, _MOST_LANES) * _LANE + self._queue_height(row) + held
 
     def _queue_height(self, row: Row) -> float:
         return _QUEUE_HEIGHT if row.queue_lanes > _MOST_QUEUE_LANES else row.queue_lanes * _QUEUE_LANE
@@ -105,6 +108,24 @@ class Painter:
             yield from self._queue(row.queued, below)
             yield from self._marks(row.queued, below, _QUEUE_LANE, _MOST_QUEUE_LANES)
         yield from self._marks(row.handled, top, _LANE, _MOST_LANES)
+        yield from self._held_back(row, below + self._queue_height(row))
+
+    def _held_back(self, row: Row, top: float) -> Iterator[str]:
+        """What constraints hold back, with what that waits for in words."""
+        scale = self._scale
+        wide, blocks = in_blocks(row.held_back, scale.start, self._column, self._narrow)
+        everything: list[Bar | Block] = [*blocks, *wide]
+        for one in everything:
+            if one.lane < _MOST_HELD_LANES:
+                left, y = scale.x(one.start), top + one.lane * _HELD_LANE + 1
+                right, colour = max(scale.x(one.end), left + scale.finest), dark(self._numbers[one.name])
+                look = f'fill="#ffffff" stroke="{colour}" stroke-width="1" stroke-dasharray="4 3"'
+                yield rectangle(f"{look}{_paled(one)}", left, y, right, _HELD_LANE - 3, one.title)
+                if isinstance(one, Bar) and (words := one.words(int((right - left - 8) / CHARACTER))):
+                    yield from self._words(words, "in", left, right, y + _HELD_LANE - 6)
+        if (more := row.held_lanes - _MOST_HELD_LANES) > 0:
+            y = top + (_MOST_HELD_LANES + 1) * _HELD_LANE - 5
+            yield f'<text class="faint" x="3" y="{y:.1f}" pointer-events="none">and up to {more} more are held</text>'
 
     def _marks(self, bars: list[Bar], top: float, lane: float, most: int) -> Iterator[str]:
         """The moments at which failures were raised beside the handlers: strokes that are higher than the bar."""

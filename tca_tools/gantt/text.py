@@ -37,13 +37,14 @@ class Blocks(NamedTuple):
     waiting: str = "▒"
     queued: str = "░"
     suspended: str = "┄"
+    held: str = "·"
     locked: str = "╳"  # noqa: RUF001 - looks like no letter where it is a long line
     reserved: str = "╱"  # noqa: RUF001
     axis: str = "╵"
     connected: str = "─"
 
 
-UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", "x", "/", "'", "_")
+UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", ":", "x", "/", "'", "_")
 
 
 @dataclass(slots=True)
@@ -86,6 +87,7 @@ def _legend(chart: Chart, width: int, blocks: Blocks) -> Iterator[str]:
     items = [(blocks.handled, "handling"), (blocks.waiting, "waiting for a reply, task or lock")]
     items += [(blocks.queued, "queued")]
     items += [(blocks.suspended, "suspended")] * any(bar.is_suspended for bar in queued)
+    items += [(blocks.held, "held")] * any(row.held_back for row in chart.rows)
     items += [(blocks.locked, "locked")] * any(not one.is_reserved for one in held)
     items += [(blocks.reserved, "reserved")] * any(one.is_reserved for one in held)
     items += [(blocks.connected, "connected")] * any(map(_is_idle, chart.rows))
@@ -137,6 +139,7 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
             _paint_run(queued[bar.lane], bar.start, bar.end, chart, character, bar.name, colours[bar.name])
             _paint_marks(queued[bar.lane], bar, chart)
         yield from queued
+    yield from _held_back(row, chart, columns, blocks, colours)
     held = [one for one in row.held if one.end >= chart.start and one.start <= chart.end]
     if held:
         cells = _Cells([" "] * columns, [None] * columns)
@@ -146,9 +149,23 @@ def _row_cells(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
         yield cells
 
 
+def _held_back(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: dict[str, str]) -> Iterator[_Cells]:
+    """What constraints hold back, with what that waits for."""
+    lanes = [_Cells([" "] * columns, [None] * columns) for _ in range(min(row.held_lanes, _MOST_QUEUE_LANES))]
+    for bar in row.held_back:
+        if bar.lane < len(lanes):
+            first, behind = _columns(bar.start, bar.end, chart, columns)
+            words = bar.words(behind - first - 4)
+            _paint_run(lanes[bar.lane], bar.start, bar.end, chart, blocks.held, words, colours[bar.name])
+    if (more := row.held_lanes - _MOST_QUEUE_LANES) > 0:
+        told = cut(f"and up to {more} more are held", columns).ljust(columns)
+        lanes.append(_Cells(list(told), [None] * columns))
+    yield from lanes
+
+
 def _is_idle(row: Row) -> bool:
     """Whether its module was there, and nothing else happened in it."""
-    return bool(row.connected) and not row.handled and not row.queued
+    return bool(row.connected) and not row.bars
 
 
 def _long_queue(row: Row, chart: Chart, columns: int, blocks: Blocks) -> _Cells:

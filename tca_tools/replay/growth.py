@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import click
 
+from tca_tools.coping import standing
 from tca_tools.replay.recording import Recording
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
@@ -27,7 +28,8 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         if clock < start:
             continue
         then = Then(past, time)
-        task, state = then.tasks[number], past.tasks[number].states[order][1]
+        task = then.tasks[number]
+        state = standing(past, past.tasks[number], past.tasks[number].states[order][1], time)
         depth = recording.depths[number]
         indent = "  " * depth if depth <= _DEEPEST else f"{'  ' * _DEEPEST}[{depth}] "
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"

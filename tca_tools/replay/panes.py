@@ -14,8 +14,8 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Input
 
+from tca_tools.coping import coped_with
 from tca_tools.data import data_text
-from tca_tools.records import State
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
 from tca_tools.story import Sentence, story
@@ -36,9 +36,9 @@ _TINTS = {True: "red", None: _HANDLED, False: ""}
 """Of what is bad news, or was (None)."""
 
 
-def colour_of(state: State) -> str:
+def colour_of(standing: str) -> str:
     """As ``tca tree`` has it, but for what is too dark on many screens."""
-    colour = COLOURS[state]
+    colour = COLOURS[standing]
     return "grey62" if colour == "bright_black" else colour
 
 
@@ -88,12 +88,14 @@ class TreePane(ScrollView, can_focus=True):
         if not row.task:
             return self._strip(Text.assemble((f"{row.guides}{self._called(row)}", "dim")))
         task = then.tasks[row.task]
-        state = task.state
+        standing = task.standing
         is_chosen = row.task == self.selected
         name = Text.assemble((row.guides, "dim"), (self._called(row), "bold reverse" if is_chosen else ""))
         name.truncate(self._name_width, overflow="ellipsis", pad=True)
         note = words.note(then, task)
-        return self._strip(Text.assemble(name, "  ", (f"{state:{_STATE_WIDTH}}", colour_of(state)), " ", (note, "dim")))
+        return self._strip(
+            Text.assemble(name, "  ", (f"{standing:{_STATE_WIDTH}}", colour_of(standing)), " ", (note, "dim"))
+        )
 
     def _strip(self, line: Text) -> Strip:
         width = self.scrollable_content_region.width  # what the scroll bar covers is not seen
@@ -163,15 +165,12 @@ class StoryPane(Widget):
     def __init__(self, recording: Recording) -> None:
         super().__init__(id="story")
         self._recording = recording
-        self._told: list[Sentence] = []
         self._shown = 0
         self._then: Then | None = None
 
     def show(self, task: int, then: Then) -> None:
         """Show another task, or another moment."""
-        if task != self._shown:
-            self._shown, self._told = task, story(self._recording.past, task)
-        self._then = then
+        self._shown, self._then = task, then
         self.refresh()
 
     def render(self) -> Text:
@@ -180,7 +179,7 @@ class StoryPane(Widget):
         if then is None or self._shown not in then.tasks:
             return Text("no task is selected: up and down choose one, / looks for one", style="dim")
         task = then.tasks[self._shown]
-        head = Text.assemble((printable(str(task)), "bold"), "  ", (f"{task.state}", colour_of(task.state)))
+        head = Text.assemble((printable(str(task)), "bold"), "  ", (task.standing, colour_of(task.standing)))
         lines = [head]
         if data := words.data(task):
             lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
@@ -188,15 +187,15 @@ class StoryPane(Widget):
             waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
             lines.append(Text.assemble((printable(waits), "yellow")))
         lines += [Text.assemble((printable(said), "yellow")) for said in coming(then, task)]
-        told = [sentence for sentence in self._told if sentence.time <= then.moment]
+        told = [one for one in story(then.past, self._shown, then.moment) if one.time <= then.moment]
         room = max(self.size.height - 2 * len(lines), 1)
         return Text("\n").join([*lines, Text(), *(self._sentence(sentence, then) for sentence in told[-room:])])
 
     def _sentence(self, sentence: Sentence, then: Then) -> Text:
-        clock = self._recording.time(self._recording.place_of_record(sentence.time))
+        past, clock = self._recording.past, self._recording.time(self._recording.place_of_record(sentence.time))
         text = printable(sentence.by(then.moment, then.time))
         style = "red" if text.startswith(("failed", "killed")) else ""
-        if style and self._recording.has_coped(self._shown, sentence.time):
+        if style and coped_with(past, past.tasks[self._shown], sentence.time):
             style = _HANDLED
         return Text.assemble((f"{clock:9.3f}  ", "dim"), (text, style))
 

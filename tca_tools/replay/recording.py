@@ -52,11 +52,6 @@ class Recording:
         failed = self.past.delivered(number)
         return failed is not None and went_on(self.past, failed, self.past.times[place])
 
-    def has_coped(self, task: int, time: float) -> bool:
-        """Whether a task had failed at a time of the records, and the run went on after that."""
-        failed = self.past.tasks[task]
-        return bool(failed.was("failure", time)) and went_on(self.past, failed, failed.written("failure", time))
-
     def is_bad_news(self, place: int, fact: facts.Fact) -> bool | None:
         """Whether a fact is bad news; None: it was, and the run went on."""
         if isinstance(fact, facts.Failed):

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import DamagedLog, ToolError
-from tca_tools.history import History
+from tca_tools.folding import folded
 from tca_tools.logs import Log, open_log
 from tca_tools.output import write_output
 
@@ -37,8 +37,7 @@ def _page(journal: Log) -> str:
     from tca_tools.report.pictures import gantt, strips  # noqa: PLC0415
     from tca_tools.report.tree import tree  # noqa: PLC0415
 
-    history = History.until(journal)
-    history.go_on(journal.present(history.time))
+    history = folded(journal)
     try:
         journal.check()
         damage = ""

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from tca_tools.analysis import words
 from tca_tools.analysis.causes import Doing
 from tca_tools.analysis.failures import Kind
-from tca_tools.coping import GOOD_FATES
+from tca_tools.coping import GOOD_FATES, HANDLED
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
@@ -97,6 +97,7 @@ def _environment() -> Environment:
         "moment": words.moment,
         "percent": words.percent,
         "counted": words.counted,
+        "looks": lambda standing: "s-handled" if standing == HANDLED else f"s-{standing}",
         "short": lambda text, width=_LONGEST_TEXT: cut(str(text), width),
     }
     return made

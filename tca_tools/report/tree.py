@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from tca_tools.analysis.summary import is_over
+from tca_tools.coping import STANDINGS, standing
 from tca_tools.past import Past
 from tca_tools.records import State, Task
 from tca_tools.tasktree_viz import words
@@ -139,17 +140,17 @@ def _below(past: Past, shown: set[int], parent: int, depth: int) -> Iterator[tup
 def _counted(past: Past, hidden: list[TaskId]) -> str:
     """How many tasks are hidden, with all under them, and in which states."""
     below = list(hidden)
-    counts: Counter[State] = Counter()
+    counts: Counter[str] = Counter()
     for number in below:  # grows while it is walked
-        counts[past.tasks[number].state] += 1
+        counts[standing(past, past.tasks[number], past.tasks[number].state)] += 1
         below += past.tasks[number].children
     total = f"{len(below):,} task{'s' * (len(below) != 1)}"
-    return f"{total}: " + ", ".join(f"{counts[state]:,} {state}" for state in State if counts[state])
+    return f"{total}: " + ", ".join(f"{counts[one]:,} {one}" for one in STANDINGS if counts[one])
 
 
 def _describe(then: Then, record: Task, node: Node) -> None:
     task = then.tasks[record.id]
-    node.task, node.state, node.note, node.role = task, str(task.state), words.note(then, task), words.role(task)
+    node.task, node.state, node.note, node.role = task, task.standing, words.note(then, task), words.role(task)
     spans = []
     for interval in (Interval.PLANNING, Interval.ACHIEVING):
         if span := words.span(task, interval):

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from tca_tools.analysis.words import counted
-from tca_tools.history import History
+from tca_tools.folding import folded
 from tca_tools.logs import open_log
 from tca_tools.options import MOMENT
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
@@ -57,8 +57,7 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     segments; without it, the newest run is measured.
     """  # noqa: D301 - click wants the character itself
     journal = open_log(log_path)
-    history = History.until(journal, end)
-    history.go_on(journal.present(history.time), end)
+    history = folded(journal, end)
     if start is not None and start >= history.time:
         raise click.BadParameter(f"{start:g} is not before the end, {history.time:g}", param_hint="'--from'")
     measured = measure(history, start)

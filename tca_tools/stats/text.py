@@ -10,34 +10,42 @@ from tca_wire.wording import place
 _NO_HANDLER = "(no handler)"
 _WIDTH = 100
 """Where nobody knows how wide the terminal is."""
-_NARROWEST_NAME = 12
-_SPARE = "max"
-"""Columns that are left out first."""
+_NARROWEST_NAME, _LEAST_NAME = 12, 4
+"""Columns of a name for which others are left out, and that it has in any case."""
+_SHORT = {"sent to start": "start", "handling": "run", "sent to end": "end", "in the queue": "queue"}
 _SELDOM = 0.01
 """Of rates below this two digits are shown."""
 _NO_TIME = 0.5e-6
 _UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
 
 Cells = Sequence[str]
+Groups = list[tuple[str, int]]
+"""What stands over how many columns."""
+Spare = Sequence[Sequence[int]]
+"""Columns by their places, those that are left out first."""
+_SPARE_OF_MESSAGES: Spare = ((5, 8, 11), (1,), (3, 6, 9), (4,), (2,), (10,), (7,))
+_SPARE_OF_RESOURCES: Spare = ((8,), (2,), (6,), (0,), (9,), (5,), (4,), (7,), (1,))
 
 
 def stats_lines(
     stats: Stats, messages: Sequence[MessageStats], resources: Sequence[ResourceStats], width: int | None
 ) -> list[str]:
-    """Both tables, in lines of at most *width* columns (None: 100): where there is no room, without longest times."""
+    """Both tables, in lines of at most *width* columns (None: 100): where there is no room, without longest times, then
+    without rates, medians and so on, as long as there is a number left.
+    """
     width = width or _WIDTH
     lines: list[str] = []
     if messages:
         groups = [("", 2), ("runs", 1), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
         heads = ["sent", "/s", "failed", *("p50", "p99", "max") * 3]
         rows = [(printable(one.name), _message_cells(one, stats.seconds)) for one in messages]
-        lines += _table("message", groups, heads, rows, width)
+        lines += _table("message", groups, heads, rows, _SPARE_OF_MESSAGES, width)
     if resources:
         groups = [("", 5), ("in the queue", 5)]
         heads = ["slots", "handled", "/s", "busy", "waiting", "queued", "p50", "p99", "max", "longest"]
         titled = [(printable(place(one.module, one.resource) or _NO_HANDLER), one) for one in resources]
         rows = [(title, _resource_cells(one, stats.seconds)) for title, one in titled]
-        lines += ["", *_table("resource", groups, heads, rows, width)]
+        lines += ["", *_table("resource", groups, heads, rows, _SPARE_OF_RESOURCES, width)]
     return lines
 
 
@@ -83,34 +91,42 @@ def _three_digits(number: float) -> str:
 
 
 def _table(
-    title: str, groups: list[tuple[str, int]], heads: list[str], rows: list[tuple[str, list[str]]], width: int
+    title: str, groups: Groups, heads: list[str], rows: list[tuple[str, list[str]]], spare: Spare, width: int
 ) -> list[str]:
-    """A line over groups of columns, a line of heads, and the rows; names are cut where there is no room, and columns
-    left out.
+    """A line over groups of columns, a line of heads, and the rows; where there is no room, columns are left out, those
+    of *spare* one after the other, and names are cut.
     """
-    sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]
-    gaps = [2 if place in _starts(groups) else 1 for place in range(len(heads))]
-    if width - sum(sizes) - sum(gaps) < _NARROWEST_NAME and _SPARE in heads:
-        kept = [head != _SPARE for head in heads]
-        ends = list(accumulate(number for _, number in groups))
-        groups = [(name, sum(kept[end - number : end])) for (name, number), end in zip(groups, ends, strict=True)]
-        rows = [(name, list(compress(cells, kept))) for name, cells in rows]
-        return _table(title, groups, list(compress(heads, kept)), rows, width)
-    room = max(width - sum(sizes) - sum(gaps), _NARROWEST_NAME)
-    name_width = min(max(columns_of(name) for name, _ in [(title, []), *rows]), room)
+    all_sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]
+    kept, waiting = [True] * len(heads), list(spare)
+    while True:
+        sizes, left = list(compress(all_sizes, kept)), _left(groups, kept)
+        gaps = [2 if place in _starts(left) else 1 for place in range(len(sizes))]
+        room = width - sum(sizes) - sum(gaps)
+        if room >= _NARROWEST_NAME or not waiting:
+            break
+        for spared in waiting.pop(0):
+            kept[spared] = False
+    name_width = min(max(columns_of(name) for name, _ in [(title, []), *rows]), max(room, _LEAST_NAME))
     over, place = " " * name_width, 0
-    for name, number in groups:
+    for name, number in left:
         size = sum(sizes[place : place + number]) + sum(gaps[place : place + number])
-        over += "  " + _over(name, size - 2) if name else " " * size
+        over += "  " + _over(name, size - 2) if name and number else " " * size
         place += number
-    lines = [(title, heads), *rows]
-    return [over.rstrip(), *(_line(padded(name, name_width), cells, sizes, gaps) for name, cells in lines)]
+    told = [(name, list(compress(cells, kept))) for name, cells in [(title, heads), *rows]]
+    lines = [over.rstrip(), *(_line(padded(name, name_width), cells, sizes, gaps) for name, cells in told)]
+    return [cut(line, width) for line in lines]
+
+
+def _left(groups: Groups, kept: list[bool]) -> Groups:
+    """The groups with as many columns as are left of them."""
+    ends = list(accumulate(number for _, number in groups))
+    return [(name, sum(kept[end - number : end])) for (name, number), end in zip(groups, ends, strict=True)]
 
 
 def _over(name: str, size: int) -> str:
     """What stands over a group of columns."""
-    name = name if len(name) <= size else name.removeprefix("sent ")
-    return (f" {name} " if len(name) + 2 <= size else cut(name, size)).center(size, "-")
+    name = next((one for one in (name, name.removeprefix("sent ")) if len(one) <= size), _SHORT.get(name, name))
+    return f" {name} ".center(size, "-") if len(name) + 2 <= size else cut(name, size).center(size)
 
 
 def _starts(groups: Iterable[tuple[str, int]]) -> set[int]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from tca_tools.folding import folded
 from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
@@ -40,8 +41,7 @@ def tree(
     """
     check_output(output, (".txt",) if story else KINDS)
     journal = open_log(asked.log_path)
-    history = History.until(journal, asked.at)
-    history.go_on(journal.present(history.time), asked.at)
+    history = folded(journal, asked.at)
     if story:
         _tell(history, story, output)
     else:
@@ -49,7 +49,7 @@ def tree(
         forest = _forest(then, asked)
         rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
         what = f", task {printable(asked.task)}" if asked.task is not None else ""
-        title = f"{printable(journal.name)}{what}: {words.summary(forest)}"
+        title = f"{printable(journal.name)}{what}: {words.summary(forest, is_live=history.is_live)}"
         guides = ASCII if as_ascii or (output is None and not can_show("├─└│…")) else UNICODE
         if output is None:
             width = line_width()

@@ -10,6 +10,7 @@ from itertools import pairwise, starmap
 from operator import itemgetter
 from textwrap import wrap
 
+from tca_tools.coping import HANDLED, STANDINGS
 from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
@@ -19,7 +20,7 @@ from tca_tools.then import TaskThen, Then
 from tca_wire.points import Interval
 from tca_wire.vocabulary import Role
 
-FILLS = {
+FILLS: dict[str, str] = {
     State.HELD: "#ffffff",
     State.QUEUED: "#fff3c4",
     State.PLANNING: "#e9d8fd",
@@ -31,6 +32,7 @@ FILLS = {
     State.SUSPENDED: "#e6e6c8",
     State.ENDING: "#e8c4c0",
     State.FAILED: "#f28b82",
+    HANDLED: "#dfae3f",
     State.KILLED: "#d5d5d5",
 }
 _INK, _FAINT, _HEAVY = "#1f2933", "#52606d", "#0b4f8a"
@@ -117,9 +119,9 @@ def _node(then: Then, row: Row, said: list[str], with_data: bool) -> str:
         fill = FILLS[row.state]
         label = words.folded(row)
         return f'{_id(row)} [label="{label}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
-    task, state = row.task, row.task.state
+    task, state = row.task, row.task.standing
     style = "filled,rounded" if task.message_class.is_goal else "filled"
-    style += ",dashed" if state is State.HELD else ""
+    style += ",dashed" if task.state is State.HELD else ""
     tooltip = "\n".join(filter(None, [f"{words.called(task)}: {state}", words.note(then, task), words.data(task)]))
     label = "<br/>".join(_label_lines(then, task, said, with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
@@ -135,7 +137,7 @@ def looks_of(task: TaskThen) -> tuple[str, str] | None:
 def _label_lines(then: Then, task: TaskThen, said: list[str], with_data: bool) -> Iterator[str]:
     name = escape(cut(printable(task.name), _LONGEST_NAME))
     yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
-    yield _small(" ".join(filter(None, [task.state, _times(task)])))
+    yield _small(" ".join(filter(None, [task.standing, _times(task)])))
     for line in said:
         yield f'<font point-size="9" color="{_HEAVY}">{escape(cut(printable(line), _LONGEST_NAME))}</font>'
     if task.failure or task.why_killed is not None:
@@ -160,7 +162,8 @@ def _small(text: str) -> str:
 
 def _heading(rows: list[Row], title: str, found: Arrows) -> str:
     """The title, and below it what colours, shapes and arrows mean."""
-    states = [state for state in State if any(row.task and row.task.state is state for row in rows)]
+    found_there = {row.task.standing for row in rows if row.task}
+    states = [state for state in STANDINGS if state in found_there]
     swatches = "".join(
         f'<td bgcolor="{FILLS[state]}" border="1" color="{_FAINT}"><font point-size="10">{state}</font></td>'
         for state in states

@@ -9,6 +9,7 @@ from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.selection import lineage, subtree
 from tca_tools.story import exhausted
+from tca_tools.then import Then
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
@@ -25,8 +26,10 @@ class Link:
     text: str
 
 
-def failure_chain(past: Past, number: TaskId) -> list[Link]:
-    """What a task failed of or was killed for, followed to where it began; nothing if all went well."""
+def failure_chain(past: Past, number: TaskId, moment: float = inf) -> list[Link]:
+    """What a task failed of or was killed for, followed to where it began, as it was known at *moment*; nothing if all
+    went well.
+    """
     task = past.tasks[number]
     links: list[Link] = []
     waiting: list[tuple[Message, int]] = [(task, 0)]
@@ -39,8 +42,9 @@ def failure_chain(past: Past, number: TaskId) -> list[Link]:
         if message.id in seen and depth:
             continue
         seen.add(message.id)
-        links += _links_of(past, message, depth)
+        links += _links_of(past, message, depth, moment)
         waiting += [(cause, depth + 1) for cause in reversed(_causes(past, message))]
+    links = [link for link in links if link.time <= moment]
     return links if seen - {task.id} or _raised(task) else []
 
 
@@ -55,21 +59,24 @@ def _raised(message: Message) -> list[tuple[float, str]]:
     return found
 
 
-def _links_of(past: Past, message: Message, depth: int) -> Iterator[Link]:
+def _links_of(past: Past, message: Message, depth: int, moment: float) -> Iterator[Link]:
     told = [Link(time, depth, f"{message} failed: {text}") for time, text in _raised(message)]
     if isinstance(message, Task):
-        told += _recoveries(past, message, depth)
+        told += _recoveries(Then(past, moment), message, depth)
     yield from sorted(told, key=lambda link: link.time)
     if isinstance(message, Task) and (end := _end(past, message)):
         yield Link(message.states[-1][0], depth, end)
 
 
-def _recoveries(past: Past, task: Task, depth: int) -> Iterator[Link]:
+def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
+    past = then.past
     for number in task.caught_by:
-        if (handler := past.tasks.get(number)) is not None:
-            by = f", handled by {handler.handlings[-1].module}" if handler.handlings else ""
+        if (handler := then.tasks.get(number)) is not None:
+            record = past.tasks[number]
+            runs = [run for run in record.handlings if run.start <= then.moment]
+            by = f", handled by {runs[-1].module}" if runs else ""
             how = f": {handler.state}" if handler.state is not State.ACHIEVED else ""
-            yield Link(handler.received, depth, f"exception handler {handler} was called{by}{how}")
+            yield Link(record.received, depth, f"exception handler {handler} was called{by}{how}")
         if number in past.reissued:
             yield Link(past.reissued[number], depth, f"{past.describe(number)} passed the failure on")
     for one in past.exhausted.get(task.id, ()):

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from operator import itemgetter
 
+from tca_tools.coping import STANDINGS
 from tca_tools.drawing import document, rectangle, text
 from tca_tools.gantt.axis import ticks
 from tca_tools.records import State
@@ -84,7 +85,7 @@ class _Columns:
         if kind == _SECOND:
             return rectangle('class="planning"', left, y + 1, right, 5, title)
         return rectangle(
-            f'fill="{FILLS[task.state]}" stroke="#52606d" stroke-width="0.7"', left, y + 6, right, 10, title
+            f'fill="{FILLS[task.standing]}" stroke="#52606d" stroke-width="0.7"', left, y + 6, right, 10, title
         )
 
 
@@ -110,7 +111,7 @@ def _guides(laid: Plan, top: float) -> Iterator[str]:
 
 def _box(then: Then, place: Place, top: float) -> Iterator[str]:
     row, task, left, y = place.row, place.row.task, _MARGIN + place.left, top + place.top
-    look = f'fill="{FILLS[row.state if task is None else task.state]}" stroke="#1f2933"'
+    look = f'fill="{FILLS[row.state if task is None else task.standing]}" stroke="#1f2933"'
     title = place.label
     if task is None:
         look += ' stroke-dasharray="3 2"'
@@ -120,7 +121,7 @@ def _box(then: Then, place: Place, top: float) -> Iterator[str]:
         if looks := looks_of(task):
             look = look.replace('stroke="#1f2933"', f'stroke="{looks[0]}" stroke-width="2.2"')
         title = "\n".join(
-            filter(None, [f"{words.called(task)}: {task.state}", words.note(then, task), words.data(task)])
+            filter(None, [f"{words.called(task)}: {task.standing}", words.note(then, task), words.data(task)])
         )
     yield rectangle(look, left, y, left + place.width, BOX, title)
     yield f'<text class="name" x="{left + 7:.1f}" y="{y + 13.5:.1f}" pointer-events="none">{text(place.label)}</text>'
@@ -132,8 +133,8 @@ def _box(then: Then, place: Place, top: float) -> Iterator[str]:
 def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str], right: float) -> tuple[list[str], float]:
     """The title, what colours and lines mean (nothing of that beyond *right*), and where what follows may begin."""
     lines = [f'<text class="title" x="{_MARGIN:.0f}" y="{_MARGIN + 6:.0f}">{text(title)}</text>']
-    states = {row.task.state if row.task else row.state for row in rows}
-    items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in State if state in states]
+    states = {row.task.standing if row.task else row.state for row in rows}
+    items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in STANDINGS if state in states]
     items.append(('class="planning"', "when it was planned"))
     borders = {looks for row in rows if row.task and (looks := looks_of(row.task))}
     items += [

@@ -87,10 +87,11 @@ def _tell(place: Place, then: Then, task: TaskThen, with_data: bool) -> None:
 def _state_and(note: str, task: TaskThen) -> str:
     """``held, waits until ...``, ``failed: slip``."""
     if not note:
-        return str(task.state)
+        return task.standing
     if task.state in (State.FAILED, State.KILLED, State.ENDING):
-        return f"{task.state}: {note}"
-    return f"{task.state}, failed: {note}" if task.failure else f"{task.state}, {note}"
+        return f"{task.standing}: {note}"
+    says_how = task.failure and task.state is not State.RECOVERING
+    return f"{task.state}, failed: {note}" if says_how else f"{task.state}, {note}"
 
 
 def _brothers(then: Then, rows: list[Row], places: list[Place], found: Arrows) -> dict[int, int]:

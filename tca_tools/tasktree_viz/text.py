@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import click
 
+from tca_tools.coping import HANDLED
 from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
@@ -12,7 +13,7 @@ from tca_tools.terminal import columns_of, cut, padded
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import Interval
 
-COLOURS = {
+COLOURS: dict[str, str] = {
     State.HELD: "bright_black",
     State.QUEUED: "yellow",
     State.PLANNING: "magenta",
@@ -24,18 +25,32 @@ COLOURS = {
     State.SUSPENDED: "yellow",
     State.ENDING: "bright_red",
     State.FAILED: "red",
+    HANDLED: "yellow",
     State.KILLED: "red",
 }
 _WIDEST_NAME, _WIDEST_WITHOUT_END = 48, 64
 """Columns that guides and name may take: of a terminal, and where lines have no end."""
 _SHORTEST_NAME = 20
-"""Columns that guides must leave for a name."""
+"""Columns that guides must leave for a name; on a narrow terminal, two fifths of what there is."""
+_LEAST_NOTE = 4
+"""Columns: where there are fewer nothing is noted."""
 _SHORTEST_NOTE = 12
 """Columns of a note that must be left to say for how long it is so, too."""
 _WIDE = 8
 """Levels whose guides have room."""
 _STATE_WIDTH = max(map(len, State))
 _TIMES_WIDTH = 13
+_GAP = 2
+"""Columns between two columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """What stands beside the names."""
+
+    state_width: int
+    has_times: bool
+    """Whether there is room for when tasks were planned and achieved."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +73,20 @@ def tree_lines(
     if not rows:
         yield "(no task was sent)"
         return
-    widest = _WIDEST_WITHOUT_END if width is None else max(_WIDEST_NAME, width - 60)
-    prefixes = _prefixes(rows, guides, _levels(widest))
+    state_width = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
+    widest = _widest(width, state_width)
+    prefixes = _prefixes(rows, guides, *_levels(widest))
     labels = [before + _name(row) for row, (before, _) in zip(rows, prefixes, strict=True)]
     name_width = min(max(map(columns_of, labels)), widest)
-    heading = f"{'task':{name_width}}  {'state':{_STATE_WIDTH}}  {'planning':{_TIMES_WIDTH}}  achieving"
-    yield click.style(cut(heading, width), dim=True)
+    beside = name_width + state_width + 3 * _GAP + 2 * _TIMES_WIDTH
+    columns = _Columns(state_width, width is None or beside <= width)
+    times = f"  {'planning':{_TIMES_WIDTH}}  achieving" if columns.has_times else ""
+    yield click.style(cut(f"{padded('task', name_width)}  {'state':{state_width}}{times}", width), dim=True)
     for row, label, (_, below) in zip(rows, labels, prefixes, strict=True):
         if row.task is None:
             yield click.style(cut(label, width), fg=COLOURS[row.state])
             continue
-        yield _task_line(then, row.task, padded(label, name_width), width)
+        yield _task_line(then, row.task, padded(label, name_width), columns, width)
         if with_data and (data := words.data(row.task)):
             yield click.style(cut(f"{below}{data}", width), dim=True)
 
@@ -77,17 +95,20 @@ def _name(row: Row) -> str:
     return words.called(row.task) if row.task else words.folded(row)
 
 
-def _task_line(then: Then, task: TaskThen, label: str, width: int | None) -> str:
-    state = task.state
-    spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in (Interval.PLANNING, Interval.ACHIEVING)]
+def _task_line(then: Then, task: TaskThen, label: str, columns: _Columns, width: int | None) -> str:
+    state, states = task.standing, columns.state_width
+    intervals = (Interval.PLANNING, Interval.ACHIEVING) if columns.has_times else ()
+    spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in intervals]
     note, since = words.note_since(then, task)
     lasted = "" if since is None else words.lasting(then.time - since)
-    rest = "  ".join([f"{state:{_STATE_WIDTH}}", *spans, note]).rstrip()
-    room = _rest_of(width, label)
+    rest, room = "  ".join([f"{state:{states}}", *spans]), _rest_of(width, label)
+    if room is not None and room < len(rest) + _GAP + _LEAST_NOTE:
+        note = lasted = ""
+    rest = f"{rest}  {note}".rstrip()
     if room is not None and room - len(lasted) > len(rest) - len(note) + _SHORTEST_NOTE:
         rest, lasted = cut(rest, room - len(lasted)) + lasted, ""  # how long is the last to be cut
     rest = cut(rest + lasted, room)
-    return f"{label}  {click.style(rest[:_STATE_WIDTH], fg=COLOURS[state])}{rest[_STATE_WIDTH:]}"
+    return f"{label}  {click.style(rest[:states], fg=COLOURS[state])}{rest[states:]}"
 
 
 def _times(task: TaskThen, interval: Interval) -> str:
@@ -101,10 +122,10 @@ def _rest_of(width: int | None, label: str) -> int | None:
     return None if width is None else max(width - columns_of(label) - 2, 0)
 
 
-def _prefixes(rows: list[Row], guides: Guides, levels: int) -> list[tuple[str, str]]:
+def _prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
     """What stands before each row's name, and before lines below it that belong to it.
 
-    Down to _WIDE levels guides are three columns wide, further down two; after so many *levels* indentation begins
+    Down to *wide* levels guides are three columns wide, further down two; after so many *levels* indentation begins
     anew, behind the depth as a number.
     """
     prefixes: list[tuple[str, str]] = []
@@ -116,7 +137,7 @@ def _prefixes(rows: list[Row], guides: Guides, levels: int) -> list[tuple[str, s
         child, beside = (guides.last_child, guides.empty) if row.is_last else (guides.child, guides.beside)
         if row.depth == 0:
             child = beside = ""
-        if row.depth % levels > _WIDE:
+        if row.depth % levels > wide:
             child, beside = child[0] + child[2], beside[:2]
         beside = (" " * len(before) if before.startswith("[") else before) + beside
         inner.append(beside)
@@ -124,6 +145,15 @@ def _prefixes(rows: list[Row], guides: Guides, levels: int) -> list[tuple[str, s
     return prefixes
 
 
-def _levels(name_width: int) -> int:
-    """How many levels leave room for a name."""
-    return max(_WIDE, _WIDE + (name_width - _SHORTEST_NAME - 3 * _WIDE) // 2)
+def _widest(width: int | None, state_width: int) -> int:
+    """Columns that guides and name may take at most: on a narrow terminal what the state leaves, but half of all."""
+    if width is None:
+        return _WIDEST_WITHOUT_END
+    return max(min(max(_WIDEST_NAME, width - 60), max(width - _GAP - state_width, width // 2)), 1)
+
+
+def _levels(name_width: int) -> tuple[int, int]:
+    """How many levels have wide guides, and how many leave room for a name."""
+    room = name_width - min(_SHORTEST_NAME, 2 * name_width // 5)
+    wide = min(max(room - 2 * _WIDE, 1), _WIDE)
+    return wide, max(wide + (room - 3 * wide) // 2, 2)

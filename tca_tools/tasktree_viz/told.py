@@ -5,6 +5,7 @@ from textwrap import wrap
 
 import click
 
+from tca_tools.coping import standing
 from tca_tools.past import Past
 from tca_tools.selection import lineage
 from tca_tools.story import story
@@ -15,35 +16,43 @@ from tca_tools.terminal import columns_of, cut, printable
 from tca_wire.points import TaskId
 
 _WIDTH_OF_FILE = 120
-_NARROWEST = 40
+_NARROWEST, _NARROW = 20, 50
+"""Columns: no line is cut shorter; in fewer how long something took stands behind it."""
 _TIMES = 22
+_SHORTEST = 8
+"""Columns that are left for words."""
 
 
 def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterator[str]:
-    """The story, line by line, wrapped to *width*."""
+    """The story as far as the past goes, line by line, wrapped to *width*."""
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
     task = past.tasks[number]
     above = list(reversed(lineage(past, number)))[:-1]
-    name = cut(printable(str(task)), width - len(task.state) - 2)
-    yield f"{name}: {click.style(task.state, fg=COLOURS[task.state])}"
+    stands = standing(past, task, task.state)
+    name = cut(printable(str(task)), width - len(stands) - 2)
+    yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
     if above:
         yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
     yield ""
-    for sentence in story(past, number):
+    for sentence in story(past, number, past.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
         so_far = f", {past.time - sentence.time:.3f} s so far" if sentence.is_open else ""
-        yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
+        if width < _NARROW:
+            took = f", {seconds}" if seconds else ""
+            yield from _wrapped(f"{sentence.time:9.3f}  ", sentence.text + took + so_far, width)
+        else:
+            yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
     chain = failure_chain(past, number)
     if chain:
         yield ""
-        yield "its failure, step by step:"
+        yield from _wrapped("", "its failure, step by step:", width)
     for link in chain:
         yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", failure_line(link.text), width)
 
 
 def _wrapped(start: str, text: str, width: int) -> Iterator[str]:
     """*text* after *start*; what is too long for a line goes on below, and so do the lines of a traceback."""
-    room = max(width - len(start), _NARROWEST // 2)
+    room = max(width - len(start), _SHORTEST)
     for line in text.splitlines() or [""]:
         indent = " " * (len(line) - len(line.lstrip()))
         said = printable(line.strip())

@@ -3,13 +3,14 @@
 from collections import Counter
 
 from tca_tools.analysis.words import seconds
+from tca_tools.coping import STANDINGS
 from tca_tools.data import data_text
 from tca_tools.records import OVER, State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut, printable
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import coming, waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, dealing, waits_how, waits_since, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.wording import by_whom
 
@@ -49,12 +50,21 @@ def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.state is State.ENDING:
         return _ending(then, task), waits_since(task)
-    if task.failure and task.state in (*OVER, State.RECOVERING):
+    if task.state is State.RECOVERING:
+        return _recovering(then, task), waits_since(task)
+    if task.failure and task.state in OVER:
         return failure_line(task.failure), None
     if task.why_killed is not None:
         return _why_killed(then, task), None
     text, since = _going_on(then, task)
     return "; ".join(filter(None, (failure_line(task.failure), text))), since
+
+
+def _recovering(then: Then, task: TaskThen) -> str:
+    """Who takes care of its failure, what that is, and what else keeps it."""
+    _, *more = why_waiting(then, TaskId(task.id))
+    failure = failure_line(task.failure) or "its failure"
+    return printable(f"{waits_how(task)} {', and '.join([dealing(then, task, failure), *more])}")
 
 
 def _going_on(then: Then, task: TaskThen) -> tuple[str, float | None]:
@@ -107,9 +117,10 @@ def folded(row: Row) -> str:
     return f"+ {row.folded} task{'s' * (row.folded != 1)} {row.state}"
 
 
-def summary(then: Forest) -> str:
-    """``4.00 s, 8 tasks: 2 held, 1 achieving``."""
-    counts = Counter(task.state for task in then.tasks.values())
-    states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])
+def summary(then: Forest, *, is_live: bool = False) -> str:
+    """``4.00 s, 8 tasks: 2 held, 1 achieving``; of a run that goes on, as of when."""
+    counts = Counter(task.standing for task in then.tasks.values())
+    states = ", ".join(f"{counts[standing]} {standing}" for standing in STANDINGS if counts[standing])
     total = f"{len(then.tasks)} task{'s' * (len(then.tasks) != 1)}"
-    return f"{then.time:.2f} s, {total}" + (f": {states}" if states else "")
+    still = " (still running)" * is_live
+    return f"{then.time:.2f} s{still}, {total}" + (f": {states}" if states else "")

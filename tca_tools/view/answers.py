@@ -3,10 +3,10 @@
 from dataclasses import asdict
 from typing import Any
 
-from tca_tools.coping import Fate, fate, told_to, went_on
+from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import Message, Task
+from tca_tools.records import Message, State, Task
 from tca_tools.story import Sentence, sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
@@ -54,7 +54,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):
-            links = [link for link in failure_chain(past, TaskId(message.id)) if link.time <= then.moment]
+            links = failure_chain(past, TaskId(message.id), then.moment)
             answer["chain"] = [asdict(link) | {"text": words.failure_line(link.text)} for link in links]
         if isinstance(message, Task) and message.received <= then.moment:
             answer |= _task_answer(past, then, then.tasks[message.id])
@@ -73,7 +73,7 @@ def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, An
     failure, time = message.was("failure", moment), message.written("failure", moment)
     return {
         "failure": failure,
-        "handled": bool(failure) and went_on(past, message, time),
+        "handled": coped_with(past, message, moment),
         "replaced": bool(failure) and fate(past, message, time) is Fate.REPLACED,
         "told": told_to(past, message, time) if failure else "",
     }
@@ -81,7 +81,7 @@ def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, An
 
 def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
     return {
-        "state": task.state,
+        "state": task.standing,
         "reasons": why_waiting(then, task.id),
         "how": waits_how(task),
         "coming": coming(then, task),
@@ -133,7 +133,7 @@ def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, t
 def _note(then: Then, task: TaskThen) -> tuple[str, float | None, str]:
     text, since = words.note_since(then, task)
     whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else text
-    return text, since, whole
+    return text, since, f"{text}\n\n{whole}" if task.state is State.RECOVERING else whole
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:

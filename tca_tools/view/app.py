@@ -21,6 +21,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from tca_tools.coping import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
@@ -87,6 +88,7 @@ def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
             "problem": reading.problem or reading.log.cut,
             "remark": reading.remark,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
+            "handled": {"name": HANDLED, "colour": FILLS[HANDLED]},
             "colours": reading.feed.colours(),
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,

@@ -2,13 +2,14 @@
 
 import gc
 import threading
+from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
 from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from tca_tools.errors import ToolError
+from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.logs import Log, Place
 from tca_tools.view.feed import Feed
 from tca_wire.facts import Closed, Entry
@@ -168,8 +169,13 @@ class Reading:
             last = self.feed.history.time
             self._known = monotonic(), self.log.present(last) or last
             self.problem, self.caught_up = problem, True
-            self.remark = "; ".join(self.log.remarks)
+            self._tell_remarks()
             self._grown.notify_all()
+
+    def _tell_remarks(self) -> None:
+        """What is to be said may change with each entry: damaged ones before it have been passed over."""
+        with suppress(UnusableLog):  # its folder is gone: of that the problem tells
+            self.remark = "; ".join(self.log.remarks)
 
     def _take(self) -> None:
         """Let those who look see what has been read."""
@@ -183,5 +189,6 @@ class Reading:
                     self._places.append(place)
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
             self._known = monotonic(), self.feed.history.time
+            self._tell_remarks()
             self._pending.clear()
             self._grown.notify_all()

@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import click
 from central.player import Player
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life, operation
 
 from tca_central.events import Effect, Record
+from tca_tools.coping import HANDLED
 from tca_tools.history import History
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import whole_outline
@@ -21,8 +23,8 @@ def seen(then: Then) -> Any:
     places = [(handling.module, handling.resource) for handling in then.past.handlings]
     places += [place for place, grants in then.past.grants.items() if (grants[0].granted or 0.0) <= then.moment]
     return (
-        list(tree_lines(then, whole_outline(then), with_data=True)),
-        words.summary(then),
+        [_without_verdict(line) for line in tree_lines(then, whole_outline(then), with_data=True)],
+        words.summary(then).partition(":")[0],  # what comes then are the states, as below
         [
             (
                 str(task),
@@ -40,6 +42,12 @@ def seen(then: Then) -> Any:
         {place: [handling.message_id for handling in then.running(*place)] for place in places},
         {place: str(then.held_by(*place)) for place in places},
     )
+
+
+def _without_verdict(line: str) -> str:
+    """Whether the run went on after a failure is told as far as the journal goes, also of earlier moments."""
+    plain = click.unstyle(line).replace(HANDLED, "failed")
+    return " ".join(plain.split())
 
 
 class WatchedPlayer(Player):

@@ -108,7 +108,15 @@ def test_claims_direct_messages_and_the_run() -> None:
     direct = rows(history, "handlings")[0]
     assert (direct["message"], direct["direct_from"], direct["start"], direct["end"]) == (None, "user", 1.25, 1.5)
     assert rows(history, "run") == [
-        {"epoch": "epoch", "began": 1_700_000_000.0, "first": 0.0, "last": 3.0, "entries": 4}
+        {
+            "epoch": "epoch",
+            "began": 1_700_000_000.0,
+            "first": 0.0,
+            "last": 3.0,
+            "until": 3.0,
+            "live": False,
+            "entries": 4,
+        }
     ]
 
 
@@ -172,3 +180,23 @@ def test_the_documentation_names_every_table_and_column() -> None:
         part = text.split(f"### {table.name}\n", 1)[1].split("\n### ", 1)[0]
         for column in table.columns:
             assert f"`{column}`" in part, f"{table.name}: {column}"
+
+
+def test_who_raised_a_failure_has_a_column() -> None:
+    story = Story().module("legs", "move").at(1.0)
+    slips, late, lost, old = (story.command("move", "user") for _ in range(4))
+    for move in (slips, lost):
+        story.delivered(move, "legs")
+    story.at(2.0).returned(slips, Outcome.FAILED).say(facts.Failed(slips, "slip", ""))
+    story.at(3.0).say(facts.Failed(late, "timeout", "late", is_beside=True, by="central"))
+    story.at(4.0).say(facts.Failed(late, "slip", "", is_beside=True, by="tca raise#7"))
+    story.at(5.0).say(facts.Failed(lost, "module lost", "its connection closed"))
+    story.at(6.0).say(facts.Failed(old, "slip", "", is_beside=True))
+    told = [(row["message"], row["failure"], row["raised_by"]) for row in rows(story.fold(), "failures")]
+    assert told == [
+        (slips, "slip", "legs"),
+        (late, "timeout", "central"),
+        (late, "slip", "tca raise#7"),
+        (lost, "module lost", "central"),
+        (old, "slip", None),
+    ]

@@ -13,6 +13,7 @@ from textual.widgets import Input
 from tools.runs import encoded, walk
 from tools.story import Story, arcs, stumbling
 from tools.test_coping import replacing
+from tools.test_story import waiting_for_two
 
 from tca_tools.replay.app import Replay
 from tca_tools.replay.growth import growth_lines
@@ -153,6 +154,24 @@ def test_a_story_tells_how_long_something_lasts_so_far_and_not_yet_how_it_ends()
         assert "so far" in story
         await pilot.press("end")
         assert "handled by controller: failed, 1.100 s" in story_of(app)
+
+    play(app, act)
+
+
+def test_a_story_says_nothing_that_was_not_known_then() -> None:
+    app = replay(waiting_for_two().entries, at=1.0)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("slash", *"{3}", "enter")
+        for moment, why in (
+            ("1", "until move {1} is achieved and until look {2} is achieved"),
+            ("2", "until look {2}"),
+        ):
+            await pilot.press("g", *moment, "enter")
+            _, _, sentences = " ".join(story_of(app).split()).partition("sent by user")
+            assert f"held, {why}" in sentences
+        await pilot.press("end")
+        assert "held, until look {2} is achieved, 2.000 s" in " ".join(story_of(app).split())
 
     play(app, act)
 

@@ -39,10 +39,21 @@ def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> N
     expect("stats_stumbling", result.stdout)
 
 
-@pytest.mark.parametrize("width", [72, 100, 160])
+@pytest.mark.parametrize("width", [12, 20, 33, 47, 60, 72, 79, 90, 100, 160])
 def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
-    assert max(map(len, lines)) <= max(width, 90)  # figures are never cut
+    assert max(map(len, lines)) <= width
+    assert [line for line in lines if line.startswith("tak") and " 3" in line]  # so often it was sent
+
+
+def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
+    wide, *narrow = (
+        [line.split() for line in shown(run, COLUMNS=str(width)).stdout.splitlines()] for width in (120, 34)
+    )
+    heads, figures = narrow[0][2], next(line for line in narrow[0] if line[:2] == ["take", "steps"])
+    assert heads == ["message", "sent", "p99", "p99"]
+    assert figures == ["take", "steps", "3", "800ms", "-"]
+    assert next(line for line in wide if line[:2] == ["take", "steps"])[:3] == figures[:3]
 
 
 def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:

@@ -1,14 +1,19 @@
 """The stories of messages, as people read them."""
 
-from tools.story import ACTING, GOAL, QUERY, Story, locking, mopping, stumbling
+from pathlib import Path
+
+from click.testing import CliRunner
+from tools.story import ACTING, GOAL, QUERY, THIS, Story, locking, mopping, stumbling
 
 from tca_tools.history import History
 from tca_tools.records import State
 from tca_tools.selection import messages_of
 from tca_tools.story import story
+from tca_tools.tasktree_viz.__main__ import tree
 from tca_tools.tasktree_viz.words import note
 from tca_tools.then import Then
 from tca_wire import facts
+from tca_wire.constraints import sequential_achievement
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
@@ -244,3 +249,26 @@ def test_a_task_that_was_killed_while_it_was_suspended_was_not_resumed() -> None
 
 def test_of_what_is_unknown_there_is_no_story() -> None:
     assert story(stumbling().fold(), 99) == []
+
+
+def waiting_for_two() -> Story:
+    """A move {3} must wait for two others, which are achieved at 2 s and at 3 s."""
+    tale = Story().module("legs", "move", "look").at(1.0)
+    first, second = tale.command("move", "user"), tale.command("look", "user")
+    tale.command("move", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in (first, second)))
+    tale.delivered(first, "legs").delivered(second, "legs")
+    tale.at(2.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    tale.at(3.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    return tale.delivered(3, "legs").at(4.0)
+
+
+def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
+    tale = waiting_for_two()
+    both = "held, until move {1} is achieved and until look {2} is achieved"
+    folder = tale.write(tmp_path / "walk")
+    for moment, why in ((1.5, f"{both}, 0.500 s so far"), (2.5, "held, until look {2} is achieved, 1.500 s so far")):
+        printed = " ".join(CliRunner().invoke(tree, [str(folder), "--story", "3", "--at", str(moment)]).output.split())
+        assert why in printed
+        assert "handled" not in printed
+        assert why in [one.by(moment, moment) for one in story(tale.fold(), 3, moment)]
+    assert "1.0 (2.0 s) held, until look {2} is achieved" in told(tale.fold(), 3)

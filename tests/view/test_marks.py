@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
+from tools.made_robots import caught, fail
 from tools.story import Story
 from tools.test_coping import asking, replacing
 from view.conftest import Look
@@ -101,10 +102,40 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
     for line in page.locator("#task .lead").all():
         expect(line).to_have_class("lead handled")
     assert page.evaluate("tca.store.failures.map((one) => [one.handled, one.span.failure === one])") == [[True, True]]
-    expect(page.locator(".row[data-task='2'] .why")).to_have_class("why handled")
+    row = page.locator(".row[data-task='2']")
+    expect(row.locator(".why")).to_have_class("why handled")
+    expect(row.locator(".why")).to_have_text("failed (handled): blind: fog")
+    for amber in (row.locator(".dot"), page.locator("#task .state"), page.locator("[data-state^=failed] .dot")):
+        expect(amber).to_have_css("background-color", "rgb(223, 174, 63)")
+    expect(page.locator("#task .state")).to_have_text("failed (handled)")
+    expect(page.locator("#counts")).to_contain_text("1 failed (handled)")
+    page.locator("#search").fill("failed")
+    expect(page.locator("#found")).to_have_text("1 found")
+    page.locator("#search").fill("")
     page.evaluate("tca.slider.setTime(2)")
     page.locator("#tab-messages").click()
     expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(re.compile(r"\bhandled\b"))
+
+
+@pytest.mark.parametrize("top_fails", [False, True])
+def test_the_mark_of_what_failed_in_a_closed_task_is_amber_if_all_of_it_was_handled(
+    look: Look, tmp_path: Path, *, top_fails: bool
+) -> None:
+    page = look(replacing(top_fails=top_fails).write(tmp_path / "walk"))
+    page.locator(".row[data-task='1'] .twist").click()
+    expect(page.locator(".hidden-failure")).to_have_class("hidden-failure" if top_fails else "hidden-failure handled")
+
+
+def test_what_is_being_recovered_says_who_does_that_and_for_how_long(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").module("expert", "recover").at(1.0)
+    move = story.command("move", "user")
+    story.delivered(move, "legs").at(2.0)
+    fail(story, move, "slip", "on ice")
+    caught(story, move)
+    page = look(story.at(3.5).write(tmp_path / "walk"))
+    told = page.locator(".row.recovering .why")
+    expect(told).to_have_text("waits until recover {2} has dealt with slip: on ice, for 1.50 s")
+    expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 
 @pytest.mark.parametrize(("passed_on", "tint"), [(False, "handled"), (True, "bad")])

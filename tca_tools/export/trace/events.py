@@ -88,6 +88,16 @@ class Trace:
         return heapq.merge(*(track.events for track in self.tracks))
 
 
+def add_now(trace: Trace) -> None:
+    """Of a run that goes on, a track that says so at the present: what has not ended lasts until the trace ends."""
+    past = trace.past
+    if past.is_live and past.times:
+        track = trace.add("run", rank=1)
+        details = {"last entry": past.times[-1]}
+        time = max(trace.nanoseconds(past.time), trace.nanoseconds(past.times[-1]))
+        track.events = iter([Event(time, False, track.uuid, Kind.INSTANT, "still running", "run", details)])
+
+
 def slices(track: Track, spans: Iterable[tuple[Span, Event]]) -> Iterator[Event]:
     """Slices from their begins; the spans lie within each other or apart, and are sorted, outermost first."""
     around: list[Span] = []

@@ -10,7 +10,7 @@ from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import TracePacket
 from perfetto.trace_builder.proto_builder import StreamingTraceProtoBuilder
 
 from tca_tools.export.nanoseconds import since_1970
-from tca_tools.export.trace.events import Event, Kind, Trace, Track
+from tca_tools.export.trace.events import Event, Kind, Trace, Track, add_now
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
 from tca_tools.past import Past
@@ -33,6 +33,7 @@ def write_trace(past: Past, stream: BinaryIO) -> None:
     trace = Trace(past)
     add_task_tree(trace)
     add_modules(trace)
+    add_now(trace)
     writer = _Writer(stream)
     if past.began is not None:
         writer.clocks(since_1970(past))

@@ -53,7 +53,7 @@ export class Details {
 
   *#lead(about) {
     if (about.state) {
-      const looks = this.store.head.states.find((state) => state.name === about.state);
+      const { states, handled } = this.store.head, looks = [...states, handled].find((one) => one.name === about.state);
       const chip = element("span", { class: "state", text: about.state });
       chip.style.background = looks.colour;
       yield element("div", {}, chip, element("span", { class: "faint", text: `  ${about.class}` }));

@@ -109,25 +109,23 @@ function glide(time) {
 }
 
 function drawCounts(time) {
-  const counts = store.counts(time), chips = [];
-  counts.forEach((count, state) => {
-    if (!count) return;
-    const { name, colour } = store.head.states[state], dot = element("span", { class: "dot" });
-    dot.style.background = colour;
-    const chip = element("button", { title: `go to the next task that is ${name}` }, dot, element("span", { text: `${count} ${name}` }));
-    chip.dataset.state = name;
-    chip.addEventListener("click", () => goToNext(state, time));
-    chips.push(chip);
+  const chips = store.counts(time).map(({ looks, count }) => {
+    const dot = element("span", { class: "dot" });
+    dot.style.background = looks.colour;
+    const chip = element("button", { title: `go to the next task that is ${looks.name}` }, dot, element("span", { text: `${count} ${looks.name}` }));
+    chip.dataset.state = looks.name;
+    chip.addEventListener("click", () => goToNext(looks, time));
+    return chip;
   });
   document.getElementById("counts").replaceChildren(...chips);
 }
 
-function goToNext(state, time) {
+function goToNext(looks, time) {
   const sent = store.sentBy(store.tasks, time), chosen = store.byId.get(details.id);
   const begin = chosen ? store.tasks.indexOf(chosen) + 1 : 0;
   for (let i = 0; i < sent; i++) {
     const task = store.tasks[(begin + i) % sent];
-    if (store.stateAt(task, time) === state) return choose(task.id);
+    if (store.looksOf(task, time).name === looks.name) return choose(task.id);
   }
 }
 

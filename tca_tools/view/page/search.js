@@ -43,7 +43,7 @@ export class Search {
 
   #fits(task, word) {
     if (task.name.toLowerCase().includes(word) || String(task.id) === word) return true;
-    if (this.store.head.states[this.store.stateAt(task, this.time)]?.name === word) return true;
+    if (this.store.looksOf(task, this.time).name.split(/[ ()]+/).includes(word)) return true;
     for (const module of task.modules ?? []) if (module.toLowerCase().includes(word)) return true;
     return false;
   }

@@ -58,6 +58,7 @@ export class Store {
     this.suspended = newRow("(suspended)");
     this.suspensions = []; // the spans in it, as they began
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure }
+    this.failed = new Set(); // the tasks that were ever in that state
     this.failures = []; // those of messages, as they were raised: { message, time, span, handled }
     this.failuresOf = new Map(); // the same by message
     this.verdicts = []; // the same by their rows, with those of what came directly
@@ -131,7 +132,9 @@ export class Store {
       task.times.push(columns["state.time"][i]);
       task.states.push(columns["state.state"][i]);
       this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
-      if (this.head.states[columns["state.state"][i]].name === "failed") noteFailure(task, columns["state.time"][i]);
+      if (this.head.states[columns["state.state"][i]].name !== "failed") continue;
+      this.failed.add(task);
+      noteFailure(task, columns["state.time"][i]);
     }
     columns["suspended.by"].forEach((by, i) => { this.suspensions[known + i].by = this.texts[by]; });
   }
@@ -219,6 +222,24 @@ export class Store {
     return place < 0 ? NEVER : states[place];
   }
 
+  // How a task stands at a time, by name and colour: its state; or, of a failure, that the run went on after it.
+  looksOf(task, time) {
+    const state = this.stateAt(task, time), looks = this.head.states[state === NEVER ? 0 : state];
+    return looks.name === "failed" && this.lastFailure(task.id, time)?.handled ? this.head.handled : looks;
+  }
+
+  // The tasks above those that stand as failed at a time, after which the run did not go on.
+  aboveBad(time) {
+    const moment = lastNotAfter(this.times, time);
+    if (this.bad?.version === this.version && this.bad.moment === moment) return this.bad.above;
+    this.bad = { version: this.version, moment, above: new Set() };
+    for (const task of this.failed) {
+      if (this.looksOf(task, time).name !== "failed") continue;
+      for (let { parent } = task; parent && !this.bad.above.has(parent); { parent } = parent) this.bad.above.add(parent);
+    }
+    return this.bad.above;
+  }
+
   // When the state that a task is in at a time began; undefined before it was sent.
   entered(task, time) { return task.times[lastNotAfter(task.times, time)]; }
 
@@ -239,10 +260,15 @@ export class Store {
     return low;
   }
 
+  // How many tasks stand how at a time: { looks, count }, in the order of the states.
   counts(time) {
-    const counts = new Array(this.head.states.length).fill(0), sent = this.sentBy(this.tasks, time);
+    const { states, handled } = this.head, counts = new Array(states.length).fill(0), sent = this.sentBy(this.tasks, time);
     for (let i = 0; i < sent; i++) counts[this.stateAt(this.tasks[i], time)]++;
-    return counts;
+    const found = states.map((looks, state) => ({ looks, count: counts[state] })), failed = states.findIndex(({ name }) => name === "failed");
+    const good = counts[failed] ? [...this.failed].filter((task) => this.looksOf(task, time) === handled).length : 0;
+    found[failed].count -= good;
+    found.splice(failed + 1, 0, { looks: handled, count: good });
+    return found.filter(({ count }) => count);
   }
 
   // When a task ended, if it has by then.

@@ -205,9 +205,8 @@ export class Tree {
   }
 
   #fillTask(line, cell, row) {
-    const { task } = row, state = this.store.stateAt(task, this.time);
-    const { name, colour } = this.store.head.states[state === NEVER ? 0 : state];
-    line.classList.add(name);
+    const { task } = row, { name, colour } = this.store.looksOf(task, this.time), isHandled = name === this.store.head.handled.name;
+    line.classList.add(...isHandled ? ["failed", "handled"] : [name]);
     line.classList.toggle("chosen", task === this.outline.chosen);
     line.classList.toggle("found", this.found.has(task));
     line.dataset.task = task.id;
@@ -217,7 +216,7 @@ export class Tree {
       element("span", { class: "name", text: task.name }), element("span", { class: "number", text: task.id }));
     if (row.children && !row.open) {
       cell.append(element("span", { class: "more", text: `+ ${row.children}` }));
-      if (task.failedBelow <= this.time) cell.append(element("span", { class: "hidden-failure", text: "▲", title: "something under it failed" }));
+      if (task.failedBelow <= this.time) cell.append(this.#hiddenFailure(task));
     }
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     if (mark) cell.append(element("span", { class: "role", text: mark }));
@@ -225,13 +224,17 @@ export class Tree {
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const { text: note, since, whole } = this.#note(task) ?? { text: "", since: null, whole: "" };
-    const isHandled = name === "failed" && this.store.lastFailure(task.id, this.time)?.handled;
-    const why = element("span", { class: isHandled ? "why handled" : "why", title: whole });
-    const lasted = since === null ? [] : [", for ", age(since)], told = (note && ["failed", "killed"].includes(name) ? `${name}: ${note}` : note || name).slice(0, LONGEST);
+    const why = element("span", { class: isHandled ? "why handled" : "why", title: whole }), isOver = isHandled || ["failed", "killed"].includes(name);
+    const lasted = since === null ? [] : [", for ", age(since)], told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const room = this.room - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
     why.append(element("span", { class: "what", text: abridged(told, room, this.widthOf) }), ...lasted);
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
+  }
+
+  #hiddenFailure(task) {
+    const isBad = this.store.aboveBad(this.time).has(task), title = `something under it failed${isBad ? "" : ", and that was handled"}`;
+    return element("span", { class: isBad ? "hidden-failure" : "hidden-failure handled", text: "▲", title });
   }
 
   // What was last heard of a task, until there is news: it holds as long as the task is in the same state.

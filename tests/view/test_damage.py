@@ -1,0 +1,80 @@
+"""A journal that is damaged while the page follows it: the page says so at once, and shows what there is."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import Story, silent_for, walking
+from view.conftest import Look
+
+from tca_wire.journal import record
+
+pytestmark = pytest.mark.slow
+
+
+def damaged(content: bytes) -> bytes:
+    """A record that has its length, but not its content."""
+    return content[:-3] + bytes(byte ^ 0xFF for byte in content[-3:])
+
+
+def two_more(story: Story) -> tuple[bytes, bytes]:
+    """What is written next."""
+    known = len(story.entries)
+    for time, name in ((5.0, "fly"), (6.0, "swim")):
+        story.at(time).command(name, "user")
+    first, second = map(record, story.entries[known:])
+    return first, second
+
+
+def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes(look: Look, tmp_path: Path) -> None:
+    story = walking()
+    run = story.write(tmp_path / "run")
+    first, second = two_more(story)
+    with silent_for(run, 1.0):
+        page = look(run)
+        expect(page.locator("#status")).to_have_text("live")
+        expect(page.locator("#problem")).to_be_hidden()
+        with (run / "00000001.tcaj").open("ab") as segment:
+            segment.write(damaged(first) + second)
+        expect(page.locator("#problem")).to_contain_text("after 4.000 s: a damaged entry is left out")
+        expect(page.locator(".row").last).to_contain_text("swim")
+        expect(page.locator("#status")).to_have_text("live")
+
+
+def cut_short(run: Path) -> None:
+    segment = run / "00000001.tcaj"
+    with segment.open("r+b") as stream:
+        stream.truncate(segment.stat().st_size - 200)
+
+
+def remove(run: Path) -> None:
+    (run / "00000001.tcaj").unlink()
+
+
+def write_nonsense(run: Path) -> None:
+    with (run / "00000001.tcaj").open("ab") as stream:
+        stream.write(b"X" * 60)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (write_nonsense, "there is no record here"),
+        (cut_short, "has become shorter than what was read of it, by 200 bytes"),
+        (remove, "00000001.tcaj: has been removed"),
+        (shutil.rmtree, "can't be read"),
+    ],
+)
+def test_a_journal_that_can_t_be_followed_any_more_is_told_of(
+    look: Look, tmp_path: Path, spoil: Callable[[Path], None], told: str
+) -> None:
+    run = walking().write(tmp_path / "run")
+    with silent_for(run, 1.0):
+        page = look(run)
+        expect(page.locator("#status")).to_have_text("live")
+        spoil(run)
+        expect(page.locator("#problem")).to_contain_text(told)
+        expect(page.locator("#status")).to_have_text("damaged")
+        expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
