@@ -67,7 +67,7 @@ async def _page(_request: Request) -> Response:
 
 
 async def _frame(reading: Reading, request: Request) -> Response:
-    """What is new since the page last asked; without ``wait=0`` it waits a while for it if the page has all there is."""
+    """What is new since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
     since = _lengths(request.query_params.get("since", "{}"))
     patience = 0.0 if request.query_params.get("wait") == "0" else _PATIENCE
     frame = await run_in_threadpool(_next_frame, reading, since, patience)
