@@ -94,7 +94,7 @@ class Replay(App[None]):
         self.query_one("#tree").border_title = "task tree"
         self.query_one("#story").border_title = "story"
         self.query_one("#messages").border_title = "messages"
-        self.query_one(TreePane).focus()
+        self.set_focus(self.query_one(TreePane))  # now: later it would take the focus from what is asked for meanwhile
         self.set_interval(1 / FRAMES, self._pass)
         self.call_after_refresh(self.go_to, self.place)
 

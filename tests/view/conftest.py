@@ -20,13 +20,15 @@ Look = Callable[..., Page]
 
 
 @pytest.fixture
-def serve() -> Iterator[Callable[[Path], str]]:
+def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Path], str]]:
     """Serves journals by real processes; gives each page's address."""
     with ExitStack() as processes:
+        said = processes.enter_context((tmp_path_factory.mktemp("served") / "said.txt").open("w"))
 
         def start(journal: Path) -> str:
             command = [sys.executable, "-m", "tca_tools.view", str(journal), "--no-browser"]
-            process = processes.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+            served = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, text=True)
+            process = processes.enter_context(served)
             processes.callback(process.terminate)
             assert process.stdout is not None
             line = process.stdout.readline()

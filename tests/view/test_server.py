@@ -143,3 +143,12 @@ def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: 
     while not len(columns["task.id"]):
         _, columns = parsed(get(f"{address}api/frame"))
     assert len(columns["task.id"]) == 8
+
+
+def test_a_page_that_was_away_is_told_at_once_that_the_server_is_back(address: str) -> None:
+    """Without that it was told when there was news, or after ten seconds."""
+    known, _ = parsed(get(f"{address}api/frame"))
+    since = urllib.parse.quote(json.dumps(known["lengths"]))
+    with urllib.request.urlopen(f"{address}api/frame?since={since}&wait=0", timeout=8) as answer:
+        told, _ = parsed(answer.read())
+    assert told["lengths"]["entry"] >= known["lengths"]["entry"]
