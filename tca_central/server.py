@@ -41,7 +41,7 @@ _OPTIONS = (
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.LINGER, 1000),
     (zmq.HANDSHAKE_IVL, 2000),
-    # No HEARTBEAT_IVL: docs/decisions/0062-zeromqs-heartbeats-are-off.md
+    # No HEARTBEAT_IVL: docs/decisions/0063-zeromqs-heartbeats-are-off.md
     (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing, and central's beats are always on the way
 )
 
