@@ -113,6 +113,9 @@ class Wording:
     def _answered(self, fact: facts.Answered) -> str:
         return self._name(fact.id)
 
+    def _awaited(self, fact: facts.Awaited) -> str:
+        return f"the answer to {self._name(fact.id)}"
+
     def _handled_directly(self, fact: facts.HandledDirectly) -> str:
         words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
         words += f" in {self._name(fact.origin)}" if fact.origin else ""
@@ -275,6 +278,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Killed: Wording._killed,
     facts.Dropped: Wording._dropped,
     facts.Answered: Wording._answered,
+    facts.Awaited: Wording._awaited,
     facts.HandledDirectly: Wording._handled_directly,
     facts.LostDirectly: Wording._lost_directly,
     facts.WaitBegan: Wording._wait_began,
