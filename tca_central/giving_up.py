@@ -14,14 +14,15 @@ GAVE_UP = "its sender gave up"
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
-    """Who sent a query or multi-query now waits for its answer. It may be under way already: then that is all."""
+    """Who sent a query or multi-query now waits for its answer. Whether that is a deadlock nobody looks: what a module
+    asks its own resource may have been given to it before it waits, and is handled within the wait.
+    """
     due = connection.outstanding.get(header.request)
     if not isinstance(due, Delivery | Collector):
         return
     central.facts.append(facts.Awaited(due.id))
     if header.blocking and header.request not in connection.waits:
-        brief = header.brief or isinstance(due, Collector)
-        central.block(connection, header.request, due.origin, brief=brief)
+        central.block(connection, header.request, due.origin, brief=True)
 
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:

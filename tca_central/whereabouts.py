@@ -43,7 +43,7 @@ def _why_queued(delivery: Delivery) -> str:
     if delivery.queues is None:
         return ""
     if not delivery.queues:
-        return "nobody handles it"
+        return "nobody handled it"
     resource, *others = delivery.queues
     more = f" (or {len(others)} more)" if others else ""
     return f"it waited for {_place(resource)}{more}, {kept_busy(resource)}"

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from tca_module.arguments import check_message, check_timeout, is_brief, name_of
+from tca_module.arguments import check_message, check_timeout, name_of
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
 from tca_module.request import Request, refers_to_tasks
@@ -54,8 +54,7 @@ class Connection:
         self.direct = direct or Direct(session)  #: what goes without central
         self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.outside: Any = None  #: the Sender with which callbacks send
-        #: Users' functions that are due; called one after the other.
-        self.callbacks: deque[Callable[[], None]] = deque()
+        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due; one after the other
         self.hear: Callable[[Request], Generator[Any, None, None]] | None = None  #: awaits news of a request in asyncio
         self.patience = patience
         self._clock = clock
@@ -110,8 +109,8 @@ class Connection:
         new, handled = [message for message in messages if self._is_new(message)], list(handlers)
         if not new and not handled:
             return
-        formats = [message.format for message in new]
-        self.call(Register(0, formats, handled), f"declaring {', '.join(map(name_of, new or messages))}")
+        formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
+        self.call(Register(0, formats, handled), f"declaring {names}")
         self.session.declared(formats, handled)
         self._declared.update({message.name: message for message in new})
 
@@ -159,8 +158,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         with self._lock:
             try:
                 check_timeout(timeout)
-                if timeout != 0 and not is_done():
-                    self.announce(request, timeout)
+                if timeout != 0:
+                    self.announce(request)
                 came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
             except CentralLost as error:
                 self.abandon(request)
@@ -180,7 +179,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         if self.hear is None:
             msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
             raise MisuseError(msg)
-        self.announce(request, None, blocking=False)
+        self.announce(request, blocking=False)
         try:
             while not request.is_over:
                 yield from self.hear(request)
@@ -189,11 +188,13 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             raise
         request.check(what)
 
-    def announce(self, request: Request, timeout: float | None, *, blocking: bool = True) -> None:
+    def announce(self, request: Request, *, blocking: bool = True) -> None:
         """Tell central, where it does not know, that the answer to a question is waited for from now on."""
         with self._lock:
-            if request.is_unannounced and self.session.post(Await(request.header.number, blocking, is_brief(timeout))):
-                request.is_announced = True
+            if request.is_unannounced:
+                self._catch_up()
+            if request.is_unannounced:
+                request.is_announced = self.session.post(Await(request.header.number, blocking))
                 self._flush()
 
     def abandon(self, request: Request) -> None:
@@ -205,12 +206,9 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def give_up(self, request: Request) -> str:
         """Abandon a request that took too long; why it did, if that can be said at once ("": it can't)."""
-        is_direct = request.path is not None
-        if is_direct or not self.session.is_welcome:
-            self.abandon(request)
-            return "it went to its handler directly, which had not answered" if is_direct else ""
         with self._lock:
-            asked = self.session.give_up(request)
+            if (asked := self.session.give_up(request)) is None:
+                return "it went to its handler directly, which had not answered"
             with contextlib.suppress(CentralLost):
                 self._wait(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)

@@ -129,7 +129,8 @@ class Notification(Generic[R]):
 
         Raises CentralLost if central is silent for too long.
         """
-        self._connection.announce(self._pending.request, timeout)
+        if timeout != 0:
+            self._connection.announce(self._pending.request)
         return self._connection.listen(lambda: self.is_over, timeout)
 
     def cancel(self) -> None:

@@ -66,8 +66,8 @@ class Request:
     def is_unannounced(self) -> bool:
         """Whether it is a question whose sender went on, and central does not know whether he waits by now."""
         header = self.header
-        is_open = isinstance(header, Send) and self.wants_answer and not self.is_over and self.path is None
-        return is_open and not header.blocking and not self.is_announced
+        is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
+        return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
 
     def check(self, what: str) -> None:
         """Raise the error that it came to, if it did; *what* names it."""

@@ -141,8 +141,11 @@ class Session:
         elif self.is_recalled(request.header):
             self.request(headers.Kill(0, ROOT, "its sender has given it up, and does not know it", request=number))
 
-    def give_up(self, request: Request) -> Request:
-        """The same of what took too long, and ask why that is."""
+    def give_up(self, request: Request) -> Request | None:
+        """The same of what took too long, and ask central why it did; None of what went without central."""
+        if request.path is not None:
+            request.path.abandon(request)
+            return None
         number = request.header.number
         self._requests.pop(number, None)
         return self.request(headers.GiveUp(number), wants_answer=True)

@@ -135,8 +135,6 @@ class Await(_Header, frozen=True, tag=26):
     request: int
     blocking: bool = True
     """The sender's connection does nothing else meanwhile; a coroutine lets it do other things."""
-    brief: bool = False
-    """As in Send."""
 
 
 class Kill(_Header, frozen=True, tag=10):
