@@ -9,8 +9,7 @@ from tca_central.waits import Wait
 from tca_central.whereabouts import why_not_reached, why_unanswered
 from tca_wire import facts, headers
 from tca_wire.headers import Answer
-
-GAVE_UP = "its sender gave up"
+from tca_wire.wording import GAVE_UP
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:

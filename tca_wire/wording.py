@@ -13,6 +13,10 @@ _COMMAND = "tca "
 """How the modules are called that commands of the command line are: "tca kill"."""
 
 
+GAVE_UP = "its sender gave up"
+"""Why a message was dropped whose sender waits no longer; central may say after a colon where the message was then."""
+
+
 class Wording:
     """Facts in words; a name stays known as long as facts about it may come. *known* names what was sent before."""
 
