@@ -12,6 +12,7 @@ from tca_central.errors import RequestError
 from tca_central.registry import Connection, Delivery, Module, ModuleResource
 from tca_central.resources import Claim, Resource
 from tca_central.state import State
+from tca_central.whereabouts import kept_busy
 from tca_wire import facts, headers
 from tca_wire.failures import TIMEOUT
 from tca_wire.headers import Accepted, Answer, Refused, ToModule
@@ -44,7 +45,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     central.dispatcher.claim(claim)
     review_resource(central, resource)
     if header.blocking:
-        central.block(connection, header.number, header.origin)
+        central.block(connection, header.number, header.origin, brief=header.brief)
 
 
 def _find(central: State, name: str, module: str) -> ModuleResource:
@@ -117,7 +118,7 @@ def _who_is_in(resource: Resource[Connection, Delivery]) -> str:
     if (held_by := resource.held_by) is not None:
         kind = "reserved" if held_by.admits_owner else "locked"
         return f"{name} was {kind} by module '{held_by.slot.module.name}'"
-    return f"{name} was busy"
+    return f"{name} was {kept_busy(resource)}"
 
 
 def refuse_claim(central: State, claim: Claim[Connection], refusal: Refusal, text: str) -> None:

@@ -17,9 +17,9 @@ from tca_central.claims import take_away
 from tca_central.clock import Due
 from tca_central.cycles import Place
 from tca_central.failures import raise_failure
+from tca_central.giving_up import give_up
 from tca_central.needs import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting, needs
 from tca_central.registry import Connection, Delivery
-from tca_central.requests import give_up
 from tca_central.resources import Claim
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task

@@ -3,11 +3,12 @@
 from tca_central import claims, direct, notices
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
+from tca_central.giving_up import give_up
 from tca_central.intervals import FAILURE, RETURNED
 from tca_central.keeping import release_all
 from tca_central.monitors import check_parts
 from tca_central.registry import Connection, Delivery, Handler, Module
-from tca_central.requests import fail_delivery, give_up
+from tca_central.requests import fail_delivery
 from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
 from tca_central.taps import happened, listeners_come

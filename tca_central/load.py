@@ -10,12 +10,10 @@ from itertools import islice
 from operator import itemgetter
 from typing import Any
 
-from tca_central.holds import is_held
-from tca_central.registry import Connection, Delivery, ModuleResource
-from tca_central.resources import Claim
+from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
-from tca_wire.points import Moment, describe_moments
+from tca_central.whereabouts import awaited, held_at, held_by, named
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
@@ -58,11 +56,11 @@ def load(central: State) -> dict[str, Any]:
         ],
         "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
         "held": [
-            {"what": _named(task), "for": _held_by(central, task, at), "seconds": max(now - since, 0.0)}
+            {"what": named(task), "for": held_by(central, task, at), "seconds": max(now - since, 0.0)}
             for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, held)
         ],
         "suspended": [
-            {"task": int(task.id), "what": _named(task), "by": by, "seconds": max(now - since, 0.0)}
+            {"task": int(task.id), "what": named(task), "by": by, "seconds": max(now - since, 0.0)}
             for since, by, task in suspended[:SHOWN_WAITS]
         ],
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
@@ -78,7 +76,7 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
         "resource": resource.name,
         "capacity": resource.capacity,
         "handling": [{"id": one.id, "message": one.message.name, "seconds": now - one.since} for one, _ in inside],
-        "blocked": sum(bool(slot.waits) for slot in resource.slots),
+        "blocked": sum(bool(slot.waits or slot.pauses) for slot in resource.slots),
         "waiting": resource.waiting,
         "oldest": now - first.since if first else 0.0,
         "delivered": resource.delivered,
@@ -102,26 +100,27 @@ def _waits(central: State) -> Iterator[Waiting]:
             where = f"resource '{resource.name}' of '{module.name}'"
             if first is not None:
                 more = f" (and {resource.waiting - 1} more)" if resource.waiting > 1 else ""
-                yield first.since, f"{_named(first)}{more}", where
+                yield first.since, f"{named(first)}{more}", where
             for claim in resource.claims:
                 yield claim.since, f"a claim of '{claim.slot.module.name}'", where
     for message in central.registry.messages.values():
         first = next(iter(message.waiting.values()), None)
         if first is not None:
             more = f" (and {len(message.waiting) - 1} more)" if len(message.waiting) > 1 else ""
-            yield first.since, f"{_named(first)}{more}", "a module that handles it"
-    for connection in central.blocked:
-        for number, wait in connection.waits.items():
+            yield first.since, f"{named(first)}{more}", "a module that handles it"
+    connections = central.registry.connections.values()
+    for connection in (one for one in connections if one.waits or one.pauses):
+        for number, wait in (*connection.waits.items(), *connection.pauses.items()):
             handled = central.dispatcher.attended.get(wait.origin)
-            inside = f" in {_named(handled)}" if handled is not None else ""
-            yield wait.at, f"'{connection.module.name}'{inside}", _awaited(central, connection, number)
+            inside = f" in {named(handled)}" if handled is not None else ""
+            yield wait.at, f"'{connection.module.name}'{inside}", awaited(central, connection, number)
 
 
 def _held(central: State) -> list[tuple[float, int, Task, int]]:
     """Tasks that constraints hold back: since when (they were sent or last handled), and which beginning."""
     oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = (task for task in oldest if task.held and task.slot is None and task.queues is None and not task.killed)
-    return [(task.since, number, task, at) for number, task in enumerate(held) if (at := _held_at(task))]
+    return [(task.since, number, task, at) for number, task in enumerate(held) if (at := held_at(task))]
 
 
 def _suspended(central: State) -> list[tuple[float, str, Task]]:
@@ -129,40 +128,3 @@ def _suspended(central: State) -> list[tuple[float, str, Task]]:
     tasks = central.tree.tasks
     noted = ((*how, tasks[number]) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
     return [(since, by, task) for since, by, task in noted if task.parent is None or not task.parent.suspended]
-
-
-def _held_at(task: Task) -> int:
-    """Which beginning of a task is held (0: none)."""
-    return next((moment for moment in _BEGINNINGS if is_held(task, moment)), 0)
-
-
-_BEGINNINGS = (int(Moment.START_HANDLING), int(Moment.START_PLANNING), int(Moment.START_ACHIEVING))
-
-
-def _held_by(central: State, task: Task, at: int) -> str:
-    """What the beginning of a task waits for."""
-    tasks = central.tree.tasks
-    entries = ((tasks.get(leader), moment) for held, leader, moment in task.leaders or () if held == at)
-    ahead = [(leader, moment) for leader, moment in entries if leader is not None and not leader.reached & moment]
-    if not ahead:
-        return "the end of a delay"
-    leader, moment = ahead[0]
-    more = f" (and {len(ahead) - 1} more)" if len(ahead) > 1 else ""
-    return f"{describe_moments(Moment(moment))[0]} of {_named(leader)}{more}"
-
-
-def _awaited(central: State, connection: Connection, number: int) -> str:
-    """What a connection that blocks waits for."""
-    due = connection.outstanding.get(number)
-    if isinstance(due, Delivery):
-        return f"the reply to {_named(due)}"
-    if isinstance(due, Claim):
-        return f"resource '{due.resource.name}' of '{due.resource.module}'"
-    task = central.tree.tasks.get(getattr(due, "task_id", 0))
-    if task is None:
-        return "an answer"
-    return f"{', '.join(describe_moments(Moment(getattr(due, 'moment', 0))))} of {_named(task)}"
-
-
-def _named(delivery: Delivery) -> str:
-    return f"'{delivery.message.name}' {{{delivery.id}}}"

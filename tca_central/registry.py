@@ -45,8 +45,8 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "orphans", "outstanding", "resource",
-                 "routes", "session", "waits", "watchers", "watches")  # fmt: skip
+    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "orphans", "outstanding", "pauses",
+                 "resource", "routes", "session", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
@@ -59,6 +59,7 @@ class Connection:
         self.handling: dict[Delivery, int] = {}  #: what it handles, and the event in which it got that; oldest first
         self.orphans: list[int] = []  #: what it handled when it was lost
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
+        self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of

@@ -9,8 +9,7 @@ import msgspec
 
 from tca_central import status
 from tca_central.attaching import attach, check_attachments
-from tca_central.availability import HandledWait
-from tca_central.claims import end_with, give_up_claim, outlive
+from tca_central.claims import end_with, outlive
 from tca_central.clock import checked_seconds
 from tca_central.control import check_parting, keep_for_termination, set_deadline
 from tca_central.direct import tell_sender
@@ -22,11 +21,9 @@ from tca_central.keeping import check_room, keep
 from tca_central.making import at_birth
 from tca_central.monitors import tested
 from tca_central.registry import Connection, Delivery, MessageType
-from tca_central.resources import Claim
 from tca_central.state import Collector, Failure, State
 from tca_central.taps import happened
 from tca_central.task_tree import Task
-from tca_central.waits import Wait
 from tca_central.watching import become_monitor, check_options, ends_by_itself, enlist, is_put_by_others
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
@@ -106,7 +103,7 @@ def _route_query(
     connection.outstanding[header.number] = delivery
     central.dispatcher.route(delivery)
     if header.blocking:
-        central.block(connection, header.number, header.origin)
+        central.block(connection, header.number, header.origin, brief=header.brief)
 
 
 def _route_multi_query(
@@ -115,7 +112,7 @@ def _route_multi_query(
     original = _make(central, connection, header, message, body)
     for_each = copies(central, original)
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
-    collector = Collector(connection, header.number, original.id, wanted)
+    collector = Collector(connection, header.number, original.id, wanted, header.origin)
     connection.outstanding[header.number] = collector
     for copy, _ in for_each:
         collector.pending[copy.id] = copy
@@ -125,6 +122,8 @@ def _route_multi_query(
             fail_delivery(central, copy, Failure(OVERLOAD, "too many messages wait for its handler"))
         else:
             central.dispatcher.route(copy, resource)
+    if header.blocking and header.number in connection.outstanding:
+        central.block(connection, header.number, header.origin, brief=True)
     _end_if_complete(central, collector)
 
 
@@ -329,38 +328,6 @@ def on_constrain(central: State, connection: Connection, header: headers.Constra
     if added:
         central.facts.append(facts.Constrained(added))
     central.send(connection, header.number, Accepted(header.number))
-
-
-def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
-    """The sender no longer waits for an answer."""
-    give_up(central, connection, header.request)
-
-
-def give_up(central: State, connection: Connection, number: int, why: str = "its sender gave up") -> None:
-    """Forget that an answer is due; a query that no handler has yet is dropped."""
-    central.unblock(connection, number)
-    due = connection.outstanding.pop(number, None)
-    if isinstance(due, Wait):
-        if (task := central.tree.tasks.get(due.task_id)) is not None:
-            central.agenda.stop_waiting(task, due)
-        central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
-    elif isinstance(due, HandledWait):
-        due.end()
-    elif due is None or isinstance(due, Claim):
-        give_up_claim(central, connection, number, why)
-    elif isinstance(due, Collector):
-        for delivery in due.pending.values():
-            _abandon(central, delivery)
-        central.facts.append(facts.Dropped(due.id, why))
-    elif isinstance(due, Delivery):
-        _abandon(central, due)
-        central.facts.append(facts.Dropped(due.id, why))
-
-
-def _abandon(central: State, delivery: Delivery) -> None:
-    if delivery.queues is not None:
-        central.dispatcher.withdraw(delivery)
-        central.collectors.pop(delivery.id, None)
 
 
 def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:

@@ -22,10 +22,11 @@ from tca_wire.vocabulary import MessageClass, Outcome
 class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = ("connection", "id", "number", "pending", "wanted")
+    __slots__ = ("connection", "id", "number", "origin", "pending", "wanted")
 
-    def __init__(self, connection: Connection, number: int, message_id: int, wanted: int) -> None:
+    def __init__(self, connection: Connection, number: int, message_id: int, wanted: int, origin: int) -> None:
         self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
+        self.origin = origin  #: the delivery whose handler asks (0: none)
         self.pending: dict[int, Delivery] = {}
 
 
@@ -158,7 +159,7 @@ class State:
 
     def send(self, connection: Connection, number: int, header: ToModule, body: bytes = b"") -> None:
         """Answer a request, for good; the answer is kept in case the request is repeated."""
-        if connection.waits:
+        if connection.waits or connection.pauses:
             self.unblock(connection, number)
         connection.remember(number, header, body)
         self.messages.append(Transmit(connection.id, header, body))
@@ -168,14 +169,19 @@ class State:
         self.facts.append(facts.Ignored(connection.module.name, text))
         self.send(connection, number, headers.Accepted(number))
 
-    def block(self, connection: Connection, number: int, origin: int) -> None:
-        """A connection does nothing until the answer to this request is there."""
+    def block(self, connection: Connection, number: int, origin: int, *, brief: bool) -> None:
+        """A connection does nothing until the answer to this request is there; a *brief* wait is no deadlock."""
+        if brief:
+            connection.pauses[number] = Blocking(origin, self.events, self.clock.now)
+            return
         connection.waits[number] = Blocking(origin, self.events, self.clock.now)
         self.blocked[connection] = None
         self.suspects.append((connection, number))
 
     def unblock(self, connection: Connection, number: int) -> None:
         """That answer is there, or nobody waits for it any more."""
+        if connection.pauses.pop(number, None) is not None:
+            return
         if connection.waits.pop(number, None) is not None and not connection.waits:
             del self.blocked[connection]
 

@@ -43,7 +43,7 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
     else:
         central.agenda.wait(task, moment, wait)
         if header.blocking:
-            central.block(connection, header.number, header.origin)
+            central.block(connection, header.number, header.origin, brief=header.brief)
 
 
 def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:

@@ -367,7 +367,7 @@ def check_central(central: Any) -> None:
     check_text("where central is", central=central)
 
 
-def blocks(timeout: float | None) -> bool:
-    """Whether a wait with this timeout is one for which central looks for deadlocks. Raises as ``check_timeout``."""
+def is_brief(timeout: float | None) -> bool:
+    """Whether a wait with this timeout is one that central need not look at. Raises as ``check_timeout``."""
     check_timeout(timeout)
-    return timeout is None or timeout >= BRIEF
+    return timeout is not None and timeout < BRIEF

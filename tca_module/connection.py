@@ -12,18 +12,17 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from tca_module.arguments import check_message, check_timeout
+from tca_module.arguments import check_message, check_timeout, name_of
 from tca_module.direct import Direct
-from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
+from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
 from tca_module.request import Request, refers_to_tasks
 from tca_module.session import Session
 from tca_module.transport import Transport
 from tca_wire.codec import packets, unpack_to_module
 from tca_wire.declarations import Message
 from tca_wire.errors import ProtocolError
-from tca_wire.headers import Bye, Deliver, GiveUp, Register, ToCentral, Unregister
+from tca_wire.headers import Await, Bye, Deliver, GiveUp, Register, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
-from tca_wire.vocabulary import Refusal
 
 PATIENCE = 10.0
 """Seconds without a word from central after which a wait ends with CentralLost."""
@@ -39,8 +38,8 @@ STALL = 2.0
 
 _SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
+_WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 _FOR_EVER = float("inf")
-_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
 
 class Connection:
@@ -55,8 +54,7 @@ class Connection:
         self.direct = direct or Direct(session)  #: what goes without central
         self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.outside: Any = None  #: the Sender with which callbacks send
-        #: Users' functions that are due; called one after the other.
-        self.callbacks: deque[Callable[[], None]] = deque()
+        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due; one after the other
         self.hear: Callable[[Request], Generator[Any, None, None]] | None = None  #: awaits news of a request in asyncio
         self.patience = patience
         self._clock = clock
@@ -111,8 +109,8 @@ class Connection:
         new, handled = [message for message in messages if self._is_new(message)], list(handlers)
         if not new and not handled:
             return
-        formats = [message.format for message in new]
-        self.call(Register(0, formats, handled), f"declaring {_names(new or messages)}")
+        formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
+        self.call(Register(0, formats, handled), f"declaring {names}")
         self.session.declared(formats, handled)
         self._declared.update({message.name: message for message in new})
 
@@ -128,7 +126,7 @@ class Connection:
             if not self.wait(request, within, what):
                 self.abandon(request)
                 msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
-is alive: it is overloaded; {what} {self._fate(request)}"
+is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 raise Timeout(msg)
             return request.accepted or 0
 
@@ -160,10 +158,12 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         with self._lock:
             try:
                 check_timeout(timeout)
+                if timeout != 0:
+                    self.announce(request)
                 came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
             except CentralLost as error:
                 self.abandon(request)
-                raise CentralLost(f"{error}; {what} {self._fate(request)}") from None
+                raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None
             except BaseException:
                 self.abandon(request)
                 raise
@@ -171,27 +171,31 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 session.tell(getattr(request.header, "origin", 0))
                 session.abandon(request)
                 raise Stopped(f"module '{session.module}' ends: {what} is not waited for any more")
-            _check(request, what)
+            request.check(what)
             return came
-
-    def _fate(self, request: Request) -> str:
-        """What becomes of a request that was given up."""
-        if self.session.is_recalled(request.header):
-            return "is killed as soon as central answers, if it had heard of it"
-        return "may yet be done, if central had heard of it"
 
     def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
         """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
         if self.hear is None:
             msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
             raise MisuseError(msg)
+        self.announce(request, blocking=False)
         try:
             while not request.is_over:
                 yield from self.hear(request)
         except BaseException:
             self.abandon(request)
             raise
-        _check(request, what)
+        request.check(what)
+
+    def announce(self, request: Request, *, blocking: bool = True) -> None:
+        """Tell central, where it does not know, that the answer to a question is waited for from now on."""
+        with self._lock:
+            if request.is_unannounced:
+                self._catch_up()
+            if request.is_unannounced:
+                request.is_announced = self.session.post(Await(request.header.number, blocking))
+                self._flush()
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
@@ -199,6 +203,16 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         with self._lock:
             self.session.abandon(request)
             self._flush()
+
+    def give_up(self, request: Request) -> str:
+        """Abandon a request that took too long; why it did, if that can be said at once ("": it can't)."""
+        with self._lock:
+            if (asked := self.session.give_up(request)) is None:
+                return "it went to its handler directly, which had not answered"
+            with contextlib.suppress(CentralLost):
+                self._wait(lambda: asked.is_over, _WHY_WITHIN)
+            self.abandon(asked)
+            return asked.answers[-1][0].text if asked.answers else ""
 
     def release(self, request: Request) -> None:
         """Want no longer what a request, whose answer is there, has got."""
@@ -384,16 +398,3 @@ it listens"
 '{threading.current_thread().name}', but belongs to the one that \
 opened it: a handler sends with its task, other threads open a connection of their own with connect()"
             raise MisuseError(msg)
-
-
-def _check(request: Request, what: str) -> None:
-    if request.refused is not None:
-        kind = _KINDS.get(request.refused.refusal, Refused)
-        raise kind(what, request.refused.refusal, request.refused.text)
-    if request.lost:
-        msg = f"{what} is lost: {request.lost}; ask again"
-        raise CentralLost(msg)
-
-
-def _names(messages: Iterable[Message[Any, Any]]) -> str:
-    return ", ".join(f"{message.message_class} '{message.name}'" for message in messages)

@@ -7,13 +7,13 @@ from typing import Any, TypeVar, overload
 import msgspec
 
 from tca_module.arguments import (
-    blocks,
     check_flags,
     check_number,
     check_priority,
     check_seconds,
     check_text,
     checked_name,
+    is_brief,
     name_or_none,
 )
 from tca_module.claim import Claim
@@ -154,10 +154,10 @@ class Knowledge:
         whose = name_or_none(call, module=module)
         checked_name("resource", resource)
         check_priority(call, priority)
-        blocking = blocks(timeout)
+        brief = is_brief(timeout)
         check_seconds(call, timeout=timeout or 0)
         seconds = -1 if timeout is None else timeout
-        header = Lock(0, resource, whose, reserve, self._origin, seconds, priority, blocking)
+        header = Lock(0, resource, whose, reserve, self._origin, seconds, priority, blocking=True, brief=brief)
         claim = Claim(self._connection(), header)
         claim.wait(timeout)
         return claim

@@ -237,9 +237,8 @@ def _ask(
     if isinstance(message, Query):
         try:
             reply = client.query(message, value, timeout=within)
-        except Timeout:
-            msg = f"{name_of(message)} was not answered within {within:g} s: see 'tca messages', or give --timeout"
-            raise click.ClickException(msg) from None
+        except Timeout as error:
+            raise click.ClickException(str(error).removesuffix("timeout=") + "--timeout") from None
         click.echo(show(reply))
         return
     replies = []

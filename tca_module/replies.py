@@ -17,11 +17,10 @@ QUERY_TIMEOUT = 30.0
 """Seconds that a query waits for its reply where nobody says otherwise."""
 
 
-def not_answered(message: Message[Any, Any], timeout: float | None) -> Timeout:
-    """The error that says that a query's reply did not come in time."""
-    msg = f"{name_of(message)} was not answered within {timeout:g} s: nobody handles it, or its handler is busy; see \
-'tca messages', or give timeout="
-    return Timeout(msg)
+def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
+    """The error that says that a query's reply did not come in time, and where it was (*why*; "": nobody knows)."""
+    where = f": {why}" if why else ""
+    return Timeout(f"{name_of(message)} was not answered within {timeout:g} s{where}; to wait longer give timeout=")
 
 
 class PendingReply(Generic[R]):
@@ -40,8 +39,8 @@ class PendingReply(Generic[R]):
         """
         what = self._checked_name()
         if not self.connection.wait(self.request, timeout, what):
-            self.cancel()
-            raise not_answered(self._message, timeout)
+            self._is_cancelled = True
+            raise not_answered(self._message, timeout, self.connection.give_up(self.request))
         return self._reply(*self.request.answers[-1])
 
     def __await__(self) -> Generator[Any, None, R]:
@@ -130,6 +129,8 @@ class Notification(Generic[R]):
 
         Raises CentralLost if central is silent for too long.
         """
+        if timeout != 0:
+            self._connection.announce(self._pending.request)
         return self._connection.listen(lambda: self.is_over, timeout)
 
     def cancel(self) -> None:

@@ -8,10 +8,13 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_module.attachments import is_lasting
-from tca_module.errors import MisuseError
+from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
 from tca_wire import headers
 from tca_wire.codec import misfit
 from tca_wire.headers import Register, Send, SetVariable, ToCentral
+from tca_wire.vocabulary import Refusal
+
+_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
 _HARMLESS = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 """What changes nothing that a second time could change again."""
@@ -39,8 +42,8 @@ class Request:
     was to be sent only if somebody handles it, and nobody does.
     """
 
-    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path", "refused",
-                 "repeated", "settled", "wants_answer", "was_sent")  # fmt: skip
+    __slots__ = ("accepted", "answers", "body", "header", "is_announced", "is_over", "lost", "notify", "number", "path",
+                 "refused", "repeated", "settled", "wants_answer", "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -49,6 +52,7 @@ class Request:
         self.was_sent = False  #: central may have got it
         self.repeated = False  #: was sent more than once
         self.is_over = False
+        self.is_announced = False  #: central knows that the sender, who went on, now waits for the answer
         self.accepted: int | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
@@ -57,6 +61,22 @@ class Request:
         self.number = 0
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
         self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
+
+    @property
+    def is_unannounced(self) -> bool:
+        """Whether it is a question whose sender went on, and central does not know whether he waits by now."""
+        header = self.header
+        is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
+        return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
+
+    def check(self, what: str) -> None:
+        """Raise the error that it came to, if it did; *what* names it."""
+        if self.refused is not None:
+            kind = _KINDS.get(self.refused.refusal, Refused)
+            raise kind(what, self.refused.refusal, self.refused.text)
+        if self.lost:
+            msg = f"{what} is lost: {self.lost}; ask again"
+            raise CentralLost(msg)
 
 
 def may_be_asked_again(header: Any) -> bool:

@@ -5,7 +5,6 @@ from contextlib import AbstractContextManager
 from typing import Any, Unpack, overload
 
 from tca_module.arguments import (
-    blocks,
     check_class,
     check_constraints,
     check_executable,
@@ -14,6 +13,7 @@ from tca_module.arguments import (
     check_timeout,
     checked_maximum,
     checked_pairs,
+    is_brief,
     listed,
     name_of,
 )
@@ -158,11 +158,14 @@ class Sender(Control):
 
         Raises QueryFailed if the handler fails, Timeout if no reply comes in time.
         """
-        return self._ask(message, data, priority, blocking=blocks(timeout)).receive(timeout)
+        brief = is_brief(timeout)
+        check_class(message, Query)
+        question = self._question(message, data, priority=priority, blocking=True, brief=brief)
+        return PendingReply(*question, message).receive(timeout)
 
     def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
         """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""
-        return self._ask(message, data, priority, blocking=False)
+        return self._ask(message, data, priority)
 
     def query_notify(
         self,
@@ -182,12 +185,12 @@ class Sender(Control):
         check_function("query_notify()", callback, "(sender, reply)")
         if on_failure is not None:
             check_function("query_notify()", on_failure, "(sender, error)")
-        pending = self._ask(message, data, priority, blocking=False)
+        pending = self._ask(message, data, priority)
         return Notification(pending, callback, on_failure)
 
-    def _ask(self, message: Query[D, R], data: D, priority: int, *, blocking: bool) -> PendingReply[R]:
+    def _ask(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
         check_class(message, Query)
-        return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
+        return PendingReply(*self._question(message, data, priority=priority), message)
 
     def _question(
         self,
@@ -196,6 +199,7 @@ class Sender(Control):
         *,
         priority: int = 0,
         blocking: bool = False,
+        brief: bool = False,
         maximum: int = 0,
         if_handled: bool = False,
     ) -> tuple[Connection, Request]:
@@ -211,6 +215,7 @@ class Sender(Control):
             maximum=maximum,
             flags=Flags.NONE,
             if_handled=if_handled,
+            brief=brief,
         )
         return connection, connection.request(header, body, wants_answer=True)
 
@@ -227,7 +232,7 @@ class Sender(Control):
         Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
         what has come until then. Handlers that fail are left out.
         """
-        return list(self.multi_query_send(message, data, maximum=maximum, timeout=timeout))
+        return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 
     def multi_query_send(
         self,
@@ -241,10 +246,15 @@ class Sender(Control):
 
         They end as those of ``multi_query`` do; *timeout* counts from now.
         """
+        return self._ask_all(message, data, maximum, timeout, blocking=False)
+
+    def _ask_all(
+        self, message: MultiQuery[D, R], data: D, maximum: int | None, timeout: float | None, *, blocking: bool
+    ) -> PendingReplies[R]:
         check_class(message, MultiQuery)
         check_timeout(timeout)
         wanted = checked_maximum(name_of(message), maximum)
-        connection, request = self._question(message, data, blocking=True, maximum=wanted)
+        connection, request = self._question(message, data, blocking=blocking, maximum=wanted)
         return PendingReplies(connection, request, message, timeout)
 
     # --- statements ------------------------------------------------------------------------------------------------
@@ -328,8 +338,7 @@ class Sender(Control):
         if isinstance(message, MultiQuery):
             return list(PendingReplies(connection, request, message, 0))
         if not is_over:
-            connection.abandon(request)
-            raise not_answered(message, QUERY_TIMEOUT)
+            raise not_answered(message, QUERY_TIMEOUT, connection.give_up(request))
         return PendingReply(connection, request, message).receive()
 
 

@@ -141,6 +141,21 @@ class Session:
         elif self.is_recalled(request.header):
             self.request(headers.Kill(0, ROOT, "its sender has given it up, and does not know it", request=number))
 
+    def give_up(self, request: Request) -> Request | None:
+        """The same of what took too long, and ask central why it did; None of what went without central."""
+        if request.path is not None:
+            request.path.abandon(request)
+            return None
+        number = request.header.number
+        self._requests.pop(number, None)
+        return self.request(headers.GiveUp(number), wants_answer=True)
+
+    def fate_of(self, request: Request) -> str:
+        """What becomes of a request that was given up, in words."""
+        if self.is_recalled(request.header):
+            return "is killed as soon as central answers, if it had heard of it"
+        return "may yet be done, if central had heard of it"
+
     def is_recalled(self, header: Any) -> bool:
         """Whether what is given up before central has said that it was taken is killed: a task, which nobody else could
         find.

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import msgspec
 
 from tca_module.arguments import (
-    blocks,
     check_class,
     check_handles,
     check_lasting,
@@ -18,6 +17,7 @@ from tca_module.arguments import (
     check_text,
     check_timeout,
     checked_maximum,
+    is_brief,
     name_of,
     name_wanted,
 )
@@ -174,19 +174,20 @@ class TaskHandle(Intervals):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point, blocking=blocks(timeout))
+        what, request = self._ask(point, blocking=True, brief=is_brief(timeout))
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
-            self._connection.abandon(request)
-            msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
+            why = self._connection.give_up(request)
+            where = f": {why}" if why else ""
+            msg = f"{what} was not reached within {timeout:g} s{where}; to wait longer give timeout="
             raise Timeout(msg)
         return request.answers[-1]
 
-    def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
+    def _ask(self, point: Point, *, blocking: bool, brief: bool = False) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
         self._check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
+        return what, self._connection.request(WaitFor(0, point, self._origin, blocking, brief), wants_answer=True)
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
         """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,

@@ -278,6 +278,12 @@ class History(Reacting):
         if message := self.messages.get(fact.id):
             message.answered = self.time
 
+    def _await_answer(self, fact: facts.Awaited) -> None:
+        """Whoever asked has gone on until now."""
+        message = self.messages.get(fact.id)
+        if message is not None and message.answered is None and fact.id not in self._reply_waits:
+            self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), message.sender, message.origin)
+
     def _wait_began(self, fact: facts.WaitBegan) -> None:
         moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
         wait = self._wait(Wait(fact.task, self.time, moment), fact.module, fact.origin)
@@ -348,6 +354,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.Killed: History._kill,
     facts.Dropped: History._drop,
     facts.Answered: History._answer,
+    facts.Awaited: History._await_answer,
     facts.Attached: History._attached,
     facts.Caught: History._caught,
     facts.Reissued: History._reissued,

@@ -12,7 +12,7 @@ from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import OVER, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.then import Then
-from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, watches, why_waiting
+from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, watches, why_in_vain, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
@@ -118,15 +118,20 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
     for wait in handling.waits:
         claim = past.claims.get(wait.awaited)
         if claim is None or claim.granted != wait.start:
-            yield _spanning(wait, f"its handler waits {awaited(past, wait)}")
+            why = why_in_vain(past, wait)
+            yield _spanning(wait, f"its handler waits {awaited(past, wait)}", f", and gives up: {why}" if why else "")
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
+    first = {wait.awaited: wait for wait in reversed(handling.waits)}
     for query in handling.asked or ():
-        if not any(wait.awaited == query.id and wait.start <= max(moment, query.received) for wait in handling.waits):
+        fetched = first.get(query.id)
+        if fetched is None or fetched.start > max(moment, query.received):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
             took = None if end is None else end - query.received
             yield Sentence(query.received, f"its handler asked {query}, and goes on", took, took is None)
+        elif fetched.start > query.received:  # it fetches the reply later
+            yield Sentence(query.received, f"its handler asked {query}, and goes on", fetched.start - query.received)
 
 
 def awaited(past: Past, wait: Wait) -> str:

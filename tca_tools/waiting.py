@@ -2,15 +2,16 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from math import nextafter
 from operator import itemgetter
 
 from tca_tools.analysis import words
 from tca_tools.past import Past
-from tca_tools.records import Ahead, Claim, Hold, Message, State
+from tca_tools.records import Ahead, Claim, Hold, Message, State, Wait
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, Point, TaskId, describe_moments
 from tca_wire.vocabulary import MessageClass, Scope
-from tca_wire.wording import by_whom, place
+from tca_wire.wording import GAVE_UP, by_whom, place
 
 _CLAUSES = {
     Moment.START_HANDLING: "is being handled",
@@ -184,6 +185,22 @@ def _whereabouts(then: Then, message_id: int) -> str:
         return f", which is queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
     run = then.handling_of(query)
     return f", which {place(run.module, run.resource)} handles" if run else ""
+
+
+def why_in_vain(past: Past, wait: Wait) -> str:
+    """Where a query was when its handler waited no longer for the reply: ``legs had it``; "" if it did not give up."""
+    query = past.messages.get(wait.awaited)
+    is_given_up = query is not None and wait.end is not None and (query.dropped or "").startswith(GAVE_UP)
+    if query is None or wait.end is None or not is_given_up or query.message_class is not MessageClass.QUERY:
+        return ""
+    then = Then(past, nextafter(wait.end, 0.0))
+    if queueing := then.queueing_of(query):
+        if not queueing.module:
+            return "no module handled it"
+        why = kept_busy(then, queueing.module, queueing.resource, query)
+        return f"it was queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
+    run = then.handling_of(query)
+    return f"{place(run.module, run.resource)} had it, and had not answered" if run else "there was no answer yet"
 
 
 def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:

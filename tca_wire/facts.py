@@ -33,7 +33,7 @@ JOURNAL_VERSION = 1
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
 
 __all__ = [
-    "JOURNAL_VERSION", "Answered", "Attached", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
+    "JOURNAL_VERSION", "Answered", "Attached", "Awaited", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
     "DeadlineSet", "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly",
     "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly", "ModuleJoined",
     "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued",
@@ -109,7 +109,7 @@ class Received(_Fact, frozen=True, tag="received"):
     """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
 
     *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says that the sender does
-    nothing until the answer comes.
+    nothing until the answer comes, or until it gives up.
     """
 
     id: int
@@ -243,6 +243,12 @@ class Answered(_Fact, frozen=True, tag="answered"):
     id: int
 
 
+class Awaited(_Fact, frozen=True, tag="awaited"):
+    """Whoever sent a query or multi-query, and went on, waits for its answer from now on."""
+
+    id: int
+
+
 class HandledDirectly(_Fact, frozen=True, tag="direct"):
     """A module handled a message that came from its sender directly; central has seen nothing of it but this note.
 
@@ -329,7 +335,7 @@ class Ignored(_Fact, frozen=True, tag="ignored"):
 Fact = (
     Opened | Closed | ModuleJoined | ModuleLeft | ResourceChanged | FormatDefined | HandlerAdded | HandlerRemoved
     | Received | Constrained | Queued | Unqueued | Delivered | Returned | Reached | Failed | Killed | Dropped | Answered
-    | WaitBegan | WaitEnded | RequestRefused | Ignored | HandledDirectly | LostDirectly
+    | Awaited | WaitBegan | WaitEnded | RequestRefused | Ignored | HandledDirectly | LostDirectly
     | TapAdded | TapFired | MonitorTested | MonitorEnded
     | Claimed | Granted | ClaimEnded
     | Attached | Removed | Caught | Reissued | Unhandled | Recovered | Retried | SuspendedOrResumed | TimedOut

@@ -8,6 +8,7 @@ imperative are sent by a module, the others by central.
 from tca_wire.to_central import (
     Ask,
     Attach,
+    Await,
     Bye,
     Constrain,
     Deadline,
@@ -53,7 +54,8 @@ from tca_wire.to_module import (
 PROTOCOL_VERSION = 1
 
 __all__ = [
-    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Beat", "Bye", "Cancelled", "Closing", "Constrain",
+    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Await", "Beat", "Bye", "Cancelled", "Closing",
+    "Constrain",
     "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello", "Inspect", "Keep", "Kill",
     "Lock", "Raise", "Refused", "Register", "Remove", "Reply", "Retry", "Send", "SetVariable", "Suspend",
     "Suspended", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock", "Unregister", "WaitFor", "WaitUntilHandled",

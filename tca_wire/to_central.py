@@ -80,6 +80,8 @@ class Send(_Header, frozen=True, tag=4):
     """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5: MaybeExecute)."""
     keep: bool = False
     """Of a task: the sender's module keeps it, as with Keep (TDL: PERSISTENT)."""
+    brief: bool = False
+    """Where *blocking*: it waits for so short a time that nobody need look whether it would wait for ever."""
 
 
 class Reply(_Header, frozen=True, tag=5):
@@ -115,12 +117,24 @@ class WaitFor(_Header, frozen=True, tag=8):
     origin: int = 0
     blocking: bool = False
     """The sender's connection does nothing else until the answer is there."""
+    brief: bool = False
+    """As in Send."""
 
 
 class GiveUp(_Header, frozen=True, tag=9):
     """The sender no longer waits for the answer to request *request*; if that was a Lock, what it got is released."""
 
     request: int
+    number: int = 0
+    """With a number it is answered: the text of the Answer says why that answer is not there ("": it is, or was)."""
+
+
+class Await(_Header, frozen=True, tag=26):
+    """The sender of query or multi-query *request*, who went on, now waits for its answer. Nothing answers this."""
+
+    request: int
+    blocking: bool = True
+    """The sender's connection does nothing else meanwhile; a coroutine lets it do other things."""
 
 
 class Kill(_Header, frozen=True, tag=10):
@@ -228,6 +242,9 @@ class Lock(_Header, frozen=True, tag=23):
     """After so many seconds of waiting the answer is the failure "timeout" (negative: never)."""
     priority: int = 0
     blocking: bool = False
+    """The sender's connection does nothing else until the answer is there."""
+    brief: bool = False
+    """As in Send."""
 
 
 class Unlock(_Header, frozen=True, tag=24):
@@ -307,5 +324,6 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Noted | WatchEntrance
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | Noted
+    | WatchEntrance
 )  # fmt: skip

@@ -13,6 +13,10 @@ _COMMAND = "tca "
 """How the modules are called that commands of the command line are: "tca kill"."""
 
 
+GAVE_UP = "its sender gave up"
+"""Why a message was dropped whose sender waits no longer; central may say after a colon where the message was then."""
+
+
 class Wording:
     """Facts in words; a name stays known as long as facts about it may come. *known* names what was sent before."""
 
@@ -112,6 +116,9 @@ class Wording:
 
     def _answered(self, fact: facts.Answered) -> str:
         return self._name(fact.id)
+
+    def _awaited(self, fact: facts.Awaited) -> str:
+        return f"the answer to {self._name(fact.id)}"
 
     def _handled_directly(self, fact: facts.HandledDirectly) -> str:
         words = f"{fact.message} from {fact.sender} to {place(fact.module, fact.resource)}"
@@ -275,6 +282,7 @@ _SAY: dict[type, Callable[[Wording, Any], str]] = {
     facts.Killed: Wording._killed,
     facts.Dropped: Wording._dropped,
     facts.Answered: Wording._answered,
+    facts.Awaited: Wording._awaited,
     facts.HandledDirectly: Wording._handled_directly,
     facts.LostDirectly: Wording._lost_directly,
     facts.WaitBegan: Wording._wait_began,

@@ -153,7 +153,8 @@ class Causes:
             return None, _At(time, stood.id)
         ends = (run.end for run in reversed(message.handlings) if run.end is not None and run.end < time)
         since = max(next(ends, message.received), message.received)
-        return _waited(since, time, Doing.KILLED if was_ended else Doing.UNKNOWN, message.id)
+        went_on = None if was_ended else _went_on(message, time)
+        return went_on or _waited(since, time, Doing.KILLED if was_ended else Doing.UNKNOWN, message.id)
 
     def _held(self, task: Task, time: float) -> tuple[Step | None, _At] | None:
         """A delay of a task was over then, or a suspension, or one began."""
@@ -203,6 +204,23 @@ class Causes:
         if start >= time:
             return None, _At(time, monitor.id)
         return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
+
+
+def _went_on(message: Message, time: float) -> tuple[Step | None, _At] | None:
+    """Somebody waited no longer for a message or task that was still handled, or still in a queue: back to that."""
+    run = next((run for run in reversed(message.handlings) if _covers(run, time)), None)
+    if run is not None:
+        wait = next((wait for wait in reversed(run.waits) if _covers(wait, time) and wait.awaited > message.id), None)
+        return None, _At(time, wait.awaited) if wait is not None else _At(time, message.id, run)
+    queueing = next((one for one in reversed(message.queueings) if _covers(one, time)), None)
+    if queueing is None:
+        return None
+    doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
+    return _waited(queueing.start, time, doing, message.id, queueing)
+
+
+def _covers(span: Handling | Wait | Queueing, time: float) -> bool:
+    return span.start < time and (span.end is None or span.end > time)
 
 
 def delay_of(past: Past, task: Task, before: int, moment: Moment, added: float) -> tuple[float, int]:

@@ -15,7 +15,7 @@ from tca_tools.past import Past
 from tca_tools.records import Message, Queueing, Suspension, Task
 from tca_tools.story import awaited
 from tca_tools.then import Then
-from tca_tools.waiting import kept_busy, of_blocker, why_waiting
+from tca_tools.waiting import kept_busy, of_blocker, why_in_vain, why_waiting
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.wording import by_whom, place
 
@@ -120,11 +120,9 @@ def why_then(past: Past, step: Step) -> str:
     if message and step.doing in _WHY and (why := _WHY[step.doing](past, message, step)):
         return why
     if step.resumed:
-        return (
-            f"its sender waited {awaited(past, step.resumed)}"
-            if step.doing is Doing.OUTSIDE
-            else (f"its handler waited {awaited(past, step.resumed)}")
-        )
+        why = why_in_vain(past, step.resumed)
+        who = "sender" if step.doing is Doing.OUTSIDE else "handler"
+        return f"its {who} waited {awaited(past, step.resumed)}{f', in vain: {why}' if why else ''}"
     if queueing := queueing_before(past, step):
         return f"{seconds(step.start - queueing.start)} in the queue for {place(queueing.module, queueing.resource)}"
     if message is None or message.received == step.start:

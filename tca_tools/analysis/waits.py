@@ -12,7 +12,7 @@ from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
 from tca_tools.story import awaited
 from tca_tools.then import Then
-from tca_tools.waiting import for_whom, why_waiting
+from tca_tools.waiting import for_whom, why_in_vain, why_waiting
 from tca_wire.points import TaskId
 from tca_wire.wording import by_whom, place
 
@@ -134,7 +134,8 @@ def _told(past: Past, found: _Found) -> LongWait:
         told.what = _until_resumed(record)
     elif isinstance(record, Wait):
         told.who = f"the handler of {told.who}"
-        told.what = awaited(past, record) + _where_handled(past, record)
+        why = why_in_vain(past, record)
+        told.what = awaited(past, record) + (f", in vain: {why}" if why else _where_handled(past, record))
     else:
         told.what = _why_held(past, past.tasks[message], told)
     return told

@@ -23,6 +23,13 @@ def answered(world: World, fact: facts.Answered) -> None:
     world.finish(item)
 
 
+def awaited(world: World, fact: facts.Awaited) -> None:
+    """Who asked and went on now waits: for what is still to come."""
+    item = world.item(fact.id, "was waited for")
+    if item is not None and (item.is_answered or item.is_dropped):
+        world.broken(ANSWERED, item.id, f"{item} was waited for after its sender had got an answer, or given up")
+
+
 def must_answer(world: World, item: Item) -> None:
     """A query was handled, or failed: who waits for it is told with the same event."""
     item.returned = True

@@ -145,6 +145,7 @@ FOLD: dict[type, Callable[[World, Any], None]] = {
     facts.MonitorTested: taps.tested,
     facts.MonitorEnded: taps.monitor_ended,
     facts.Answered: asking.answered,
+    facts.Awaited: asking.awaited,
     facts.WaitBegan: asking.wait_began,
     facts.WaitEnded: asking.wait_ended,
     facts.Claimed: presence.claimed,

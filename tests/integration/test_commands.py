@@ -130,7 +130,8 @@ def test_questions_without_an_answer(robot: list[str], user: Client) -> None:
         user.execute_if_handled(message)
     code, text, error = tca(query, "silent", "--timeout", "0.1")
     assert (code, text) == (1, "")
-    assert error.endswith("query 'silent' was not answered within 0.1 s: see 'tca messages', or give --timeout\n")
+    why = "nobody handled it; to wait longer give --timeout"
+    assert error.endswith(f"query 'silent' was not answered within 0.1 s: {why}\n")
     assert tca(query, "nobody")[0] == 1
     assert tca(query, "walk", "1") == (2, "", "goal 'walk' is no query: send it with 'tca send'\n")
     assert tca(query, "where", "x=1", "--maximum", "2")[0] == 2

@@ -15,6 +15,7 @@ from tca_wire.declarations import Goal
 from tca_wire.headers import (
     Accepted,
     Answer,
+    Await,
     Beat,
     Bye,
     Deliver,
@@ -170,11 +171,11 @@ def test_a_wait_ends_in_time_while_central_lives() -> None:
     connection, central = connected()
     for second in range(101, 200):
         central.say(Beat(), at=second)
-    request = connection.request(Send(0, "stance"), wants_answer=True)
+    request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     assert not connection.wait(request, 7.0, "query")
     assert 107 <= central.now <= 107.1
     connection.abandon(request)
-    assert central.heard == [Send(2, "stance"), GiveUp(2)]
+    assert central.heard == [Send(2, "stance", blocking=True), GiveUp(2)]
 
 
 def test_a_wait_of_no_time_takes_what_is_there() -> None:
@@ -216,7 +217,7 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
 
 def test_central_forgot_the_connection_while_it_waited() -> None:
     connection, central = connected()
-    request = connection.request(Send(0, "stance"), wants_answer=True)
+    request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     central.say(Unknown())
     assert not connection.wait(request, 0.5, "query")
     assert [type(header) for header in central.heard] == [Send, Hello, Send]
@@ -362,7 +363,7 @@ def test_an_interrupted_wait_is_not_asked_again() -> None:
     central.say(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
-    assert central.heard == [Send(2, "stance"), GiveUp(2)]
+    assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2)]
 
 
 def test_a_module_that_left_is_not_registered_again() -> None:

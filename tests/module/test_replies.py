@@ -145,7 +145,9 @@ def test_a_query_that_was_given_up_calls_nothing(legs: Module, user: Client, cen
     with legs.running():
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
     assert not called
-    assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == ["its sender gave up"]
+    assert [fact.why for fact in central.facts if isinstance(fact, Dropped)] == [
+        "its sender gave up: nobody handled it"
+    ]
 
 
 def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(legs: Module, user: Client) -> None:

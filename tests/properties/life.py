@@ -35,7 +35,7 @@ small = st.integers(0, 1000)
 OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
     "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
     "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
-    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister",
+    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister", "fetch",
 ]  # fmt: skip
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
@@ -124,7 +124,7 @@ class Life:
             senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
             deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
-            if_handled=a % 5 == 0, keep=b % 4 == 1,
+            if_handled=a % 5 == 0, keep=b % 4 == 1, blocking=d % 5 == 1, brief=True,
         )  # fmt: skip
 
     def sent_name(self, b: int) -> str:
@@ -307,6 +307,13 @@ class Life:
 
     def give_up_(self, a: int, *_: int) -> None:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
+
+    def fetch_(self, a: int, b: int, *_: int) -> None:
+        """Somebody waits for the reply to what he has asked."""
+        names = self.connections()
+        name = names[a % len(names)]
+        number = 1 + b % (self.player.numbers.get(name, 0) + 1)
+        self.player.receive(name, headers.Await(number, blocking=b % 3 > 0))
 
     def lock_(self, a: int, b: int, c: int, d: int) -> None:
         modules, attended = self.central.registry.modules.values(), list(self.central.dispatcher.attended.values())

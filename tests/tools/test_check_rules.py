@@ -124,6 +124,15 @@ def test_a_task_that_does_not_wait_for_the_one_before_it() -> None:
     assert _told(story)[0] == rules.CONSTRAINT.text
 
 
+def test_a_reply_that_was_there_is_waited_for() -> None:
+    story = Story().module("user").module("legs", "where")
+    where = story.received("where", MessageClass.QUERY, "user")
+    story.delivered(where, "legs").at(1.0).say(facts.Awaited(where))
+    assert _told(story) == []
+    story.at(2.0).returned(where).say(facts.Answered(where)).at(3.0).say(facts.Awaited(where))
+    assert _told(story) == [rules.ENDED.text]
+
+
 def test_a_delay_that_is_cut_short() -> None:
     story = Story()
     delay = Constraint(Point(ROOT, Moment.START_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 5.0)

@@ -40,7 +40,7 @@ def told_of_everything() -> Story:
     story.returned(goal, Outcome.FAILED).say(
         facts.Failed(goal, "slip", ""), facts.Killed(TaskId(goal), "slipped", "panel")
     )
-    story.say(facts.Dropped(77, "nobody listens"), facts.Answered(pose))
+    story.say(facts.Dropped(77, "nobody listens"), facts.Awaited(pose), facts.Answered(pose))
     story.say(facts.HandlerRemoved("walk", "legs"), facts.ModuleLeft("legs", "it said goodbye"))
     told_of_control(story, TaskId(goal))
     story.say(facts.HandledDirectly("pose", "map", "map", "legs", goal, 88, 61.4, 0.00025, Outcome.DONE, ""))

@@ -1,0 +1,67 @@
+"""Who asked and went on waits after all; who waited gives up, and is told why there was no answer yet."""
+
+from tca_central.availability import HandledWait
+from tca_central.claims import give_up_claim
+from tca_central.registry import Connection, Delivery
+from tca_central.resources import Claim
+from tca_central.state import Collector, State
+from tca_central.waits import Wait
+from tca_central.whereabouts import why_not_reached, why_unanswered
+from tca_wire import facts, headers
+from tca_wire.headers import Answer
+from tca_wire.wording import GAVE_UP
+
+
+def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
+    """Who sent a query or multi-query now waits for its answer. Whether that is a deadlock nobody looks: what a module
+    asks its own resource may have been given to it before it waits, and is handled within the wait.
+    """
+    due = connection.outstanding.get(header.request)
+    if not isinstance(due, Delivery | Collector):
+        return
+    central.facts.append(facts.Awaited(due.id))
+    if header.blocking and header.request not in connection.waits:
+        central.block(connection, header.request, due.origin, brief=True)
+
+
+def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
+    """The sender no longer waits for an answer."""
+    why = _why_open(central, connection.outstanding.get(header.request))
+    give_up(central, connection, header.request, f"{GAVE_UP}: {why}" if why else GAVE_UP)
+    if header.number:
+        central.send(connection, header.number, Answer(header.number, text=why))
+
+
+def _why_open(central: State, due: object) -> str:
+    """Why a request has no answer yet; "" if there is nothing to say."""
+    if isinstance(due, Wait):
+        task = central.tree.tasks.get(due.task_id)
+        return why_not_reached(central, task) if task is not None else ""
+    return why_unanswered(central, due) if isinstance(due, Delivery) else ""
+
+
+def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP) -> None:
+    """Forget that an answer is due; a query that no handler has yet is dropped."""
+    central.unblock(connection, number)
+    due = connection.outstanding.pop(number, None)
+    if isinstance(due, Wait):
+        if (task := central.tree.tasks.get(due.task_id)) is not None:
+            central.agenda.stop_waiting(task, due)
+        central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
+    elif isinstance(due, HandledWait):
+        due.end()
+    elif due is None or isinstance(due, Claim):
+        give_up_claim(central, connection, number, why)
+    elif isinstance(due, Collector):
+        for delivery in due.pending.values():
+            _abandon(central, delivery)
+        central.facts.append(facts.Dropped(due.id, why))
+    elif isinstance(due, Delivery):
+        _abandon(central, due)
+        central.facts.append(facts.Dropped(due.id, why))
+
+
+def _abandon(central: State, delivery: Delivery) -> None:
+    if delivery.queues is not None:
+        central.dispatcher.withdraw(delivery)
+        central.collectors.pop(delivery.id, None)

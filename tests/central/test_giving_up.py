@@ -1,0 +1,111 @@
+"""Brief waits are no deadlocks, but waits; who gives up is told why there was no answer yet."""
+
+import pytest
+from central.player import Player, point
+from central.test_load import resource, waits
+
+from tca_central.load import load
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.facts import Awaited, Dropped, RequestRefused
+from tca_wire.headers import Answer
+from tca_wire.points import Moment, TaskId
+
+
+def why(robot: Player, name: str, request: int) -> str:
+    """What central says to who gives a request up."""
+    (answer,) = robot.receive(name, headers.GiveUp(request, robot.number(name)))
+    assert isinstance(answer, Answer)
+    return answer.text
+
+
+@pytest.fixture
+def robot() -> Player:
+    """A map and eyes, whose handlers are asked by a user."""
+    robot = Player()
+    robot.module("map", "query where")
+    robot.module("eyes", "query look", "command turn")
+    robot.module("user")
+    robot.declare("user", "query nobody", "goal plan")
+    return robot
+
+
+@pytest.mark.parametrize("brief", [False, True])
+def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
+    robot.send("user", "where")
+    robot.send("map/1", "look", origin=1, blocking=True)
+    robot.send("eyes/1", "where", origin=2, blocking=True, brief=brief)
+    robot.tick(10.0)
+    assert bool(robot.facts(RequestRefused)) is not brief
+    told = load(robot.central)
+    assert (("'eyes' in 'look' {2}", "the reply to 'where' {3}", 10.0) in waits(told)) is brief
+    assert resource(told, "eyes")["blocked"] == brief
+    assert resource(told, "map")["blocked"] == 1
+
+
+def test_who_went_on_and_now_waits(robot: Player) -> None:
+    robot.send("user", "where")
+    robot.send("map/1", "look", origin=1, number=7)
+    assert resource(load(robot.central), "map")["blocked"] == 0
+    assert not robot.receive("map/1", headers.Await(7))
+    robot.receive("map/1", headers.Await(99))  # answered meanwhile, or never asked: nothing
+    assert resource(load(robot.central), "map")["blocked"] == 1
+    robot.reply("eyes/1")
+    robot.receive("map/1", headers.Await(7))
+    assert resource(load(robot.central), "map")["blocked"] == 0
+    assert robot.facts(Awaited) == [Awaited(2)]
+
+
+def test_a_coroutine_that_awaits_does_not_block_its_thread(robot: Player) -> None:
+    robot.send("user", "where")
+    robot.send("map/1", "look", origin=1, number=7)
+    robot.receive("map/1", headers.Await(7, blocking=False))
+    assert resource(load(robot.central), "map")["blocked"] == 0
+    assert robot.facts(Awaited) == [Awaited(2)]
+
+
+def test_who_gives_up_a_question_is_told_where_it_was(robot: Player) -> None:
+    robot.send("user", "nobody", number=101)
+    robot.send("user", "where", number=102)
+    robot.send("user", "where", number=103)
+    robot.send("user", "look", number=104)
+    robot.numbers["user"] = 104
+    robot.send("eyes/1", "where", origin=4, blocking=True)
+    assert why(robot, "user", 101) == "nobody handled it"
+    assert why(robot, "user", 103) == "it waited for resource 'map' of 'map', busy with 'where' {2}"
+    assert why(robot, "user", 102) == "resource 'map' of 'map' had it, and had not answered"
+    words = "resource 'eyes' of 'eyes' had it, and had not answered: it waited for the reply to 'where' {5}"
+    assert why(robot, "user", 104) == words
+    assert [fact.why for fact in robot.facts(Dropped)][-1] == f"its sender gave up: {words}"
+    assert why(robot, "user", 104) == ""
+
+
+def test_a_lock_in_the_way_is_named(robot: Player) -> None:
+    robot.module("arm")
+    robot.receive("arm", headers.Lock(robot.number("arm"), "map"))
+    robot.send("user", "where", number=101)
+    robot.numbers["user"] = 101
+    assert why(robot, "user", 101) == "it waited for resource 'map' of 'map', which module 'arm' had locked"
+
+
+def test_who_waits_no_longer_for_a_task_is_told_how_far_it_was(robot: Player) -> None:
+    def wait(task: int) -> str:
+        number = robot.number("user")
+        robot.receive("user", headers.WaitFor(number, point(task, Moment.END_ACHIEVING)))
+        return why(robot, "user", number)
+
+    plan = robot.task("user", "plan")
+    turn = robot.task("user", "turn", under=plan, origin=0)
+    held = robot.task("user", "turn", under=plan, origin=0)
+    assert wait(plan) == "nobody handled it"
+    robot.module("planner", "goal plan")
+    assert wait(turn) == "resource 'eyes' of 'eyes' had it, and had not returned"
+    assert wait(held) == f"it was held until end achieving of 'turn' {{{turn}}}"
+    robot.reply("planner/1", plan)
+    assert wait(plan) == f"'turn' {{{turn}}} under it (and 1 more) had not ended"
+    robot.receive("user", headers.Suspend(robot.number("user"), TaskId(held)))
+    robot.reply("eyes/1", turn)
+    assert wait(held) == "it was suspended"
+    free = robot.task("user", "turn", flags=Flags.NONE)
+    robot.reply("eyes/1", free)
+    assert wait(free) == ""

@@ -1,0 +1,120 @@
+"""In random lives of handlers that block: the journal says of every wait that goes on, and of no other."""
+
+from central.player import point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.test_deadlocks import Blocking, waits_in
+
+from tca_central.events import Effect, Record
+from tca_central.registry import Connection, Delivery
+from tca_central.resources import Claim
+from tca_central.state import Collector
+from tca_central.waits import Wait
+from tca_tools.history import History
+from tca_wire import headers
+from tca_wire.points import Moment
+
+numbers = st.integers(0, 50)
+steps = st.lists(
+    st.tuples(
+        st.sampled_from(["send", "ask", "ask all", "ask and go on", "fetch", "fetch", "wait", "lock", "give up", "return",
+                         "return", "kill", "suspend", "lose"]),
+        numbers, numbers, numbers,
+    ), max_size=40,
+)  # fmt: skip
+
+
+class Told(Blocking):
+    """Handlers that ask in all ways, for long or briefly; the journal is folded as it goes."""
+
+    handled = {  # noqa: RUF012
+        "a": ("goal walk", "query where", "multi-query all"),
+        "b": ("command move", "query look", "multi-query all"),
+        "c": ("goal step", "query pose"),
+    }
+
+    def __init__(self) -> None:
+        self.history = History()
+        super().__init__(looks=True)
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        for effect in effects:
+            if isinstance(effect, Record):
+                self.history.apply(effect.entry)
+        self.compare()
+        return effects
+
+    def compare(self) -> None:
+        """What central knows of waits is what the journal tells."""
+        waits = [wait for run in self.history.handlings for wait in run.waits]
+        waits += [wait for module in self.history.modules.values() for wait in module.waits]
+        told = sorted(wait.awaited for wait in waits if wait.end is None)
+        connections = self.central.registry.connections.values()
+        open_waits = [(one, number) for one in connections for number in (*one.waits, *one.pauses)]
+        assert told == sorted(awaited(one, number) for one, number in open_waits)
+
+    def do(self, what: str, a: int, b: int, c: int) -> None:
+        free, brief = self.free(), c % 2 == 0
+        delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
+        slot = delivery.slot if delivery else None
+        slot = slot or self.central.registry.connections[b"user"]  # type: ignore[index]
+        name, origin = slot.id.decode(), delivery.given_as if delivery else 0
+        if not delivery and (slot.waits or slot.pauses):
+            return
+        if what.startswith("ask"):
+            self.ask(name, origin, what, b, brief=brief)
+        elif what == "fetch":
+            if went_on := [number for number, due in slot.outstanding.items() if isinstance(due, Delivery | Collector)]:
+                self.receive(name, headers.Await(went_on[b % len(went_on)]))
+        elif what == "wait":
+            for task in [*self.central.tree.tasks.values()][b:][:1]:
+                place = point(task.id, list(Moment)[c % 6])
+                self.receive(name, headers.WaitFor(self.number(name), place, origin, blocking=True, brief=brief))
+        elif what == "lock":
+            wanted = headers.Lock(self.number(name), "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief)
+            self.receive(name, wanted)
+        elif what in ("give up", "lose"):
+            self.end(what, b, c)
+        else:
+            super().do(what, a, b, c)
+
+    def ask(self, name: str, origin: int, what: str, b: int, *, brief: bool) -> None:
+        if what == "ask all":
+            self.send(name, "all", origin=origin, blocking=brief, maximum=b % 3)
+        else:
+            message = ("where", "look", "pose", "missing")[b % 4]
+            self.send(name, message, origin=origin, blocking=what == "ask", brief=brief)
+
+    def end(self, what: str, b: int, c: int) -> None:
+        """Somebody waits no longer, or is lost."""
+        connections = self.central.registry.connections.values()
+        if what == "give up":
+            for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
+                name, number = one.id.decode(), next(iter((*one.pauses, *one.waits)))
+                self.receive(name, headers.GiveUp(number, self.number(name) if c % 2 else 0))
+        elif c % 4 == 0:
+            for one in [one for one in connections if one.resource][b:][:1]:
+                self.lose(one.id.decode())
+
+    def free(self) -> list[Delivery]:
+        newest = {delivery.slot: delivery for delivery in self.central.dispatcher.attended.values()}
+        return [one for slot, one in newest.items() if slot and not waits_in(slot, one) and not slot.pauses]
+
+
+def awaited(slot: Connection, number: int) -> int:
+    """The id of the message, task or claim that a connection waits for."""
+    due = slot.outstanding[number]
+    assert isinstance(due, Delivery | Collector | Claim | Wait)
+    return int(due.task_id if isinstance(due, Wait) else due.id)
+
+
+@given(steps)
+@settings(max_examples=300, deadline=None)
+def test_the_journal_says_who_waits(taken: list[tuple[str, int, int, int]]) -> None:
+    life = Told()
+    life.hello("operator")
+    life.declare("user", "query missing")
+    for step in taken:
+        life.do(*step)
+        life.tick(1.0)

@@ -1,0 +1,76 @@
+"""Questions that were given up: where they were then, in the story, among the longest waits, and on the critical path."""
+
+from tools.story import QUERY, Story
+from tools.test_critical_path import path_of, steps_of
+
+from tca_tools.analysis.waits import WaitKind, waits
+from tca_tools.past import Past
+from tca_tools.story import story as story_of
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+
+
+def asking() -> Past:
+    """A handler asks three times, for half a second each: of one who is at work, behind that, and of nobody."""
+    tale = Story().module("legs", "act").module("map", "where").module("eyes")
+    act = tale.command("act", "user")
+    tale.delivered(act, "legs")
+    first = tale.received("where", QUERY, "legs", origin=act, blocking=True)
+    tale.delivered(first, "map").at(0.5).say(facts.Dropped(first, "its sender gave up"))  # as older journals say
+    tale.at(0.6)
+    second = tale.received("where", QUERY, "legs", origin=act, blocking=True)
+    tale.queued(second, "map").at(1.0)
+    tale.say(facts.Unqueued(second), facts.Dropped(second, "its sender gave up: it waited for resource 'map'")).at(1.25)
+    third = tale.received("look", QUERY, "legs", origin=act)
+    tale.queued(third).at(1.5).say(facts.Awaited(third)).at(2.0)
+    tale.say(facts.Unqueued(third), facts.Dropped(third, "its sender gave up: nobody handled it")).at(2.5)
+    return tale.returned(act).reached(act, Moment.END_ACHIEVING).at(3.0).returned(first).fold()
+
+
+def test_the_story_says_where_each_question_was() -> None:
+    told = [(one.time, one.seconds, one.text) for one in story_of(asking(), 1)]
+    assert told[2:6] == [
+        (0.0, 0.5, "its handler waits for the reply to where {2}, and gives up: map had it, and had not answered"),
+        (0.6, 0.4, "its handler waits for the reply to where {3}, and gives up: it was queued for map, busy with where {2}"),
+        (1.25, 0.25, "its handler asked look {4}, and goes on"),
+        (1.5, 0.5, "its handler waits for the reply to look {4}, and gives up: no module handled it"),
+    ]  # fmt: skip
+
+
+def test_before_it_gave_up_nobody_knew_that_it_would() -> None:
+    first = next(sentence for sentence in story_of(asking(), 1) if "where {2}" in sentence.text)
+    assert first.known(0.25).text == "its handler waits for the reply to where {2}"
+
+
+def test_the_longest_waits_say_that_they_were_in_vain() -> None:
+    (replies,) = (one for one in waits(asking()) if one.kind is WaitKind.REPLY)
+    assert (replies.number, round(replies.seconds, 6)) == (3, 1.4)
+    assert {one.what for one in replies.longest} == {
+        "for the reply to where {2}, in vain: map had it, and had not answered",
+        "for the reply to where {3}, in vain: it was queued for map, busy with where {2}",
+        "for the reply to look {4}, in vain: no module handled it",
+    }
+
+
+def test_the_critical_path_goes_on_through_what_was_waited_for() -> None:
+    assert path_of(asking()) == [
+        ("where", "map", 0.0, 0.5),
+        ("act", "legs", 0.5, 0.6),
+        ("queued", "map", 0.6, 1.0),
+        ("act", "legs", 1.0, 1.25),
+        ("no handler", "", 1.25, 2.0),
+        ("act", "legs", 2.0, 2.5),
+    ]
+
+
+def test_a_wait_with_a_timeout_for_a_task_that_is_still_handled_leads_into_that() -> None:
+    tale = Story().module("brain", "walk").module("legs", "move")
+    move = tale.command("move", "user")
+    tale.at(0.25).delivered(move, "legs").at(0.5)
+    walk = tale.goal("walk", "user")
+    tale.delivered(walk, "brain").reached(walk, Moment.START_ACHIEVING).at(0.75)
+    tale.say(facts.WaitBegan("brain", walk, TaskId(move), Moment.END_ACHIEVING)).at(1.0)
+    tale.say(facts.WaitEnded("brain", walk, TaskId(move))).at(1.5)
+    tale.returned(walk).reached(walk, *Moment).at(2.0).returned(move)
+    past = tale.fold()
+    assert steps_of(past, past.tasks[TaskId(walk)])[1:] == [("move", "legs", 0.25, 1.0), ("walk", "brain", 1.0, 1.5)]
