@@ -201,16 +201,12 @@ class Agenda:
         if task.waiters is not None:
             task.waiters.pop(waiter, None)
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether something has come out that the core must take before it starts anything."""
-        return bool(self.ended or self.met or self.withdrawn or self.tapped or self.happened or self.alone)
-
     def settle(self) -> None:
         """Reach all that can be reached."""
         while self._look_at:
             self._advance(self._look_at.popleft())
-        self.holds.ending.clear()
+        if self.holds.ending:
+            self.holds.ending.clear()
 
     # --- reaching moments ------------------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ and joining.py say what each message means to them, and this file decides when.
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from tca_central import (
@@ -54,14 +55,15 @@ class Central(State):
         self._takers: tuple[tuple[deque[Any], Callable[[Any], None]], ...] = (
             (agenda.tapped, lambda tapped: taps.fire_before(self, *tapped)),
             (agenda.happened, lambda happened: taps.happened(self, *happened)),
-            (agenda.alone, lambda task: monitors.end_watchers(self, task)),
+            (agenda.alone, partial(monitors.end_watchers, self)),
             (agenda.withdrawn, self._withdraw),
             (agenda.ended, self._ended),
             (agenda.met, self._met),
-            (self.dispatcher.granted, lambda claim: claims.granted(self, claim)),
+            (self.dispatcher.granted, partial(claims.granted, self)),
             (self.dispatcher.displaced, lambda displaced: requests.displace(self, *displaced)),
-            (self.dispatcher.stranded, lambda handler: failures.pass_over(self, handler)),
+            (self.dispatcher.stranded, partial(failures.pass_over, self)),
         )
+        self._come_out = tuple(waiting for waiting, _ in self._takers)
 
     def handle(self, event: Event) -> list[Effect]:
         """Let *event* happen; what must be done about it, in that order. Any exception is a bug in central."""
@@ -142,7 +144,7 @@ class Central(State):
         agenda, dispatcher = self.agenda, self.dispatcher
         agenda.settle()
         while True:
-            if agenda.is_busy or dispatcher.is_busy:
+            if any(self._come_out):
                 for waiting, take in self._takers:
                     while waiting:
                         take(waiting.popleft())
@@ -169,23 +171,22 @@ class Central(State):
         """Everything has settled but these tasks, which may start. First come exception handlers that nobody handles,
         which ends others, then monitors, which take no slot from anyone; each with all that follows from that.
         """
-        startable = [task for task in self.agenda.startable if task.requested and not task.killed]
-        self.agenda.startable.clear()
-        stranded = [task for task in startable if task.is_stranded]
-        watching = [task for task in startable if task.message.message_class.is_monitor]
-        first = stranded or watching or startable
+        waiting = self.agenda.startable
+        startable = [task for task in waiting if task.requested and not task.killed]
+        waiting.clear()
+        first = startable if len(startable) < 2 else _first_of(startable)
         if len(first) < len(startable):
             is_first = set(first)
-            self.agenda.startable.extend(task for task in startable if task not in is_first)
-        if first is not watching:
+            waiting.extend(task for task in startable if task not in is_first)
+        if first and first[0].message.message_class.is_monitor:
             for task in first:
-                self._count_attempt(task)
-            self.dispatcher.route_all(first)
+                if not task.killed:  # one that fails at once may end others
+                    self._count_attempt(task)
+                    monitors.start(self, task)
             return
-        for task in watching:
-            if not task.killed:  # one that fails at once may end others
-                self._count_attempt(task)
-                monitors.start(self, task)
+        for task in first:
+            self._count_attempt(task)
+        self.dispatcher.route_all(first)
 
     def _count_attempt(self, task: Task) -> None:
         if task.again:
@@ -213,6 +214,12 @@ class Central(State):
                 oldest = next(iter(self.outcomes))
                 self.outcome_bytes -= _size(self.outcomes.pop(oldest))
                 self.forgotten = max(self.forgotten, oldest)
+
+
+def _first_of(startable: list[Task]) -> list[Task]:
+    """Those of several startable tasks that go before all others: all of one kind."""
+    stranded = [task for task in startable if task.is_stranded]
+    return stranded or [task for task in startable if task.message.message_class.is_monitor] or startable
 
 
 def _size(outcome: tuple[Outcome, str, str, bytes]) -> int:

@@ -197,11 +197,6 @@ class Dispatcher:
                 self.freed.append((resource, None))
         delivery.withdraw()
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether something has come out that the core must take before it starts anything."""
-        return bool(self.displaced or self.granted or self.stranded)
-
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
         """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""

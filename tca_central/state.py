@@ -10,7 +10,7 @@ from tca_central.events import Effect, Transmit
 from tca_central.intervals import DELIVERED
 from tca_central.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
 from tca_central.resources import Claim
-from tca_central.task_tree import Kept, Task, TaskTree
+from tca_central.task_tree import Kept, Task, TaskTree, taps_of
 from tca_central.variables import Variables
 from tca_wire import facts, headers
 from tca_wire.headers import ToModule
@@ -128,7 +128,7 @@ class State:
         delivery.message.delivered += 1
         resource.delivered += 1
         self.facts.append(facts.Delivered(delivery.given_as, delivery.message_id, resource.module, resource.name))
-        if delivery.message.taps or isinstance(delivery, Task):
+        if taps_of(delivery):
             self.agenda.happened.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.started(delivery)

@@ -197,7 +197,7 @@ class TaskTree:
         parent.children[task.id] = task
         self.tasks[task.id] = task
         parent.watchers += task.is_watcher
-        if task.is_guest:
+        if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
         if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), {})[task.id] = task
@@ -224,7 +224,7 @@ class TaskTree:
         if parent is not None and parent.children is not None:
             del parent.children[task.id]
             parent.watchers -= task.is_watcher
-            if task.is_guest:
+            if task.rare is not None and task.rare.is_guest:
                 parent.more.guests -= 1
             if parent.last_child is task:
                 # After a killed last child flags refer to the sibling before it, not to nothing.
@@ -269,12 +269,13 @@ def taps_of(delivery: Delivery) -> list[Tap]:
     """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped, nor what is
     sent for a monitor that was.
     """
+    taps = delivery.message.taps
+    if isinstance(delivery, Task) and delivery.rare is not None and delivery.rare.taps:
+        taps = delivery.rare.taps + taps
+    if not taps:
+        return taps
     sent_for = delivery.context.task.role if delivery.role.is_of_monitor else delivery.role
-    if sent_for is Role.LISTENER:
-        return []
-    if isinstance(delivery, Task) and delivery.rare and delivery.rare.taps:
-        return delivery.rare.taps + delivery.message.taps
-    return delivery.message.taps
+    return [] if sent_for is Role.LISTENER else taps
 
 
 def is_aside(task: Task) -> bool:

@@ -1,6 +1,7 @@
 """The words that headers and facts share: classes, outcomes, conditions and the like. Knows nothing of their use."""
 
 from enum import IntEnum, StrEnum
+from functools import cached_property
 
 
 class MessageClass(StrEnum):
@@ -18,22 +19,22 @@ class MessageClass(StrEnum):
     DEMON_MONITOR = "demon monitor"
     VARIABLE = "variable"
 
-    @property
+    @cached_property
     def is_task(self) -> bool:
         """Whether such a message becomes a node of the task tree."""
         return self in _TASKS
 
-    @property
+    @cached_property
     def is_goal(self) -> bool:
         """Whether such a task expands into others and is planned; other tasks only act."""
         return self in _GOALS
 
-    @property
+    @cached_property
     def is_monitor(self) -> bool:
         """Whether central itself carries such a task out."""
         return self in _MONITORS
 
-    @property
+    @cached_property
     def has_reply(self) -> bool:
         """Whether the sender of such a message is answered by its handlers."""
         return self in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
@@ -56,17 +57,17 @@ class Role(StrEnum):
     SET_UP = "set up"
     CANCEL = "cancel"
 
-    @property
+    @cached_property
     def is_of_monitor(self) -> bool:
         """Whether a monitor sends such messages."""
         return self in _OF_MONITORS
 
-    @property
+    @cached_property
     def leaves_safe(self) -> bool:
         """Whether it brings things to a safe end: it is not suspended with the task above it."""
         return self in _SAFE
 
-    @property
+    @cached_property
     def survives(self) -> bool:
         """Whether it is not killed with the task above it."""
         return self in _SURVIVORS
@@ -121,7 +122,7 @@ class Condition(StrEnum):
     WHEN_ACHIEVED = "when achieved"
     WHEN_KILLED = "when killed"
 
-    @property
+    @cached_property
     def is_of_handling(self) -> bool:
         """Whether it is met each time that its message is handled, and so again when that is retried."""
         return self in _OF_HANDLING

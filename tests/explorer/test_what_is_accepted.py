@@ -60,6 +60,11 @@ def suspend_and_resume(_: Any, step: TaskHandle) -> None:
     step.resume()
 
 
+def kill_all_under_the_walk(_: Any, step: TaskHandle) -> None:
+    if (walk := step.parent()) is not None:
+        walk.kill(scope=Scope.DESCENDANTS)
+
+
 REQUESTS = {
     "kill": Request("kill", lambda _, step: step.kill(), gone),
     "kill in 1 s": Request("kill", lambda _, step: step.kill(delay=1.0), gone, 1.0),
@@ -67,6 +72,7 @@ REQUESTS = {
     "kill of all beside it": Request(
         "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
     ),
+    "kill of all under the task above": Request("kill", kill_all_under_the_walk, gone),
     "on termination": Request("on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER),
     "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),
     "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVER),
