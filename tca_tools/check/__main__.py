@@ -45,13 +45,9 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     journal, files = _sorted(paths)
     wanted = [*_from_texts(texts), *(one for file in files for one in properties_in(file))]
     run = _Run(wanted, with_history=bool(files))
-    lost = 0
     for entry in journal:
-        if journal.lost > lost:
-            run.checker.skip(journal.lost - lost)
-            lost = journal.lost
-        run.take(entry)
-    run.close()
+        run.take(entry, journal.losses)
+    run.close(journal.losses)
     _check_names(run, wanted)
     _show(run, journal, everything=everything)
     journal.check(of_missing=False)  # of those it has a line of its own
