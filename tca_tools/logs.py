@@ -136,6 +136,11 @@ class Log:
             raise UnusableLog(wrong[0])
 
     @property
+    def is_cut_short(self) -> bool:
+        """Whether something is left that can't be read, and nothing comes behind it."""
+        return bool(self._damage)
+
+    @property
     def is_being_written(self) -> bool:
         """Whether a central on this machine has the journal open: its run goes on."""
         try:
