@@ -137,8 +137,8 @@ class Log:
 
     @property
     def is_cut_short(self) -> bool:
-        """Whether something is left that can't be read, and nothing comes behind it."""
-        return bool(self._damage)
+        """Whether something is left at the end that can't be read."""
+        return bool(self._damage or self.cut)
 
     @property
     def is_being_written(self) -> bool:

@@ -38,7 +38,9 @@ class Losses:
         """A segment begins."""
         if reader.version > JOURNAL_VERSION and not self._later:
             which = f"{reader.version}; this one reads up to {JOURNAL_VERSION}"
-            self._later = f"{segment}: written by a later version ({which}), in which more may have happened: upgrade tca"
+            self._later = (
+                f"{segment}: written by a later version ({which}), in which more may have happened: upgrade tca"
+            )
 
     @property
     def places(self) -> int:

@@ -120,7 +120,7 @@ class JournalReader:
 
     # --- records ---------------------------------------------------------------------------------------------------
 
-    def _payload(self) -> memoryview | bytes | None:
+    def _payload(self) -> bytes | None:
         """That of the record at ``offset``; None if no sound one is there."""
         at = self.offset - self._window_at
         if at < 0 or at + _FRAME.size > len(self._window):

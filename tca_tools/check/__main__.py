@@ -51,8 +51,11 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     for entry in journal:
         run.take(entry, journal.losses)
     run.close(journal.losses, is_cut_short=journal.is_cut_short)
-    _check_names(run, wanted)
-    _show(run, journal, everything=everything)
+    misnamed = _misnamed(run, wanted)
+    if misnamed and not run.checker.gaps:  # else they may be known where it can't be read
+        stated, wrong = next(iter(misnamed.items()))
+        raise click.UsageError(f"property '{stated}': {wrong}")
+    _show(run, journal, misnamed, everything=everything)
     journal.check(of_missing=False)  # of those it has a line of its own
     context.exit(bool(run.violations))
 
@@ -141,37 +144,41 @@ def _asked(stated: Property, ask: Callable[[Property], str]) -> str:
         raise click.UsageError(f"property '{stated}' can't be asked: {type(error).__name__}: {error}") from error
 
 
-def _check_names(run: _Run, wanted: list[Property]) -> None:
-    """A property of what can't occur would hold whatever happens: say so."""
+def _misnamed(run: _Run, wanted: list[Property]) -> dict[Property, str]:
+    """The properties of what the journal does not know, or does not allow: they would hold whatever happens."""
     world = run.checker.world
     messages = run.messages.keys() | world.classes.keys()
+    found: dict[Property, str] = {}
     for stated in wanted:
         for those in stated.predicates:
             if isinstance(those, Those):
-                _check_name(stated, "message", those.message, messages)
-                _check_name(stated, "module", those.module, run.modules)
-                _check_data(stated, those, world)
+                found[stated] = (
+                    _unknown("message", those.message, messages)
+                    or _unknown("module", those.module, run.modules)
+                    or _misfit(those, world)
+                    or found.get(stated, "")
+                )
+    return {stated: wrong for stated, wrong in found.items() if wrong}
 
 
-def _check_name(stated: Property, kind: str, name: str, known: Iterable[str]) -> None:
-    if name and name not in known:
-        nearest = get_close_matches(name, known, n=1)
-        advice = f": did you mean '{nearest[0]}'?" if nearest else ""
-        raise click.UsageError(f"property '{stated}': the journal has no {kind} '{name}'{advice}")
+def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    if not name or name in known:
+        return ""
+    nearest = get_close_matches(name, known, n=1)
+    advice = f": did you mean '{nearest[0]}'?" if nearest else ""
+    return f"the journal has no {kind} '{name}'{advice}"
 
 
-def _check_data(stated: Property, those: Those, world: World) -> None:
+def _misfit(those: Those, world: World) -> str:
     """Of a message that never came, its declaration must allow that it might have."""
     if those.has_subject:
-        return
-    formats = [world.formats.get(those.message, "")] if those.message else [*world.formats.values(), ""][:-1]
-    for one in those.wanted:
-        if formats and (wrong := one.misfit(formats)):
-            of = f"of '{those.message}', " if those.message else "of no message, "
-            raise click.UsageError(f"property '{stated}': {of}{wrong}")
+        return ""
+    formats = [world.formats.get(those.message, "")] if those.message else [*world.formats.values()]
+    wrong = next(filter(None, (one.misfit(formats) for one in those.wanted if formats)), "")
+    return f"of '{those.message}', {wrong}" if wrong and those.message else wrong
 
 
-def _show(run: _Run, journal: Log, *, everything: bool) -> None:
+def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything: bool) -> None:
     checker = run.checker
     span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
     click.echo(f"{printable(journal.name)}: {checker.facts} facts of {checker.events} events, {span}")
@@ -189,16 +196,16 @@ def _show(run: _Run, journal: Log, *, everything: bool) -> None:
         click.style(f"good: {kept} rules", fg="green") if not rules else f"{kept} of {len(RULES)} rules are kept"
     )
     for stated in run.unbroken:
-        click.echo(_unbroken(stated, is_whole=not checker.gaps))
+        click.echo(_unbroken(stated, misnamed.get(stated, stated.vacuous), is_whole=not checker.gaps))
     _show_violations(run.violations, journal, everything=everything)
 
 
-def _unbroken(stated: Property, *, is_whole: bool) -> str:
-    """What there is to say of a property of which no breach was found."""
+def _unbroken(stated: Property, idle: str, *, is_whole: bool) -> str:
+    """What there is to say of a property of which no breach was found, and (*idle*) none could be."""
     words = printable(str(stated))
     good = click.style(f"good: {words}", fg="green") if is_whole else f"no breach in what can be read: {words}"
-    if why := stated.vacuous:
-        good += click.style(f" (which says nothing: in this run {printable(why)})", fg="yellow")
+    if idle:
+        good += click.style(f" (which says nothing: {printable(idle)})", fg="yellow")
     return good
 
 

@@ -40,7 +40,7 @@ class Foreign(Property):
     @property
     def vacuous(self) -> str:
         """Why it says nothing that it holds."""
-        return "" if self.had_case else f"there never was '{self._stated.case}'"
+        return "" if self.had_case else f"in this run there never was '{self._stated.case}'"
 
     def at_end(self, world: World) -> str:
         """When the journal is read: what is wrong. Of what was to be within some time, that may not be over."""

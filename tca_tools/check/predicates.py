@@ -62,7 +62,8 @@ class Those:
         """Whether it is true of a message."""
         if self.has_subject and not self._test(item):  # the cheaper question first
             return False
-        is_about = self.message in ("", item.message) and all([wanted.fits(item) for wanted in self.wanted])
+        fits = [wanted.fits(item) for wanted in self.wanted] if self.message in ("", item.message) else [False]
+        is_about = all(fits)
         self.has_subject = self.has_subject or is_about
         return is_about and self._test(item)
 

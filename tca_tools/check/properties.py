@@ -128,8 +128,8 @@ class Property:
         those = [one for one in self.predicates if isinstance(one, Those)]
         absent = next((one for one in those if not one.has_subject), None)
         if absent is not None:
-            return f"there never was '{absent.subject}'" if absent.message or absent.wanted else ""
-        return "" if self.had_case else f"there never was '{words_of(self.predicates[-1])}'"
+            return f"in this run there never was '{absent.subject}'" if absent.message or absent.wanted else ""
+        return "" if self.had_case else f"in this run there never was '{words_of(self.predicates[-1])}'"
 
     def at_end(self, world: World) -> str:
         """When the journal is read: what is wrong."""

@@ -6,7 +6,7 @@ data=VALUE    the whole, unless the data have a field of that name
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 from tca_tools.check.errors import BadProperty
@@ -56,9 +56,9 @@ class Wanted:
             data = data["base64"]
         return any(data == one and isinstance(data, bool) == isinstance(one, bool) for one in self._values)
 
-    def misfit(self, schemas: Iterable[str]) -> str:
+    def misfit(self, schemas: Sequence[str]) -> str:
         """Why no data of any of these formats can have it; "" if some can."""
-        problem = ""
+        problem = f"no message has a field '{self._field}'" if len(schemas) > 1 else ""
         for schema in schemas:
             path = [] if self._path == _WHOLE and not knows_field(schema, self._path) else self._path
             is_known = knows_field(schema, path)

@@ -181,7 +181,7 @@ def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> Non
     path.write_bytes(b"".join(map(record, story.entries[2:])))
     log = open_log(path)
     assert numbers(log) == [entry.number for entry in story.entries[2:]]
-    with pytest.raises(DamagedLog, match="byte 0, after 0.000 s: at least one entry, damaged or missing, is left out"):
+    with pytest.raises(DamagedLog, match=r"byte 0, after 0.000 s: at least one entry, damaged or missing, is left out"):
         log.check()
 
 

@@ -145,7 +145,7 @@ def test_lengths_that_lead_nowhere_cost_no_more_than_a_few_times_the_file() -> N
     stream = Counting(BYTES + b"\xce" + lies + record(Entry(3, 1.0, [])))
     reader = JournalReader(stream)
     assert [entry.number for entry in reader] == [0, 1, 2, 3]
-    assert reader._in_vain <= MAX_RECORD + 9 * size  # noqa: SLF001 - what a checksum was made of
+    assert reader._in_vain <= MAX_RECORD + 9 * size
     assert stream.taken < 20 * size + 2 * MAX_RECORD
 
 
