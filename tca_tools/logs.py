@@ -171,8 +171,7 @@ class Log:
         """What there is to say of a last entry that is not whole, and that nobody is writing just now."""
         if not self._torn or self.is_being_written:
             return ""
-        segment, offset, torn = self._torn
-        return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
+        return _cut_off(*self._torn)
 
     @property
     def remarks(self) -> list[str]:
@@ -279,14 +278,20 @@ class Log:
 
     def _leave_damage_behind(self) -> None:
         """There is another segment: go on there."""
+        if self._torn:
+            self.losses.ends.append(_cut_off(*self._torn))
         if self._damage:
             self.losses.ends.append(self._damage)
-            self._damage = ""
+        self._damage, self._torn = "", None
 
     def _check_entries(self) -> None:
         """Raise UnusableLog if reading failed, and nothing was read."""
         if self._damage and not self._has_entries:
             raise UnusableLog((*self.losses.ends, self._damage)[0])
+
+
+def _cut_off(segment: Path, offset: int, torn: int) -> str:
+    return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
 
 
 def _why_none(segment: Path) -> str:

@@ -17,7 +17,7 @@ class Losses:
         self.facts = 0
         """Those that this version does not know, or that are none."""
         self.ends: list[str] = []
-        """Why nothing more could be read of a segment, where others follow."""
+        """Why no more could be read of a segment, where others follow."""
         self._is_counted = True
         self._first_entry = self._first_fact = ""
         """Where the first of them stands, and after what time."""

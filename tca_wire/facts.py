@@ -36,10 +36,11 @@ EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 __all__ = [
     "JOURNAL_VERSION", "Answered", "Attached", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
     "DeadlineSet", "Delivered", "Dropped", "Entry", "EntryTime", "Fact", "Failed", "FormatDefined", "Granted",
-    "HandledDirectly", "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly", "ModuleJoined",
-    "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued",
-    "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed",
-    "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
+    "HandledDirectly", "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly",
+    "ModuleJoined", "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached", "Received",
+    "Recovered", "Reissued", "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried", "Returned",
+    "SuspendedOrResumed", "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded",
+    "kind_of",
 ]  # fmt: skip
 
 

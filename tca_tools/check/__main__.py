@@ -42,6 +42,7 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     \b
     never P, always P, eventually P, P before P, at most N P [in all], never stuck
       where P is STATE of MESSAGE [with FIELD=VALUE, ...], or handled by MODULE
+      [with ...]; data=VALUE compares the whole data of a message
       STATE: sent, begun, handled, queued, planned, planned ahead, being achieved,
              achieved, killed, failed, recovering, suspended, fired, retried
     """  # noqa: D301 - click wants the character itself
