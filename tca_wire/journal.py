@@ -27,6 +27,10 @@ SEGMENT_SUFFIX = ".tcaj"
 _LIKE_A_RECORD = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
 """A frame, and the beginning of an array: of what else is in a journal one byte in millions looks so."""
 _CHUNK = 1 << 20
+_MOST_FRAMES = 100
+"""Damaged records in a row that are told apart."""
+_STEP = 1 << 10
+"""A frame that leads nowhere counts as if so many bytes were read in vain: it takes as long."""
 _SPARE = 8
 """So many times its own size may be read in vain while sound records are looked for: see ``_allowed``."""
 
@@ -167,7 +171,7 @@ class JournalReader:
         payload = memoryview(both)[_FRAME.size :]
         if len(payload) == length and zlib.crc32(payload) == _FRAME.unpack_from(both)[3]:
             return True
-        self._in_vain += length
+        self._in_vain += _FRAME.size + length
         return False
 
     def _allowed(self, place: int) -> int:
@@ -200,7 +204,8 @@ class JournalReader:
         place, passed = self.offset, []
         while not self._is_sound(place, size):
             length = self._length(place)
-            if length is None:
+            if length is None or length > self._allowed(place) or len(passed) == _MOST_FRAMES:
+                self._in_vain += _STEP * len(passed)
                 return None, []
             passed.append(place)
             place += _FRAME.size + length
@@ -208,16 +213,18 @@ class JournalReader:
 
     def _by_looks(self, size: int) -> int | None:
         """The next sound record whatever is before it."""
-        place = self.offset + 1
-        while place < size:
-            chunk = self._bytes(place, min(_CHUNK, size - place))
-            found = _LIKE_A_RECORD.search(chunk)
+        place, end = self.offset + 1, size if self._opened else min(size, MAX_RECORD)  # the first record is a short one
+        while place < end:
+            if not self._window_at <= place < self._window_at + len(self._window) - _FRAME.size:
+                self._look_at(place, _CHUNK)
+            window, start = self._window, self._window_at
+            found = _LIKE_A_RECORD.search(window, place - start)
             while found:
-                here = place + found.start()
+                here = start + found.start()
                 if self._is_sound(here, size) and self._goes_on(here):
                     return here
-                found = _LIKE_A_RECORD.search(chunk, found.start() + 1)
-            place += max(len(chunk) - _FRAME.size, 1)
+                found = _LIKE_A_RECORD.search(window, found.start() + 1)
+            place = max(start + len(window) - _FRAME.size, place + 1)
         return None
 
     def _goes_on(self, place: int) -> bool:
