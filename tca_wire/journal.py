@@ -201,7 +201,8 @@ class JournalReader:
 
     def _by_frames(self, size: int) -> tuple[int | None, list[int]]:
         """The next sound record that frames lead to, and those that are damaged before it."""
-        place, passed = self.offset, []
+        place = self.offset
+        passed: list[int] = []
         while not self._is_sound(place, size):
             length = self._length(place)
             if length is None or length > self._allowed(place) or len(passed) == _MOST_FRAMES:

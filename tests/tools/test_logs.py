@@ -12,6 +12,7 @@ from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_tools.logs import Log, open_log
+from tca_tools.view.reading import Reading
 from tca_wire import facts
 from tca_wire.endpoint import default_journals
 from tca_wire.facts import JOURNAL_VERSION, Entry
@@ -288,3 +289,16 @@ def test_following_ends_at_damage_with_nothing_behind_it(tmp_path: Path) -> None
     assert list(log.follow(lambda: None))
     with pytest.raises(DamagedLog):
         log.check()
+
+
+def test_the_page_of_a_file_that_is_damaged_has_the_messages_before_it(tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run")
+    with (folder / "00000001.tcaj").open("ab") as stream:
+        stream.write(b"X" * 60)
+    reading = Reading(open_log(folder))
+    reading.start()
+    with reading:
+        assert reading._grown.wait_for(lambda: reading.caught_up, 30)
+    assert "there is no record here" in reading.problem
+    assert [entry.number for entry in reading.entries_between(2, 99)] == [one.number for one in walking().entries[2:]]
+    reading.stop()

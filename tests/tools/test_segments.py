@@ -191,19 +191,6 @@ def test_the_page_of_such_a_file_says_so(joined: tuple[Path, int]) -> None:
     reading.stop()
 
 
-def test_the_page_of_a_file_that_is_damaged_has_the_messages_before_it(tmp_path: Path) -> None:
-    folder = walking().write(tmp_path / "run")
-    with (folder / "00000001.tcaj").open("ab") as stream:
-        stream.write(b"X" * 60)
-    reading = Reading(open_log(folder))
-    reading.start()
-    with reading:
-        assert reading._grown.wait_for(lambda: reading.caught_up, 30)
-    assert "there is no record here" in reading.problem
-    assert [entry.number for entry in reading.entries_between(2, 99)] == [one.number for one in walking().entries[2:]]
-    reading.stop()
-
-
 def test_the_segments_of_one_run_may_stand_in_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, path = walking().write(tmp_path / "run", segments=3), tmp_path / "whole.tcaj"
     path.write_bytes(b"".join(one.read_bytes() for one in sorted(folder.iterdir())))
