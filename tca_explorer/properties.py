@@ -19,6 +19,7 @@ from tca_wire.vocabulary import LONGEST_TIME
 Predicate = Callable[[World], object]
 
 _MICROSECONDS = 1_000_000  # in a second
+_END_WITH_THEIR_MESSAGE = frozenset(("begun", "planned", "planned ahead", "suspended"))
 
 
 class Property:
@@ -58,6 +59,12 @@ class Property:
         del world
         return True
 
+    is_certain = False
+    """Whether it is broken by what is there, whatever was before: asked of a journal of which a part is missing."""
+
+    counts = False
+    """Whether what came last is what is too many."""
+
     @property
     def case(self) -> str:
         """What there must be, once, to judge it by: in words."""
@@ -65,6 +72,8 @@ class Property:
 
 
 class _Never(Property):
+    is_certain = True
+
     def seen(self, world: World, memory: int) -> tuple[int, str]:
         found = self.predicates[0](world)
         return memory, shown(found) or "here it is" if found else ""
@@ -76,12 +85,14 @@ class _Always(Property):
 
 
 class _AtMost(Property):
+    is_certain = counts = True
+
     def __init__(self, words: str, predicate: Predicate, most: int) -> None:
         super().__init__(words, predicate)
         self._most = most
 
     def seen(self, world: World, memory: int) -> tuple[int, str]:
-        found = self.predicates[0](world)
+        found = _under_way(self.predicates[0], world)
         number = _number(found)
         return memory, f"here {number}: {shown(found)}" if number > self._most else ""
 
@@ -236,6 +247,8 @@ class Those:
         self.words = words
         self.message = message  #: which it names, if it does
         self.module = module
+        self.ends_with_its_message = False
+        """Whether ``at_most`` counts nothing that has ended with the last action: it makes room for the next."""
         self._test = test
 
     def __call__(self, world: World) -> list[Seen]:
@@ -249,9 +262,12 @@ def _those(state: str, message: Message[Any, Any], data: Any, test: Callable[[Se
                             "none: give its declaration")  # fmt: skip
     name = message.name
     if data is UNSET:
-        return Those(f"{name} {state}", lambda seen: seen.message == name and test(seen), message=name)
-    return Those(f"{name} {data!r} {state}",
-                 lambda seen: seen.message == name and test(seen) and seen.data == data, message=name)  # fmt: skip
+        found = Those(f"{name} {state}", lambda seen: seen.message == name and test(seen), message=name)
+    else:
+        found = Those(f"{name} {data!r} {state}",
+                      lambda seen: seen.message == name and test(seen) and seen.data == data, message=name)  # fmt: skip
+    found.ends_with_its_message = state in _END_WITH_THEIR_MESSAGE
+    return found
 
 
 def begun(message: Message[Any, Any], data: Any = UNSET) -> Those:
@@ -359,6 +375,14 @@ def handled_by(module: str) -> Those:
     """
     checked_name(module, "a module")
     return Those(f"handled by {module}", lambda seen: seen.module == module, module=module)
+
+
+def _under_way(predicate: Predicate, world: World) -> object:
+    """What a predicate is true of at a time: what has ended makes room for what begins with the same action."""
+    found = predicate(world)
+    if isinstance(predicate, Those) and predicate.ends_with_its_message and isinstance(found, list):
+        return [seen for seen in found if not seen.is_over]
+    return found
 
 
 def _number(found: object) -> int:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import click
 
 from tca_tools.errors import DamagedLog, UnusableLog
+from tca_tools.losses import Losses
 from tca_tools.segments import Folder, listed, segments_in
 from tca_tools.terminal import printable
 from tca_wire.endpoint import default_journals
@@ -51,19 +52,17 @@ class Log:
     """One journal: a directory of segments, or one segment. Of a directory with segments of several runs it is the run
     that began last; of a file in which one run follows another, the first.
 
-    Iterating passes over entries that are damaged and ends quietly where nothing more can be read, so that what is good
-    can be shown; ``check`` then tells of it.
+    Iterating passes over what is damaged or not known to this version and ends quietly where nothing more can be read,
+    so that what is good can be shown; ``check`` then tells of it.
     """
-
-    lost = 0
-    """How many damaged entries were passed over."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.losses = Losses()
+        """What was passed over until now."""
         self._damage = ""
+        """Why nothing more can be read of the segment that was read last."""
         self._has_entries = False
-        self._first_lost = ""
-        """Where the first of them is, and when it was written."""
         self._time = 0.0
         """Of the last entry that was read."""
         self._torn: tuple[Path, int, int] | None = None
@@ -86,12 +85,12 @@ class Log:
     def __iter__(self) -> Iterator[Entry]:
         """The entries of all segments. Raises UnusableLog if there are none."""
         for segment in self.segments():
+            self._leave_damage_behind()
             with self._excused(), segment.open("rb") as stream:
                 reader = JournalReader(stream, str(segment))
                 yield from self._counted(reader, segment)
                 self._note_end(segment, reader)
-            if self._damage:
-                return
+        self._check_entries()
         if not self._has_entries:
             raise UnusableLog(f"{self.path}: empty, central has written nothing to it yet: {_WAITING}")
 
@@ -104,13 +103,26 @@ class Log:
     ) -> Iterator[tuple[Entry, Place]]:
         """The same, with where each entry stands."""
         followed: set[Path] = set()
-        while not self._damage and not (self._followed_by and self._folder is None):
-            segment = next((one for one in self.segments() if one not in followed), None)
+        while not (self._followed_by and self._folder is None):
+            segment = self._next_to(followed)
             if segment is not None:
+                self._leave_damage_behind()
                 yield from self._follow_segment(segment, wait)
                 followed.add(segment)
+            elif self._damage:
+                break
             else:
                 wait()
+        self._check_entries()
+
+    def _next_to(self, followed: set[Path]) -> Path | None:
+        """The first segment that is not among them; None if there is none yet."""
+        try:
+            return next((one for one in self.segments() if one not in followed), None)
+        except UnusableLog:
+            if self._damage:  # that says more
+                return None
+            raise
 
     @property
     def is_empty(self) -> bool:
@@ -119,9 +131,14 @@ class Log:
 
     def check_beginning(self) -> None:
         """Raise UnusableLog if this is no journal; one that is empty may become one."""
-        for segment in self.segments()[:1]:
-            with self._excused(), segment.open("rb") as stream:
-                next(iter(JournalReader(stream, str(segment))), None)
+        wrong = [_why_none(segment) for segment in self.segments()]
+        if wrong and all(wrong):
+            raise UnusableLog(wrong[0])
+
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether something is left at the end that can't be read."""
+        return bool(self._damage or self.cut)
 
     @property
     def is_being_written(self) -> bool:
@@ -154,25 +171,15 @@ class Log:
         """What there is to say of a last entry that is not whole, and that nobody is writing just now."""
         if not self._torn or self.is_being_written:
             return ""
-        segment, offset, torn = self._torn
-        return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
+        return _cut_off(*self._torn)
 
     @property
     def remarks(self) -> list[str]:
-        """What there is to say of its folder, a line each: other runs lie there, or segments are missing; of damaged
-        entries; and of what follows in a file.
+        """What there is to say of its folder, a line each: other runs lie there, or segments are missing; of what was
+        passed over; and of what follows in a file.
         """
         folder = [*self._folder.others, *self._folder.missing] if self._folder is not None else []
-        return [*folder, *filter(None, [self.left_out, self._followed_by])]
-
-    @property
-    def left_out(self) -> str:
-        """A line for the damaged entries that were passed over; "" if there were none."""
-        if not self.lost:
-            return ""
-        what = "a damaged entry is" if self.lost == 1 else f"{self.lost} damaged entries are"
-        first = ", the first of them here" * (self.lost > 1)
-        return f"{self._first_lost}: {what} left out{first}: what seems to go on since then may have ended"
+        return [*folder, *self.losses.lines, *filter(None, [self._followed_by])]
 
     def tell(self, *, of_missing: bool = True) -> None:
         """Say on the standard error what there is to say of the folder (*of_missing*: of segments that are missing,
@@ -191,11 +198,11 @@ class Log:
         self.tell(of_missing=of_missing)
         if self._followed_by:
             self._say(self._followed_by)
+        also = "; ".join(self.losses.lines)
         if self._damage:
-            also = f" ({self.left_out})" if self.lost else ""
-            raise DamagedLog(f"{self._damage}; what comes before it is shown{also}")
-        if self.lost:
-            raise DamagedLog(self.left_out)
+            raise DamagedLog(f"{self._damage}; what comes before it is shown" + (f" ({also})" if also else ""))
+        if also:
+            raise DamagedLog(also)
         if cut := self.cut:
             self._say(f"{cut}; what comes before it is shown")
 
@@ -229,23 +236,25 @@ class Log:
 
     def _counted(self, reader: JournalReader, segment: Path) -> Iterator[Entry]:
         """The entries of a segment, until another run, or the same anew, begins in it."""
-        known = len(reader.holes)
-        for entry in reader:
-            if len(reader.holes) > known:
-                self._first_lost = (
-                    self._first_lost or f"{segment}, byte {reader.holes[known]}, after {self._time:.3f} s"
-                )
-                self.lost += len(reader.holes) - known
-                known = len(reader.holes)
-            self._time = entry.time
-            facts = entry.facts
-            if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
-                return
-            yield entry
+        holes, unknown = len(reader.holes), reader.unknown
+        try:
+            for entry in reader:
+                if len(reader.holes) > holes or reader.unknown > unknown:
+                    self.losses.note(reader, segment, holes, unknown, self._time)
+                    holes, unknown = len(reader.holes), reader.unknown
+                self._time = entry.time
+                facts = entry.facts
+                if facts and type(facts[0]) is Opened and self._is_another(facts[0], reader, segment):
+                    return
+                if not self._has_entries or not reader.offset:
+                    self._has_entries = True
+                    self.losses.note_version(reader, segment)
+                yield entry
+        finally:  # something may be lost behind the last of them, too
+            self.losses.note(reader, segment, holes, unknown, self._time)
 
     def _is_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
         """Whether, in the midst of a file, something begins that does not go on with what comes before it."""
-        self._has_entries = True  # each segment begins so
         last = self._opened if reader.offset else None
         if last is None or (opened.epoch == last.epoch and opened.segment > last.segment):
             self._opened = opened
@@ -259,15 +268,42 @@ class Log:
 
     @contextmanager
     def _excused(self) -> Iterator[None]:
-        """Reading may fail where something was read before; ``check`` tells of it."""
+        """Reading may fail; ``check`` tells of it."""
         try:
             yield
         except JournalDamaged as error:
             self._damage = str(error)
         except OSError as error:
             self._damage = f"{error.filename or self.path}: can't be read: {error.strerror}"
+
+    def _leave_damage_behind(self) -> None:
+        """There is another segment: go on there."""
+        if self._torn:
+            self.losses.ends.append(_cut_off(*self._torn))
+        if self._damage:
+            self.losses.ends.append(self._damage)
+        self._damage, self._torn = "", None
+
+    def _check_entries(self) -> None:
+        """Raise UnusableLog if reading failed, and nothing was read."""
         if self._damage and not self._has_entries:
-            raise UnusableLog(self._damage)
+            raise UnusableLog((*self.losses.ends, self._damage)[0])
+
+
+def _cut_off(segment: Path, offset: int, torn: int) -> str:
+    return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
+
+
+def _why_none(segment: Path) -> str:
+    """Why a file is no journal; "" if it is one, or is empty and may become one."""
+    try:
+        with segment.open("rb") as stream:
+            next(iter(JournalReader(stream, str(segment))), None)
+    except JournalDamaged as error:
+        return str(error)
+    except OSError as error:
+        return f"{segment}: can't be read: {error.strerror}"
+    return ""
 
 
 def _checked(path: Path) -> Path:

@@ -31,14 +31,16 @@ from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role, Scope
 
 JOURNAL_VERSION = 1
 LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
+EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 __all__ = [
-    "JOURNAL_VERSION", "Answered", "Attached", "Awaited", "Caught", "ClaimEnded", "Claimed", "Closed", "Constrained",
-    "DeadlineSet", "Delivered", "Dropped", "Entry", "Fact", "Failed", "FormatDefined", "Granted", "HandledDirectly",
-    "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed", "LostDirectly", "ModuleJoined",
-    "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached", "Received", "Recovered", "Reissued",
-    "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried", "Returned", "SuspendedOrResumed",
-    "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan", "WaitEnded", "kind_of",
+    "JOURNAL_VERSION", "Answered", "Attached", "Awaited", "Caught", "ClaimEnded", "Claimed", "Closed",
+    "Constrained", "DeadlineSet", "Delivered", "Dropped", "Entry", "EntryTime", "Fact", "Failed", "FormatDefined",
+    "Granted", "HandledDirectly", "HandlerAdded", "HandlerRemoved", "Ignored", "Kept", "KillPlanned", "Killed",
+    "LostDirectly", "ModuleJoined", "ModuleLeft", "MonitorEnded", "MonitorTested", "Opened", "Queued", "Reached",
+    "Received", "Recovered", "Reissued", "Released", "Removed", "RequestRefused", "ResourceChanged", "Retried",
+    "Returned", "SuspendedOrResumed", "TapAdded", "TapFired", "TimedOut", "Unhandled", "Unqueued", "WaitBegan",
+    "WaitEnded", "kind_of",
 ]  # fmt: skip
 
 
@@ -347,7 +349,7 @@ class Entry(msgspec.Struct, frozen=True, array_like=True):
     """All facts that one event caused. *time* is in seconds since the epoch began, on a clock that never jumps."""
 
     number: int
-    time: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
+    time: EntryTime
     facts: list[Fact]
 
 

@@ -8,7 +8,7 @@ import base64
 import binascii
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date, datetime, time, timedelta
 from decimal import Decimal
 from difflib import get_close_matches
@@ -67,28 +67,57 @@ class PlainFormat(Format[Any]):
 
     def __init__(self, schema: str) -> None:
         try:
-            self._read = json.loads(schema or "{}")
+            self.shape: Any = json.loads(schema or "{}")
         except (ValueError, RecursionError):
-            self._read = {}
-        is_nothing = self._read == {"type": "null"}
+            self.shape = {}
+        is_nothing = self.shape == {"type": "null"}
         super().__init__(type(None) if is_nothing else Any)
         self.schema = schema
 
     def __str__(self) -> str:
-        return brief(self._read)
+        return brief(self.shape)
 
     @property
     def takes_fields(self) -> bool:
         """Whether its values may have named fields."""
-        return _Fitting(self._read).takes_fields(self._read)
+        return _Fitting(self.shape).takes_fields(self.shape)
 
     def encode(self, value: Any) -> bytes:
         """*value*, in which texts may be Bare, as bytes. Raises BadData, naming the field, if it does not fit."""
         try:
-            fitted = _Fitting(self._read).fit(self._read, value, "")
+            fitted = _Fitting(self.shape).fit(self.shape, value, "")
         except RecursionError:
             raise BadData("it is nested too deeply") from None
         return super().encode(fitted)
+
+
+def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
+    """Why the field at *path* (none: the whole) of data of a format can't be *value*; "" if it can, as far as formats
+    tell.
+    """
+    whole = PlainFormat(schema).shape
+    fitting, problem = _Fitting(whole), ""
+    try:
+        for option in fitting.field(whole, path):
+            try:
+                fitting.fit(option, value, ".".join(path))
+            except (BadData, RecursionError) as error:
+                problem = str(error)
+            else:
+                return ""
+    except BadData as error:
+        return str(error)
+    return problem
+
+
+def knows_field(schema: str, path: Sequence[str]) -> bool:
+    """Whether data of a format may have a field at *path*."""
+    whole = PlainFormat(schema).shape
+    try:
+        _Fitting(whole).field(whole, path)
+    except BadData:
+        return False
+    return True
 
 
 class _Fitting:
@@ -118,6 +147,29 @@ class _Fitting:
         if options := schema.get("anyOf"):
             return any(self.takes_fields(option) for option in options)
         return schema.get("type", "object") == "object" and "enum" not in schema
+
+    def field(self, schema: Any, path: Sequence[str]) -> list[Any]:
+        """What the field at *path* may be, a schema each; raises BadData where there is none."""
+        found = self._options(schema)
+        for depth, name in enumerate(path):
+            known = [key for option in found for key in option.get("properties", ())]
+            found = [one for option in found for one in self._fields_named(option, name)]
+            if not found:
+                raise BadData(f"{_place('.'.join(path[: depth + 1]))} is unknown: {_advice(name, known)}")
+        return found
+
+    def _options(self, schema: Any) -> list[dict[str, Any]]:
+        schema = self._resolve(schema)
+        if not isinstance(schema.get("anyOf"), list):
+            return [schema]
+        return [self._resolve(option) for option in schema["anyOf"]]
+
+    def _fields_named(self, schema: dict[str, Any], name: str) -> list[Any]:
+        if schema.get("type", "object") != "object" or "enum" in schema:
+            return []
+        others = schema.get("additionalProperties", "properties" not in schema)
+        field = schema.get("properties", {}).get(name, others)
+        return [] if field is False else self._options(field)
 
     def fit(self, schema: Any, value: Any, path: str) -> Any:
         """The data that *value* is; raises BadData where it is none."""

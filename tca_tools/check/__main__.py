@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from tca_tools.check.checker import Checker
+from tca_tools.check.errors import BadProperty
 from tca_tools.check.files import properties_in
 from tca_tools.check.language import property_from
-from tca_tools.check.predicates import BadProperty, Those
+from tca_tools.check.predicates import Those
 from tca_tools.check.properties import Property
 from tca_tools.check.records import Item
 from tca_tools.check.report import violation_lines
@@ -17,9 +18,11 @@ from tca_tools.check.rules import RULES, Violation
 from tca_tools.check.world import World
 from tca_tools.history import History
 from tca_tools.logs import Log, open_log
+from tca_tools.losses import Losses
 from tca_tools.terminal import line_width, printable
 from tca_wire.facts import Entry
 
+_MOST_GAPS = 5
 _MOST_SHOWN = 100
 """Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
 
@@ -39,21 +42,21 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     \b
     never P, always P, eventually P, P before P, at most N P [in all], never stuck
       where P is STATE of MESSAGE [with FIELD=VALUE, ...], or handled by MODULE
+      [with ...]; data=VALUE compares the whole data of a message
       STATE: sent, begun, handled, queued, planned, planned ahead, being achieved,
              achieved, killed, failed, recovering, suspended, fired, retried
     """  # noqa: D301 - click wants the character itself
     journal, files = _sorted(paths)
     wanted = [*_from_texts(texts), *(one for file in files for one in properties_in(file))]
     run = _Run(wanted, with_history=bool(files))
-    lost = 0
     for entry in journal:
-        if journal.lost > lost:
-            run.checker.skip(journal.lost - lost)
-            lost = journal.lost
-        run.take(entry)
-    run.close()
-    _check_names(run, wanted)
-    _show(run, journal, everything=everything)
+        run.take(entry, journal.losses)
+    run.close(journal.losses, is_cut_short=journal.is_cut_short)
+    misnamed = _misnamed(run, wanted)
+    if misnamed and not run.checker.gaps:  # else they may be known where it can't be read
+        stated, wrong = next(iter(misnamed.items()))
+        raise click.UsageError(f"property '{stated}': {wrong}")
+    _show(run, journal, misnamed, everything=everything)
     journal.check(of_missing=False)  # of those it has a line of its own
     context.exit(bool(run.violations))
 
@@ -89,10 +92,21 @@ class _Run:
         self.modules: dict[str, None] = {}
         self.unbroken = list(wanted)
         self._touched: dict[Item, None] = {}
+        self._lost = self._unknown = 0
 
-    def take(self, entry: Entry) -> None:
-        """The next entry."""
-        self.checker.take(entry)
+    def take(self, entry: Entry, losses: Losses) -> None:
+        """The next entry, and what was passed over until then, with it or before it."""
+        self._pass_over(losses)
+        if losses.facts > self._unknown:
+            self._unknown = losses.facts
+            self.checker.leave_out(entry)
+        else:
+            self.checker.take(entry)
+
+    def _pass_over(self, losses: Losses) -> None:
+        if losses.places > self._lost:
+            self.checker.skip(losses.places - self._lost)
+            self._lost = losses.places
 
     def _follow(self, world: World) -> None:
         """An event is over: ask the properties about what changed, with it or (what is so for one event) before it."""
@@ -112,8 +126,11 @@ class _Run:
             found = Violation(str(stated), "", place, world.event, world.now, stated.culprit, wrong)
             self.violations.append(found)
 
-    def close(self) -> None:
-        """The journal is read."""
+    def close(self, losses: Losses, *, is_cut_short: bool) -> None:
+        """The journal is read, or nothing more of it can be (*is_cut_short*)."""
+        self._pass_over(losses)
+        if is_cut_short:
+            self.checker.skip(1)
         self.checker.close()
         world = self.checker.world
         for stated in list(self.unbroken):
@@ -128,29 +145,48 @@ def _asked(stated: Property, ask: Callable[[Property], str]) -> str:
         raise click.UsageError(f"property '{stated}' can't be asked: {type(error).__name__}: {error}") from error
 
 
-def _check_names(run: _Run, wanted: list[Property]) -> None:
-    """A property of what does not occur would hold whatever happens: say so."""
-    messages = run.messages.keys() | run.checker.world.classes.keys()
+def _misnamed(run: _Run, wanted: list[Property]) -> dict[Property, str]:
+    """The properties of what the journal does not know, or does not allow: they would hold whatever happens."""
+    world = run.checker.world
+    messages = run.messages.keys() | world.classes.keys()
+    found: dict[Property, str] = {}
     for stated in wanted:
         for those in stated.predicates:
             if isinstance(those, Those):
-                _check_name(stated, "message", those.message, messages)
-                _check_name(stated, "module", those.module, run.modules)
+                found[stated] = (
+                    _unknown("message", those.message, messages)
+                    or _unknown("module", those.module, run.modules)
+                    or _misfit(those, world)
+                    or found.get(stated, "")
+                )
+    return {stated: wrong for stated, wrong in found.items() if wrong}
 
 
-def _check_name(stated: Property, kind: str, name: str, known: Iterable[str]) -> None:
-    if name and name not in known:
-        nearest = get_close_matches(name, known, n=1)
-        advice = f": did you mean '{nearest[0]}'?" if nearest else ""
-        raise click.UsageError(f"property '{stated}': the journal has no {kind} '{name}'{advice}")
+def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    if not name or name in known:
+        return ""
+    nearest = get_close_matches(name, known, n=1)
+    advice = f": did you mean '{nearest[0]}'?" if nearest else ""
+    return f"the journal has no {kind} '{name}'{advice}"
 
 
-def _show(run: _Run, journal: Log, *, everything: bool) -> None:
+def _misfit(those: Those, world: World) -> str:
+    """Of a message that never came, its declaration must allow that it might have."""
+    if those.has_subject:
+        return ""
+    formats = [world.formats.get(those.message, "")] if those.message else [*world.formats.values()]
+    wrong = next(filter(None, (one.misfit(formats) for one in those.wanted if formats)), "")
+    return f"of '{those.message}', {wrong}" if wrong and those.message else wrong
+
+
+def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything: bool) -> None:
     checker = run.checker
     span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
     click.echo(f"{printable(journal.name)}: {checker.facts} facts of {checker.events} events, {span}")
-    for gap in checker.gaps:
+    for gap in checker.gaps[:_MOST_GAPS]:
         click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
+    if more := len(checker.gaps) - _MOST_GAPS if len(checker.gaps) > _MOST_GAPS else 0:
+        click.echo(click.style(f"  and {more} more places like these", fg="yellow"))
     if not checker.is_closed:
         still = "central still runs"
         why = still if journal.is_being_written else "central was stopped by force, or this is a copy"
@@ -161,8 +197,17 @@ def _show(run: _Run, journal: Log, *, everything: bool) -> None:
         click.style(f"good: {kept} rules", fg="green") if not rules else f"{kept} of {len(RULES)} rules are kept"
     )
     for stated in run.unbroken:
-        click.echo(click.style(f"good: {printable(str(stated))}", fg="green"))
+        click.echo(_unbroken(stated, misnamed.get(stated, stated.vacuous), is_whole=not checker.gaps))
     _show_violations(run.violations, journal, everything=everything)
+
+
+def _unbroken(stated: Property, idle: str, *, is_whole: bool) -> str:
+    """What there is to say of a property of which no breach was found, and (*idle*) none could be."""
+    words = printable(str(stated))
+    good = click.style(f"good: {words}", fg="green") if is_whole else f"no breach in what can be read: {words}"
+    if idle:
+        good += click.style(f" (which says nothing: {printable(idle)})", fg="yellow")
+    return good
 
 
 def _show_violations(violations: list[Violation], journal: Log, *, everything: bool) -> None:

@@ -27,6 +27,7 @@ class Checker:
         self.is_closed = False  #: central ended of its own will
         self._is_open = False  #: an event is being folded
         self._epoch, self._segment = "", 0
+        self._may_have_missed_opening = False
         self.began = 0.0
 
     def take(self, entry: facts.Entry) -> None:
@@ -50,13 +51,41 @@ class Checker:
                     world.broken(CLOCK, 0, "central ended a second time")
                 self.is_closed = True
 
-    def skip(self, entries: int) -> None:
-        """Before the next entry there were so many that can't be read: nothing is claimed of what was sent before."""
+    def skip(self, places: int) -> None:
+        """Before the next entry there were so many places that can't be read: nothing is claimed of what was sent
+        before.
+        """
         self._end_event()
-        world = self.world
-        which = f"{entries} entries" if entries > 1 else "an entry"
-        self.gaps.append(f"after {world.now:.2f} s {which} can't be read: what was under way then is not known")
-        self.world = World(self._report, is_whole=False, events=world.events)
+        which = f"{places} entries or more" if places > 1 else "an entry, or more,"
+        self._begin_anew(f"after {self.world.now:.2f} s {which} can't be read")
+
+    def leave_out(self, entry: facts.Entry) -> None:
+        """The next entry, of which some facts are not known: nothing is claimed of it, nor of what was sent before."""
+        is_same = self._is_open and entry.number == self.world.event
+        self._end_event()
+        if self.history is not None:
+            self.history.apply(entry)
+        if not self.events:
+            self.began = entry.time
+        for fact in entry.facts:
+            if isinstance(fact, facts.Opened):
+                self._epoch, self._segment = fact.epoch, fact.segment
+            elif isinstance(fact, facts.FormatDefined):
+                presence.format_defined(self.world, fact)
+        self.is_closed = any(isinstance(fact, facts.Closed) for fact in entry.facts)
+        self.facts += len(entry.facts)
+        self.events += not is_same
+        self._begin_anew(f"at {entry.time:.2f} s something happened that this version does not know")
+        self.world.events += not is_same
+        self.world.now = entry.time
+
+    def _begin_anew(self, why: str) -> None:
+        """What is under way is not known any more; what has been declared is."""
+        known = self.world
+        self.gaps.append(f"{why}: what was under way then is not known")
+        self.world = World(self._report, is_whole=False, events=known.events)
+        self.world.now, self.world.formats, self.world.classes = known.now, known.formats, known.classes
+        self._may_have_missed_opening = True
 
     def close(self) -> None:
         """That was all."""
@@ -66,7 +95,7 @@ class Checker:
         world = self.world
         if not self.events:
             self.began = entry.time
-            if not (entry.facts and isinstance(entry.facts[0], facts.Opened)):
+            if not (self._may_have_missed_opening or (entry.facts and isinstance(entry.facts[0], facts.Opened))):
                 self.gaps.append("it begins in the middle of a segment: what was sent before is not known")
         elif not isinstance(entry.facts[0] if entry.facts else None, facts.Opened):
             self._check_clock(entry)
@@ -101,7 +130,7 @@ class Checker:
         if is_other or not is_next:
             if is_other and self._epoch:
                 self.gaps.append(f"at {entry.time:.2f} s another run begins ({fact.epoch})")
-            if not is_other or fact.segment != 1:
+            if (not is_other or fact.segment != 1) and not self._may_have_missed_opening:
                 first = 1 if is_other else self._segment + 1
                 which = (
                     f"segment {first} is"
@@ -112,6 +141,7 @@ class Checker:
             self.world = World(self._report, is_whole=is_other and fact.segment == 1, events=self.world.events)
             self.world.begin(entry)
         self._epoch, self._segment, self.is_closed = fact.epoch, fact.segment, False
+        self._may_have_missed_opening = False
 
 
 FOLD: dict[type, Callable[[World, Any], None]] = {

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from tca_tools.check.errors import BadProperty
 from tca_tools.check.language import property_from
-from tca_tools.check.predicates import BadProperty
 from tca_tools.check.properties import Property, never_stuck, words_of
 from tca_tools.check.records import Item
 from tca_tools.check.world import World
@@ -26,16 +26,25 @@ class Foreign(Property):
     def after(self, world: World, changed: Iterable[Item]) -> str:
         """After an event: what is wrong."""
         del changed
+        self.had_case = self.had_case or bool(self._stated.has_case(world))
         self._memory, wrong = self._stated.seen(world, self._memory)
-        if wrong and self._stated.predicates:
-            found = self._stated.predicates[-1](world)
-            self.blame(one for one in (found if isinstance(found, list | tuple) else ()) if hasattr(one, "id"))
+        if not wrong:
+            return ""
+        found = self._stated.predicates[-1](world) if self._stated.predicates else ()
+        if not (world.is_whole or (isinstance(found, list | tuple) and self._stated.is_certain)):
+            return ""
+        items = [one for one in (found if isinstance(found, list | tuple) else ()) if hasattr(one, "id")]
+        self.blame(items, max((one.id for one in items), default=0) if self._stated.counts else 0)
         return str(wrong)
+
+    @property
+    def vacuous(self) -> str:
+        """Why it says nothing that it holds."""
+        return "" if self.had_case else f"in this run there never was '{self._stated.case}'"
 
     def at_end(self, world: World) -> str:
         """When the journal is read: what is wrong. Of what was to be within some time, that may not be over."""
-        del world
-        is_owed = self._stated.is_owed(self._memory)
+        is_owed = world.is_whole and self._stated.is_owed(self._memory)
         return "it never did" if is_owed and not self._memory else ""
 
 

@@ -7,16 +7,17 @@ P          a predicate: see predicates.py
 import re
 
 from tca_tools.check import properties
-from tca_tools.check.predicates import BadProperty, predicate_from
+from tca_tools.check.errors import BadProperty
+from tca_tools.check.predicates import predicate_from
 from tca_tools.check.properties import Property
+from tca_tools.check.wanted_data import blanked, in_one_line
 
 _SHAPES = "'never P', 'always P', 'at most N P', 'at most N P in all', 'P before P', 'eventually P' and 'never stuck'"
-_QUOTED = re.compile(r"""'[^']*'|"[^"]*\"""")
 
 
 def property_from(text: str) -> Property:
     """The property that a text states. Raises BadProperty."""
-    words = " ".join(text.split())
+    words = in_one_line(text)
     try:
         found = _property(words)
     except BadProperty as error:
@@ -45,7 +46,7 @@ def _property(text: str) -> Property:
 def _at_most(text: str) -> Property:
     number, _, rest = text.partition(" ")
     if not number.isdecimal():
-        raise BadProperty(f"'{number}' is no number: write 'at most 1 ...'")
+        raise BadProperty(f"'{number}' is no whole number from 0 on: write 'at most 1 ...'")
     if rest.endswith(" in all"):
         return properties.at_most_in_all(int(number), predicate_from(rest.removesuffix(" in all")))
     return properties.at_most(int(number), predicate_from(rest))
@@ -53,7 +54,7 @@ def _at_most(text: str) -> Property:
 
 def _before(text: str) -> Property:
     """Names may have the word in them, too: the one place counts where both sides make sense."""
-    blank = _QUOTED.sub(lambda quoted: "_" * len(quoted.group()), text)
+    blank = blanked(text)
     found, wrong = [], ""
     for match in re.finditer(" before ", blank):
         try:

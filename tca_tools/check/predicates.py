@@ -1,18 +1,17 @@
 """What can be said of messages: predicates, as functions and as text.
 
-P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE
+P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE [with ...]
 MESSAGE    a message's name, or anything; in quotes where words of the language are in it
 STATE      begun, handled, planned ahead, ...: see STATES
-VALUE      JSON, or a text; FIELD may have dots for the fields of a part
+FIELD, VALUE   of its data: see wanted_data.py
 """
 
-import json
-import re
 from collections.abc import Callable
 from difflib import get_close_matches
-from typing import Any
 
+from tca_tools.check.errors import BadProperty
 from tca_tools.check.records import Item
+from tca_tools.check.wanted_data import Wanted, cut_data, unquoted
 
 STATES: dict[str, tuple[Callable[[Item], bool], str]] = {
     "sent": (lambda item: item.is_new, "with this event"),
@@ -32,98 +31,72 @@ STATES: dict[str, tuple[Callable[[Item], bool], str]] = {
 }
 """What can be said of a message: the test, and what it means."""
 
+ENDS_WITH_ITS_MESSAGE = frozenset(("begun", "planned", "planned ahead", "suspended"))
+"""What is not said any more of a message that has ended with this event, where messages are counted."""
+
 ANYTHING = "anything"
 _LONGEST_FIRST = sorted(STATES, key=len, reverse=True)
-
-
-class BadProperty(ValueError):
-    """A text that is no property; its message says what, which and what to do."""
 
 
 class Those:
     """The predicate that finds the messages under way for which a test holds."""
 
-    def __init__(self, words: str, test: Callable[[Item], bool], message: str = "", module: str = "") -> None:
-        self.words = words
-        self.test = test
+    def __init__(
+        self, words: str, test: Callable[[Item], bool], *, message: str = "", module: str = "", wanted: list[Wanted]
+    ) -> None:
+        self.words = words + (f" with {', '.join(map(str, wanted))}" if wanted else "")
         self.message = message  #: the name that it is about ("": any)
         self.module = module
+        self.wanted = wanted
+        self.has_subject = False
+        """Whether there was any message that it is about, in whatever state: else that it never held says nothing."""
+        self.ends_with_its_message = False
+        self._test = test
+
+    @property
+    def subject(self) -> str:
+        """What it is about, in words."""
+        return (self.message or ANYTHING) + (f" with {', '.join(map(str, self.wanted))}" if self.wanted else "")
+
+    def test(self, item: Item) -> bool:
+        """Whether it is true of a message."""
+        if self.has_subject and not self._test(item):  # the cheaper question first
+            return False
+        fits = [wanted.fits(item) for wanted in self.wanted] if self.message in ("", item.message) else [False]
+        is_about = all(fits)
+        self.has_subject = self.has_subject or is_about
+        return is_about and self._test(item)
 
 
 def predicate_from(text: str) -> Those:
     """The predicate that a text states. Raises BadProperty."""
-    text, fields = _cut_fields(" ".join(text.split()))
+    text, wanted = cut_data(text)
     if text.startswith("handled by "):
-        module = _unquoted(text.removeprefix("handled by "))
-        return Those(text, lambda item: item.module == module, module=module)
+        module = _name(text.removeprefix("handled by "))
+        return Those(text, lambda item: item.module == module, module=module, wanted=wanted)
     state, name = _state_and_name(text)
-    test = STATES[state][0]
-    words = f"{name} {state}" + (
-        f" with {', '.join(f'{key}={value!r}' for key, value in fields.items())}" if fields else ""
-    )
-    if not fields:
-        if name == ANYTHING:
-            return Those(words, test)
-        return Those(words, lambda item: item.message == name and test(item), name)
     message = "" if name == ANYTHING else name
-    return Those(words, lambda item: message in ("", item.message) and test(item) and _has(item, fields), message)
+    found = Those(f"{name} {state}", STATES[state][0], message=message, wanted=wanted)
+    found.ends_with_its_message = state in ENDS_WITH_ITS_MESSAGE
+    return found
 
 
 def _state_and_name(text: str) -> tuple[str, str]:
     for state in _LONGEST_FIRST:
         if text.startswith(f"{state} of "):
-            return state, _unquoted(text.removeprefix(f"{state} of "))
+            return state, _name(text.removeprefix(f"{state} of "))
     for state in _LONGEST_FIRST:
         if text.endswith(f" {state}"):
-            return state, _unquoted(text.removesuffix(f" {state}"))
+            return state, _name(text.removesuffix(f" {state}"))
+    if text in STATES:
+        raise BadProperty(f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'")
     said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
     nearest = get_close_matches(said, STATES, n=1)
     advice = f"did you mean '{nearest[0]}'?" if nearest else f"states are {', '.join(STATES)}"
     raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")
 
 
-def _unquoted(name: str) -> str:
-    name = name.strip()
-    if len(name) > 1 and name[0] == name[-1] and name[0] in "'\"":
-        name = name[1:-1]
-    if not name:
-        raise BadProperty("it names no message")
-    return name
-
-
-# --- data ------------------------------------------------------------------------------------------------------------
-
-
-def _cut_fields(text: str) -> tuple[str, dict[str, Any]]:
-    """A predicate without its last part, and what that says of the message's data."""
-    head, found, tail = text.rpartition(" with ")
-    if not found or "=" not in tail:
-        return text, {}
-    fields = {}
-    for part in re.split(r",\s*(?=[\w.]+\s*=)", tail):
-        key, equals, value = part.partition("=")
-        if not equals or not re.fullmatch(r"[\w.]+", key.strip()):
-            raise BadProperty(f"'{part}' is no FIELD=VALUE")
-        fields[key.strip()] = _value(value.strip())
-    return head, fields
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return _unquoted(text)
-
-
-def _has(item: Item, fields: dict[str, Any]) -> bool:
-    try:
-        data = item.data
-    except ValueError:  # no data that can be read
-        return False
-    for key, wanted in fields.items():
-        value = data
-        for part in key.split("."):
-            value = value.get(part) if isinstance(value, dict) else None
-        if value != wanted:
-            return False
-    return True
+def _name(text: str) -> str:
+    if name := unquoted(text):
+        return name
+    raise BadProperty("it names no message, or no module")

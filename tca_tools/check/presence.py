@@ -44,6 +44,7 @@ def resource(world: World, fact: facts.ResourceChanged) -> None:
 def format_defined(world: World, fact: facts.FormatDefined) -> None:
     """A message is declared."""
     world.classes[fact.message] = fact.message_class
+    world.formats[fact.message] = fact.data
 
 
 def handler(world: World, fact: facts.HandlerAdded) -> None:

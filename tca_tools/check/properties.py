@@ -5,7 +5,7 @@ or a truth value. A text is looked at again only for the messages that an event 
 event.
 """
 
-from collections.abc import Callable, Iterable, Sized
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from tca_tools.check.predicates import Those, predicate_from
@@ -14,6 +14,8 @@ from tca_tools.check.world import World
 from tca_wire.points import TaskId
 
 Predicate = Callable[[World], object]
+_MOST_NAMED = 6
+"""Messages that are named where many break a property."""
 
 
 class _Members:
@@ -24,34 +26,63 @@ class _Members:
         self.now: dict[Any, None] = {}
         self.came: list[Any] = []  #: with the last event
         self.is_true = False
+        self.is_list = True  #: whether it tells of which: else only whether
 
     def update(self, world: World, changed: Iterable[Item]) -> None:
         """An event is over, which changed these messages at most."""
         self.came = []
-        if not isinstance(self._predicate, Those):
-            found = self._predicate(world)
-            before = {one.id for one in self.now}
-            self.now = (
-                dict.fromkeys(one for one in found if hasattr(one, "id")) if isinstance(found, list | tuple) else {}
-            )
-            self.came = [one for one in self.now if one.id not in before]
-            self.is_true = bool(found)
-            self._number = len(found) if isinstance(found, Sized) else int(bool(found))
+        predicate = self._predicate
+        if not isinstance(predicate, Those):
+            self._ask(predicate, world)
             return
         for item in changed:
-            if world.items.get(item.id) is item and self._predicate.test(item):
+            if world.items.get(item.id) is item and predicate.test(item):
                 if item not in self.now:
                     self.came.append(item)
                 self.now[item] = None
             else:
                 self.now.pop(item, None)
-        self._number = len(self.now)
         self.is_true = bool(self.now)
+
+    def _ask(self, predicate: Predicate, world: World) -> None:
+        """A function tells anew of which messages it is true, or whether it is."""
+        before = {one.id for one in self.now}
+        found = _those_found(predicate(world))
+        if isinstance(found, bool):
+            self.now, self.is_true, self.is_list = {}, found, False
+        else:
+            self.now, self.is_true, self.is_list = dict.fromkeys(found), bool(found), True
+        self.came = [one for one in self.now if one.id not in before]
+
+    def forget(self) -> None:
+        """What was under way is not known any more."""
+        self.now, self.is_true = {}, False
 
     @property
     def number(self) -> int:
         """Of how many it is true."""
-        return self._number
+        return len(self.now) if self.is_list else int(self.is_true)
+
+    @property
+    def under_way(self) -> list[Any]:
+        """Those of them that count at a time: of what has ended with this event that it was begun, say, does not."""
+        predicate = self._predicate
+        if isinstance(predicate, Those) and predicate.ends_with_its_message:
+            return [one for one in self.now if not one.is_over]
+        return list(self.now)
+
+
+def _those_found(found: object) -> bool | list[Any]:
+    """What a predicate that is a function gave. Raises TypeError if it is neither messages nor a truth value."""
+    if found is None or isinstance(found, bool):
+        return bool(found)
+    if hasattr(found, "id"):
+        return [found]
+    items = list(found) if isinstance(found, Iterable) and not isinstance(found, str | bytes) else [found]
+    if all(hasattr(one, "id") for one in items):
+        return items
+    msg = f"it gave {found!r:.60}: a predicate gives the messages of which it is true, or True or False"
+    raise TypeError(msg)
 
 
 class Property:
@@ -63,40 +94,70 @@ class Property:
         self.members = [_Members(predicate) for predicate in predicates]
         self.culprit = 0
         """The message by which it was broken (0: none is known)."""
+        self.had_case = False
+        """Whether there was anything to judge it by."""
+        self._world: World | None = None
 
     def __str__(self) -> str:
         return self.words
 
     def after(self, world: World, changed: Iterable[Item]) -> str:
-        """After an event: what is wrong."""
+        """After an event: what is wrong. Where the world begins anew, because something can't be read, it goes by what
+        is certain all the same.
+        """
         changed = list(changed)
+        is_new, self._world = world is not self._world, world
         for members in self.members:
+            if is_new:
+                members.forget()
             members.update(world, changed)
-        return self._judge()
+        self.had_case = self.had_case or self._has_case()
+        return self._judge(is_whole=world.is_whole)
 
-    def _judge(self) -> str:
+    def _judge(self, *, is_whole: bool) -> str:
+        """What is wrong, with what is true now; if not *is_whole*, without claims about what is not known."""
+        del is_whole
         return ""
+
+    def _has_case(self) -> bool:
+        return True
+
+    @property
+    def vacuous(self) -> str:
+        """Why it says nothing that it holds; "" if it says something."""
+        those = [one for one in self.predicates if isinstance(one, Those)]
+        absent = next((one for one in those if not one.has_subject), None)
+        if absent is not None:
+            return f"in this run there never was '{absent.subject}'" if absent.message or absent.wanted else ""
+        return "" if self.had_case else f"in this run there never was '{words_of(self.predicates[-1])}'"
 
     def at_end(self, world: World) -> str:
         """When the journal is read: what is wrong."""
         del world
         return ""
 
-    def blame(self, items: Iterable[Any]) -> str:
-        """The messages (a task of ``Then`` will do) in words; the newest is the culprit."""
+    def blame(self, items: Iterable[Any], culprit: int = 0) -> str:
+        """The messages (a task of ``Then`` will do) in words; the first of them is the culprit, if no other is."""
         found = sorted(items, key=lambda item: item.id)
-        self.culprit = found[-1].id if found else 0
-        return ", ".join(map(str, found[:6])) + (f" and {len(found) - 6} more" if len(found) > 6 else "")
+        self.culprit = culprit or (found[0].id if found else 0)
+        named = found[:_MOST_NAMED]
+        if len(found) > _MOST_NAMED and self.culprit not in {item.id for item in named}:
+            named[-1] = next(item for item in found if item.id == self.culprit)
+        more = f" and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
+        return ", ".join(map(str, named)) + more
 
 
 class _Never(Property):
-    def _judge(self) -> str:
-        return (self.blame(self.members[0].now) or "here it is") if self.members[0].is_true else ""
+    def _judge(self, *, is_whole: bool) -> str:
+        members = self.members[0]
+        if not members.is_true or not (is_whole or members.is_list):
+            return ""
+        return self.blame(members.now) or "here it is"
 
 
 class _Always(Property):
-    def _judge(self) -> str:
-        return "" if self.members[0].is_true else "here it is not"
+    def _judge(self, *, is_whole: bool) -> str:
+        return "" if self.members[0].is_true or not is_whole else "here it is not"
 
 
 class _AtMost(Property):
@@ -104,9 +165,19 @@ class _AtMost(Property):
         super().__init__(words, predicate)
         self._most = most
 
-    def _judge(self) -> str:
+    def _judge(self, *, is_whole: bool) -> str:
         members = self.members[0]
-        return f"here {members.number}: {self.blame(members.now)}" if members.number > self._most else ""
+        if members.number <= self._most or not (is_whole or members.is_list):
+            return ""
+        found = members.under_way
+        number = len(found) if members.is_list else members.number
+        if number <= self._most:
+            return ""
+        newest = max((one.id for one in members.came), default=0) or max((one.id for one in found), default=0)
+        return f"here {number}: {self.blame(found, newest)}"
+
+    def _has_case(self) -> bool:
+        return self.members[0].is_true
 
 
 class _AtMostInAll(_AtMost):
@@ -114,10 +185,12 @@ class _AtMostInAll(_AtMost):
         super().__init__(words, predicate, most)
         self._count = 0
 
-    def _judge(self) -> str:
+    def _judge(self, *, is_whole: bool) -> str:
         members = self.members[0]
-        self._count += len(members.came) if members.now else int(members.is_true)
-        return f"here it comes to {self._count}: {self.blame(members.came)}" if self._count > self._most else ""
+        self._count += len(members.came) if members.is_list else int(members.is_true)
+        if self._count <= self._most or not (is_whole or members.is_list):
+            return ""
+        return f"here it comes to {self._count}: {self.blame(members.came)}"
 
 
 class _Before(Property):
@@ -125,13 +198,16 @@ class _Before(Property):
         super().__init__(words, first, second)
         self._has_been = False
 
-    def _judge(self) -> str:
+    def _judge(self, *, is_whole: bool) -> str:
         first, second = self.members
         self._has_been = self._has_been or first.is_true
-        if self._has_been or not second.is_true:
+        if self._has_been or not second.is_true or not is_whole:
             return ""
         names = self.blame(second.now)
         return f"the second came first{': ' * bool(names)}{names}"
+
+    def _has_case(self) -> bool:
+        return self.members[1].is_true
 
 
 class _Eventually(Property):
@@ -139,12 +215,13 @@ class _Eventually(Property):
         super().__init__(words, predicate)
         self._has_been = False
 
-    def _judge(self) -> str:
+    def _judge(self, *, is_whole: bool) -> str:
+        del is_whole
         self._has_been = self._has_been or self.members[0].is_true
         return ""
 
     def at_end(self, world: World) -> str:
-        if self._has_been:
+        if self._has_been or not world.is_whole:
             return ""
         predicate = self.predicates[0]
         name = predicate.message if isinstance(predicate, Those) else ""

@@ -54,6 +54,7 @@ class World:
         self.invocations_at_root: dict[int, int] = {}  #: how often each attachment was called there
         self.waits: dict[tuple[str, int, int], list[int]] = {}  #: by module, origin and task: for which moments
         self.classes: dict[str, MessageClass] = {}  #: of the declared messages
+        self.formats: dict[str, str] = {}  #: of their data, as JSON Schema
         # Of the event that is being folded:
         self.touched: dict[Item, None] = {}
         self.places_touched: dict[Place, None] = {}

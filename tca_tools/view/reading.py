@@ -12,6 +12,7 @@ from typing import Self
 from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.logs import Log, Place
 from tca_tools.view.feed import Feed
+from tca_wire.errors import JournalDamaged
 from tca_wire.facts import Closed, Entry
 from tca_wire.journal import JournalReader
 
@@ -121,7 +122,7 @@ class Reading:
         found: list[Entry] = []
         for segment, together in groupby(places, attrgetter("segment")):
             offsets = [place.offset for place in together]
-            with segment.open("rb") as stream:
+            with segment.open("rb") as stream, suppress(JournalDamaged):  # behind the last of them
                 for entry in JournalReader(stream, str(segment), offsets[0]):
                     if found and entry.number == found[-1].number:  # one event of so many facts
                         found[-1] = Entry(entry.number, entry.time, [*found[-1].facts, *entry.facts])

@@ -344,3 +344,14 @@ def over(world: World) -> list[Seen]:
 
 def test_a_fold_needs_no_central() -> None:
     assert list(World(Fold(), {}).messages) == []
+
+
+# --- what is counted -------------------------------------------------------------------------------------------------
+
+
+def test_what_has_ended_makes_room_for_what_begins_with_the_same_action() -> None:
+    """As in ``tca check``, with the same words: legs with one slot have begun one step at a time."""
+    one_at_a_time = at_most(1, begun(STEP)), at_most(1, handled(STEP))
+    assert explore(walking(*one_at_a_time, steps=3)).ok
+    assert not explore(walking(at_most(0, begun(STEP)))).ok
+    assert not explore(walking(at_most(0, achieved(STEP)))).ok

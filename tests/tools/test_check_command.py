@@ -13,8 +13,8 @@ from tools.runs import OPENED, encoded, lost, walk
 from tools.story import Story
 
 from tca_tools.check.__main__ import check
+from tca_tools.check.errors import BadProperty
 from tca_tools.check.language import property_from
-from tca_tools.check.predicates import BadProperty, predicate_from
 from tca_wire import facts
 from tca_wire.constraints import Flags
 from tca_wire.facts import Closed, Entry, kind_of
@@ -126,7 +126,7 @@ HOLDS = [
     "eventually achieved of walk",
     "eventually fired of look",
     "never stuck",
-    "never handled of mode with x=1",
+    "never handled of mode with data=4",
     "never look recovering",
     "sent of walk before handled of 'move'",
 ]
@@ -169,15 +169,12 @@ def test_what_does_not(journal: Path, text: str, why: str) -> None:
     assert any(line.startswith(why) for line in result.stdout.splitlines()), result.stdout
 
 
-def test_data_are_compared() -> None:
-    held = predicate_from("handled of 'move leg' with leg=2, pose.x=1.5, mode=slow")
-    assert (held.message, held.words) == ("move leg", "move leg handled with leg=2, pose.x=1.5, mode='slow'")
-
-
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("at most one handled of move", "'one' is no number: write 'at most 1 ...'"),
+        ("at most one handled of move", "'one' is no whole number from 0 on: write 'at most 1 ...'"),
+        ("at most -1 handled of move", "'-1' is no whole number from 0 on: write 'at most 1 ...'"),
+        ("always achieved", "'achieved' names no message: write 'achieved of MESSAGE', or 'achieved of anything'"),
         ("never planed ahead of step", "did you mean 'planned ahead'?"),
         ("never", "it has no shape that is known: 'never P', "),
         ("never handled of ''", "it names no message"),
@@ -270,6 +267,76 @@ def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
     result = run(journal, file)
     assert result.exit_code == 2
     assert "property 'it' can't be asked: AttributeError: " in result.stderr
+
+
+@pytest.mark.parametrize("found", ["3", "'move'", "['move']", "1.5"])
+def test_a_predicate_gives_messages_or_a_truth_value(journal: Path, tmp_path: Path, found: str) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text(f"from tca_tools.check.properties import never\ndef f(world): return {found}\nP = never(f)")
+    result = run(journal, file)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"property 'never f' can't be asked: TypeError: it gave {found}: a predicate gives the" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "found", ["{t for t in world.tasks if t.message == 'walk'}", "world.tasks[0]", "iter(world.tasks)"]
+)
+def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text(
+        "from tca_tools.check.properties import never\n"
+        f"def f(world): return {found} if world.tasks else None\nP = never(f)"
+    )
+    assert "never f\n  walk {3}\n  the story of walk {3}" in run(journal, file).stdout
+
+
+# --- what is counted, and whose story is told ------------------------------------------------------------------------
+
+
+def chopping(tmp_path: Path) -> Path:
+    """Three times chop for a cook with one hand: each is begun with the event that ends the one before."""
+    player = Player()
+    player.module("cook", "command chop")
+    player.module("user")
+    for _ in range(3):
+        player.task("user", "chop")
+    for _ in range(3):
+        player.reply("cook/1")
+    return written(tmp_path / "chop.tcaj", [OPENED, *player.entries])
+
+
+BEGUN_FILE = """
+from tca_explorer import at_most, begun
+from tca_module import Command
+
+THEIRS = at_most(1, begun(Command("chop", int)))
+PROPERTIES = ["at most 1 begun of chop", "at most 1 handled of chop", "at most 0 begun of chop"]
+"""
+
+
+def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path: Path) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text(BEGUN_FILE)
+    lines = run(chopping(tmp_path), file).stdout.splitlines()
+    assert [line for line in lines if line.startswith("good: ")][1:] == [
+        "good: at most 1 chop begun", "good: at most 1 begun of chop", "good: at most 1 handled of chop",
+    ]  # fmt: skip
+    assert "  here 1: chop {1}" in lines
+    ended = run(tmp_path / "chop.tcaj", "--property", "at most 0 achieved of chop").stdout
+    assert "here 1: chop {1}" in ended  # what is said of the end itself is still counted
+
+
+def test_the_story_is_that_of_a_message_that_is_named(tmp_path: Path) -> None:
+    story = Story().module("user").at(1.0)
+    for _ in range(10):
+        story.queued(story.command("bake", "user"))
+    run_of_ten = story.write(tmp_path / "run")
+    first = run(run_of_ten, "--property", "never stuck").stdout
+    assert "these have not: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n" in first
+    assert "  the story of bake {1} until then:" in first
+    newest = run(run_of_ten, "--property", "at most 9 queued of bake").stdout
+    assert "here 10: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {10} and 4 more\n" in newest
+    assert "  the story of bake {10} until then:" in newest
 
 
 # --- journals that are not whole ------------------------------------------------------------------------------------

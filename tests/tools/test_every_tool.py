@@ -2,13 +2,16 @@
 
 import os
 import resource
+import struct
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
 
+import msgpack
 import pytest
 from click import unstyle
 from click.testing import CliRunner, Result
@@ -206,12 +209,48 @@ def test_no_line_is_wider_than_the_terminal_whatever_the_names(
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300])
 @pytest.mark.parametrize("command", TO_STDOUT)
-def test_an_entry_at_a_time_that_is_none_is_damage(tca: Tca, tmp_path: Path, command: str, time: float) -> None:
+def test_an_entry_at_a_time_that_is_none_is_left_out(tca: Tca, tmp_path: Path, command: str, time: float) -> None:
     path = tmp_path / "run.tcaj"
     path.write_bytes(encoded(walk()) + encoded([facts.Entry(10**6, time, [])]))
     result = tca(*command.split(), path)
     assert result.exit_code == 1
-    assert result.stderr.startswith(f"tca: {path}, byte {len(encoded(walk()))}: it is no entry (")
+    assert result.stderr.startswith(
+        f"tca: {path}, byte {len(encoded(walk()))}, after 79.000 s: a damaged entry is left out"
+    )
+
+
+def broken(entries: list[facts.Entry], how: str) -> bytes:
+    """The entries as a journal that is damaged in one way."""
+    data = [record(entry) for entry in entries]
+    third = len(data) // 3
+    whole = b"".join(data)
+    if how == "hole":
+        return b"".join(data[:third]) + data[third][:20] + b"".join(data[2 * third :])
+    if how == "zeros":
+        place = len(b"".join(data[:third])) + 5
+        return whole[:place] + bytes(1000) + whole[place + 1000 :]
+    if how == "first":
+        return whole[:8] + bytes([whole[8] ^ 1]) + whole[9:]
+    unknown = msgpack.packb([entries[third].number, entries[third].time, [["brand new", {"a": 2}]]])
+    data[third] = struct.pack(">BIBI", 206, len(unknown), 206, zlib.crc32(unknown)) + unknown
+    if how == "later version":
+        opened = msgpack.packb([0, 0.0, [["opened", 2, "epoch", 1, 0.0, "9.9"]]])
+        data[0] = struct.pack(">BIBI", 206, len(opened), 206, zlib.crc32(opened)) + opened
+    return b"".join(data)
+
+
+@pytest.mark.parametrize("how", ["hole", "zeros", "first", "unknown fact", "later version"])
+def test_every_tool_shows_what_can_be_read_of_a_damaged_or_later_journal(tmp_path: Path, how: str) -> None:
+    path = tmp_path / "walk.tcaj"
+    path.write_bytes(broken(walk(), how))
+    to_files = [f"{command} -o {tmp_path}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)]
+    for command in [*TO_STDOUT, *to_files]:
+        result = CliRunner().invoke(main, [*command.split(), str(path)], prog_name="tca")
+        assert result.exception is None or isinstance(result.exception, SystemExit), (command, result.exception)
+        if "--story" not in command:
+            assert (result.exit_code, result.stderr.count("left out")) == (1, 1), (command, result.stderr)
+            assert result.stdout or "-o" in command
+            assert "BROKEN" not in result.stdout
 
 
 @pytest.mark.parametrize("command", ["gantt", "tree", "stats"])

@@ -1,17 +1,22 @@
+import io
 import signal
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+import msgpack
 import pytest
 from integration.programs import central
 from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_tools.logs import Log, open_log
+from tca_tools.view.reading import Reading
 from tca_wire import facts
 from tca_wire.endpoint import default_journals
 from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.journal import record
+from tca_wire.journal import JournalReader, record
 
 
 def numbers(log: Log) -> list[int]:
@@ -64,8 +69,6 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
         (b"#!/bin/sh\necho a foreign file\n", "not a journal"),
         (b"\0" * 50, "not a journal"),
         (walking().encoded()[:7], "not a journal"),
-        (record(Entry(1, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")])), "later version"),
-        (record(Entry(1, 0.0, [facts.Closed("it does not begin with an opening")])), "not a journal"),
     ],
 )
 def test_what_is_no_journal_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
@@ -129,13 +132,57 @@ def test_an_entry_that_is_just_being_written_is_no_cut(tmp_path: Path, capsys: p
         assert "cut off, the last" in capsys.readouterr().err
 
 
-def test_damage_ends_the_log_and_is_told_after_what_is_good(tmp_path: Path) -> None:
-    folder = walking().write(tmp_path / "run", segments=2)
-    first = folder / "00000001.tcaj"
-    first.write_bytes(first.read_bytes() + b"\xce and then garbage")
+def test_damage_at_the_end_is_told_after_what_is_good(tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run")
+    with (folder / "00000001.tcaj").open("ab") as stream:
+        stream.write(b"\xce and then garbage")
     log = open_log(folder)
     assert numbers(log)[:3] == [1, 2, 3]
-    with pytest.raises(DamagedLog, match=r"00000001.tcaj, byte \d+: .*; what comes before it is shown"):
+    with pytest.raises(DamagedLog, match=r"00000001.tcaj, byte \d+: .*; what comes before it is shown$"):
+        log.check()
+
+
+@pytest.mark.parametrize("behind", [b"\xce and then garbage", b"\xce", bytes(100), None])
+def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(tmp_path: Path, behind: bytes | None) -> None:
+    folder = walking().write(tmp_path / "run", segments=3)
+    second = folder / "00000002.tcaj"
+    whole, cut = numbers(open_log(folder)), second.read_bytes()
+    second.unlink()
+    if behind is None:
+        second.mkdir()
+    else:
+        second.write_bytes(cut + behind)
+    lost = [entry.number for entry in JournalReader(io.BytesIO(cut))] if behind is None else []
+    log = open_log(folder)
+    assert numbers(log) == [number for number in whole if number not in lost]
+    followed_log = open_log(folder)
+    assert [number for number in followed(followed_log, lambda: None) if number] == numbers(open_log(folder))
+    for one in (log, followed_log):
+        with pytest.raises(DamagedLog, match=r"00000002.tcaj.*; what comes behind it in that file is left out$"):
+            one.check()
+
+
+def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(tmp_path: Path) -> None:
+    later = [0, 0.0, [["opened", JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9"]]]
+    new = [[1, 1.0, [["walked", 3], ["leapt", 4]]], [2, 2.0, [["closed", "enough"], ["flew", 1]]]]
+    payloads = [msgpack.packb(one) for one in (later, *new)]
+    path = tmp_path / "00000001.tcaj"
+    path.write_bytes(b"".join(struct.pack(">BIBI", 206, len(one), 206, zlib.crc32(one)) + one for one in payloads))
+    log = open_log(path)
+    assert numbers(log) == [1, 2]
+    assert log.losses.facts == 3
+    said = r"later version \(2; this one reads up to 1\), .*: upgrade tca; .*, byte \d+, after 0.000 s: 3 facts are left out"
+    with pytest.raises(DamagedLog, match=said):
+        log.check()
+
+
+def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> None:
+    story = walking()
+    path = tmp_path / "00000001.tcaj"
+    path.write_bytes(b"".join(map(record, story.entries[2:])))
+    log = open_log(path)
+    assert numbers(log) == [entry.number for entry in story.entries[2:]]
+    with pytest.raises(DamagedLog, match=r"byte 0, after 0.000 s: at least one entry, damaged or missing, is left out"):
         log.check()
 
 
@@ -161,7 +208,7 @@ def test_entries_that_are_damaged_are_left_out_and_it_is_said(tmp_path: Path, da
     for one in (log, followed):
         with pytest.raises(DamagedLog, match=said.format(starts[damaged[0]])):
             one.check()
-        assert one.remarks == [one.left_out]
+        assert one.remarks == one.losses.lines
 
 
 def test_a_later_segment_that_cant_be_read_is_damage(tmp_path: Path) -> None:
@@ -235,10 +282,23 @@ def test_what_is_written_before_the_next_segment_begins_is_not_missed(tmp_path: 
     assert followed(Rolling(Story().write(tmp_path / "run"))) == [1, 2, 3]
 
 
-def test_following_ends_at_damage(tmp_path: Path) -> None:
+def test_following_ends_at_damage_with_nothing_behind_it(tmp_path: Path) -> None:
     path = tmp_path / "00000001.tcaj"
     path.write_bytes(walking().encoded() + b"\xce garbage, and much of it")
     log = open_log(path)
     assert list(log.follow(lambda: None))
     with pytest.raises(DamagedLog):
         log.check()
+
+
+def test_the_page_of_a_file_that_is_damaged_has_the_messages_before_it(tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "run")
+    with (folder / "00000001.tcaj").open("ab") as stream:
+        stream.write(b"X" * 60)
+    reading = Reading(open_log(folder))
+    reading.start()
+    with reading:
+        assert reading._grown.wait_for(lambda: reading.caught_up, 30)
+    assert "there is no record here" in reading.problem
+    assert [entry.number for entry in reading.entries_between(2, 99)] == [one.number for one in walking().entries[2:]]
+    reading.stop()

@@ -276,11 +276,12 @@ def test_what_is_no_journal_gets_one_line_and_no_page(tmp_path: Path, content: b
     assert not (tmp_path / "run.html").exists()
 
 
-def test_a_journal_of_a_later_version_gets_one_line(tmp_path: Path) -> None:
-    story = Story()
+def test_a_journal_of_a_later_version_is_reported_with_one_line_that_says_so(tmp_path: Path) -> None:
+    story = stepping()
     story.entries[0].facts[0] = facts.Opened(99, "epoch", 1, 0.0, "9.0")
     result = tca_report(story.write(tmp_path / "run"), "-o", tmp_path / "run.html")
-    assert (result.exit_code, "99" in result.output) == (2, True)
+    assert (result.exit_code, result.output.count("written by a later version (99; ")) == (1, 1)
+    assert "written by a later version (99; " in (tmp_path / "run.html").read_text()
 
 
 def test_wrong_usage(tmp_path: Path) -> None:

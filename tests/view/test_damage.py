@@ -9,6 +9,8 @@ from playwright.sync_api import expect
 from tools.story import Story, silent_for, walking
 from view.conftest import Look
 
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION
 from tca_wire.journal import record
 
 pytestmark = pytest.mark.slow
@@ -41,6 +43,14 @@ def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes(look: Look, tm
         expect(page.locator("#problem")).to_contain_text("after 4.000 s: a damaged entry is left out")
         expect(page.locator(".row").last).to_contain_text("swim")
         expect(page.locator("#status")).to_have_text("live")
+
+
+def test_a_journal_of_a_later_version_is_shown_as_far_as_it_is_known(look: Look, tmp_path: Path) -> None:
+    story = walking()
+    story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9")
+    page = look(story.write(tmp_path / "run"))
+    expect(page.locator("#problem")).to_contain_text("written by a later version (2; this one reads up to 1)")
+    expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
 
 
 def cut_short(run: Path) -> None:

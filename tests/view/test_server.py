@@ -17,9 +17,6 @@ from tools.story import stumbling, walking
 
 from tca_tools.view.__main__ import view
 from tca_tools.view.columns import parsed
-from tca_wire import facts
-from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.journal import record
 
 pytestmark = pytest.mark.slow
 
@@ -107,12 +104,10 @@ def test_a_port_that_is_taken_and_a_journal_that_is_none(address: str, tmp_path:
 
 
 def test_what_is_no_journal_is_said_before_anything_is_served(tmp_path: Path) -> None:
-    foreign, future = tmp_path / "foreign.tcaj", tmp_path / "future.tcaj"
+    foreign = tmp_path / "foreign.tcaj"
     foreign.write_bytes(b"PK\x03\x04 this is something else altogether")
-    future.write_bytes(record(Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9")])))
-    for path, why in ((foreign, "not a journal of tca central"), (future, "written by a later version")):
-        told = CliRunner().invoke(view, [str(path), "--no-browser"])
-        assert (told.exit_code, why in told.stderr, told.stdout) == (2, True, "")
+    told = CliRunner().invoke(view, [str(foreign), "--no-browser"])
+    assert (told.exit_code, "not a journal of tca central" in told.stderr, told.stdout) == (2, True, "")
 
 
 @pytest.mark.parametrize("is_folder", [False, True])

@@ -1,0 +1,134 @@
+"""What properties say of data, held against the declarations in the journal; and properties that say nothing."""
+
+from pathlib import Path
+
+import pytest
+from tools.story import Story
+from tools.test_check_command import run
+
+from tca_tools.check.predicates import predicate_from
+from tca_tools.check.wanted_data import cut_data
+from tca_wire import facts
+from tca_wire.formats import NO_DATA, schema_text
+from tca_wire.vocabulary import MessageClass
+
+FOOT = (
+    '{"$defs":{"Foot":{"type":"object","properties":{"leg":{"type":"integer"},"at":{"type":"object","properties":'
+    '{"x":{"type":"number"}}},"mode":{"enum":["slow","fast"]},"why":{"anyOf":[{"type":"string"},{"type":"null"}]}}}},'
+    '"$ref":"#/$defs/Foot"}'
+)
+FORMATS = {"move leg": FOOT, "fry": schema_text(str), "count": schema_text(list[int]), "give up": NO_DATA}
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Path:
+    story = Story().module("user").module("legs", *FORMATS).at(1.0)
+    for name, schema in FORMATS.items():
+        story.say(facts.FormatDefined(name, MessageClass.COMMAND, schema, "", "legs"))
+    sent = {
+        "move leg": {"leg": 2, "at": {"x": 1.5}, "mode": "slow", "why": None, "more": b"xyz"},
+        "fry": "dish 0b",
+        "count": [1, 2],
+        "give up": {"reason": "tired"},  # a failure's data, for an exception handler that wants none
+    }
+    for name, data in sent.items():
+        story.at(story.entries[-1].time + 1.0)
+        story.acted(story.command(name, "user", data=data), "legs", 0.5)
+    return story.write(tmp_path / "run")
+
+
+BEGUN = [
+    "move leg with leg=2",
+    "move leg with at.x=1.5, mode=slow",
+    "move leg with why=null",
+    "move leg with more=eHl6",
+    'fry with data="dish 0b"',
+    "fry with data=dish 0b",
+    "fry with data='dish 0b'",
+    "count with data=[1, 2]",
+    "anything with leg=2",
+    "give up with reason=tired",
+    'give up with data={"reason": "tired"}',
+]
+
+
+@pytest.mark.parametrize("text", BEGUN)
+def test_what_was_begun_with_these_data_is_found(journal: Path, text: str) -> None:
+    result = run(journal, "--property", f"never begun of {text}")
+    assert (result.exit_code, "BROKEN at " in result.stdout) == (1, True), result.output
+    assert run(journal, "--property", f"eventually begun of {text}").exit_code == 0
+
+
+def test_data_are_asked_of_what_a_module_handles(journal: Path) -> None:
+    assert run(journal, "--property", "never handled by legs with leg=2").exit_code == 1
+    assert run(journal, "--property", "never handled by legs with leg=3").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("move leg with legg=2", "of 'move leg', field 'legg' is unknown: did you mean 'leg'?"),
+        ("move leg with at.y=2", "field 'at.y' is unknown: the fields are x"),
+        ("move leg with leg=banana", "field 'leg' must be a whole number, and \"banana\" is not"),
+        ("move leg with leg=true", "field 'leg' must be a whole number, and true is not"),
+        ("move leg with mode=medium", "field 'mode' must be one of"),
+        ("move leg with data=3", "the data must be an object with leg, at, mode, why, and 3 is not"),
+        ("fry with dish=0b", "field 'dish' is unknown: there are no fields; to compare the whole, write data='0b'"),
+        ("count with data=[1, x]", "the data must be a list"),
+        ("give up with raeson=tired", "field 'raeson' is unknown"),
+        ("anything with legg=2", "no message has a field 'legg'"),
+    ],
+)
+@pytest.mark.parametrize("shape", ["never begun of {}", "at most 1 begun of {}", "begun of {} before begun of fry"])
+def test_what_no_data_can_be_is_refused(journal: Path, shape: str, text: str, why: str) -> None:
+    result = run(journal, "--property", shape.format(text))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert why in result.stderr
+
+
+SAYS_NOTHING = [
+    ("never begun of move leg with leg=3", "move leg with leg=3"),
+    ("at most 1 begun of fry with data=dish 0c in all", "fry with data='dish 0c'"),
+    ("at most 1 retried of fry", "fry retried"),
+    ("fry begun before fry killed", "fry killed"),
+]
+
+
+@pytest.mark.parametrize(("text", "what"), SAYS_NOTHING)
+def test_a_property_that_nothing_in_the_run_put_to_the_test_is_said_to_say_nothing(
+    journal: Path, text: str, what: str
+) -> None:
+    result = run(journal, "--property", text)
+    assert result.exit_code == 0
+    assert f"good: {text} (which says nothing: in this run there never was '{what}')\n" in result.stdout
+    assert result.stdout.count("says nothing") == 1
+
+
+def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Path) -> None:
+    for text in ("never failed of fry", "at most 1 begun of fry", "never killed of move leg with leg=2"):
+        assert run(journal, "--property", text).stdout.endswith(f"good: {text}\n")
+
+
+def test_quotes_keep_what_would_be_words_of_the_language() -> None:
+    head, wanted = cut_data("""begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """)
+    assert head == "begun of 'x with a=1'"
+    assert [str(one) for one in wanted] == ["b='two,  c=3'", "c='four with d=5'", "d=[1, 2]", "e='\"'"]
+    held = predicate_from("handled of 'move leg' with leg=2, pose.x=1.5, mode=slow")
+    assert (held.message, held.words) == ("move leg", "move leg handled with leg=2, pose.x=1.5, mode='slow'")
+
+
+FILE = """
+from tca_explorer import at_most, begun, never
+from tca_module import Command
+
+AT_MOST = at_most(1, begun(Command("fly", int)))
+MINE = never(begun(Command("fry", str), "dish 0b"))
+"""
+
+
+def test_properties_of_the_explorer_say_when_they_say_nothing_too(journal: Path, tmp_path: Path) -> None:
+    file = tmp_path / "properties.py"
+    file.write_text(FILE)
+    told = run(journal, file).stdout
+    assert "good: at most 1 fly begun (which says nothing: in this run there never was 'fly begun')" in told
+    assert "never fry 'dish 0b' begun\n  fry {2}\n" in told
