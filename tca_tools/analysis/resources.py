@@ -37,6 +37,13 @@ class Use:
     longest_wait: float
     locked: float
     """How long it was locked or reserved."""
+    window: Span
+    """The two times."""
+
+    @property
+    def worked(self) -> float:
+        """How long its handlers had a message and waited for nothing."""
+        return max(self.busy - self.waiting, 0.0)
 
 
 def uses(past: Past, start: float, end: float) -> list[Use]:
@@ -78,6 +85,7 @@ def _use(past: Past, key: Key, handled: list[Handling], queued: list[Queueing], 
         max((count for _, count in levels(lines)), default=0),
         max((until - since for since, until in lines), default=0.0),
         Cover(locks).total,
+        (start, end),
     )
 
 

@@ -180,12 +180,12 @@ def test_advice_on_what_nobody_could_work_on() -> None:
     history = mopping("panel").fold()
     causes = Causes(history)
     path = critical_path(history, causes, history.tasks[1])
-    suspended, drone = advice(history, path, [], [], [], at_least=0.1)
+    suspended, drone = advice(history, causes, path, [], [], [], at_least=0.1)
     assert near(suspended.topic, suspended.saving, suspended.on_path) == (Topic.SUSPENDED, 6.0, 6.0)
     assert suspended.example == "mop floor {1} suspended by panel, from 3.000 s, 6.00 s"
     assert near(drone.topic, drone.saving, drone.on_path) == (Topic.HANDLER, 10.4, 0)
-    assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all"
-    assert drone.title == "Nobody handles 'fly' for a while"
+    assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all, and none ever came"
+    assert drone.title == "Nobody handles 'fly'"
 
 
 def test_who_only_asks_is_no_module_of_a_run() -> None:

@@ -138,7 +138,7 @@ def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
 def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
     shown = reported(mopping())
     assert "fly : nobody handled it" in shown.text  # where the time went
-    for words in ("Nobody handles 'fly' for a while", "'mop floor' is suspended for a while", "Suspended tasks"):
+    for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
         assert words in shown.text
     assert "1 wait, 6.00 s in all" in shown.text
     assert "Nothing was found" not in shown.text
