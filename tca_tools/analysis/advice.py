@@ -26,7 +26,6 @@ from tca_tools.past import Past
 from tca_tools.story import awaited
 from tca_wire.wording import by_whom, place
 
-
 _NOTHING = 1e-9
 """What saves less is no advice."""
 

@@ -10,6 +10,7 @@ from tca_tools.analysis.words import counted, moment
 from tca_tools.coping import STANDINGS, standing
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
+from tca_tools.terminal import first_line
 from tca_wire.vocabulary import CENTRAL
 
 ENDED_BADLY = (State.FAILED, State.KILLED)
@@ -26,7 +27,7 @@ class Summary:
     began: float | None
     """Wall-clock time (seconds since 1970) of the entries' 0."""
     start: float
-    """When the first task (or else message) was sent, in seconds since the run began; monitors that stand by are none."""
+    """When the first task (or else message) was sent, in seconds since the run began; not a monitor that stands by."""
     end: float
     """When the last task ended, or else the journal (of a live run: the present); the time between is what the shares
     in a report are of.
@@ -96,9 +97,8 @@ def span_of(past: Past) -> tuple[float, float]:
     if not past.tasks:
         first = next(iter(past.messages.values()), None)
         return (first.received if first else past.time), past.time
-    ends, top = [], mattering(past)
-    for task in top:
-        ends.append(task.states[-1][0] if is_over(task) else past.time)
+    top = mattering(past)
+    ends = (task.states[-1][0] if is_over(task) else past.time for task in top)
     return min(task.received for task in top), max(ends)
 
 
@@ -179,4 +179,5 @@ def _fate(task: Task) -> str:
         text = f"failed: {task.failure}"
     else:
         text = f"was killed: {task.why_killed or 'nobody said why'}"
+    text = first_line(text)
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"

@@ -138,7 +138,13 @@ def _plain_resource(stats: ResourceStats) -> dict[str, Any]:
 
 def _plain_times(times: Times) -> dict[str, Any]:
     shares = {f"p{share}": times.percentile(share) for share in _SHARES}
-    return {"count": len(times), "open": len(times.going_on), "total": times.total, **shares, "max": times.percentile(100)}
+    return {
+        "count": len(times),
+        "open": len(times.going_on),
+        "total": times.total,
+        **shares,
+        "max": times.percentile(100),
+    }
 
 
 if __name__ == "__main__":

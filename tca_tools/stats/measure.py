@@ -15,7 +15,6 @@ from tca_tools.records import OVER, Handling, Message, State, Task
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 
-
 _IDLE = Busy(0.0, 0.0, 0.0)
 
 
@@ -119,8 +118,8 @@ class Stats:
     messages: list[MessageStats]
     resources: list[ResourceStats]
     busy_in: Span
-    """The times between which it was looked how busy resources were: as in reports, from the first task to the end of the
-    last; of a part of the run, that part.
+    """The times between which it was looked how busy resources were: as in reports, from the first task to the end of
+    the last; of a part of the run, that part.
     """
     is_part: bool
     """Whether the start was asked for."""

@@ -117,7 +117,7 @@ def _table(
     *,
     if_any: Sequence[int],
 ) -> list[str]:
-    """A line over groups of columns, a line of heads, and the rows; columns *if_any* only if there is something in them.
+    """A line over groups of columns, a line of heads, and the rows; columns *if_any* only if something is in them.
     Where there is no room, columns are left out, those of *spare* one after the other, and names are cut.
     """
     all_sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]

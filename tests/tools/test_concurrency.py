@@ -53,7 +53,8 @@ def test_what_holds_the_planning_back_is_named() -> None:
     (overlap,) = found_in(stepping().fold())
     assert overlap.example.reason == "step {3} was held until step {2} is achieved"
     assert overlap.example.remedy == (
-        "'step' is not planned before it may be achieved: plan_ahead=1 instead of delay_planning"
+        "'step' is not planned before it may be achieved: let it be planned one ahead (plan_ahead=1, not 0 and not "
+        "delay_planning)"
     )
 
 

@@ -38,7 +38,11 @@ def test_a_monitor_that_stands_by_does_not_hide_the_run() -> None:
     assert (run.is_good, run.start, run.end) == (True, 2.0, 8.0)
     found = contents(past)
     assert found.path is not None
-    assert (str(found.path.path.task), found.path.shares[0].name, found.path.shares[0].share) == ("walk {2}", "walk", 1.0)
+    assert (str(found.path.path.task), found.path.shares[0].name, found.path.shares[0].share) == (
+        "walk {2}",
+        "walk",
+        1.0,
+    )
     assert found.advice == []  # nor that nobody handles what is asked when all have gone home
     assert found.waits  # but it is told there
 
