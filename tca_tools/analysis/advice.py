@@ -330,15 +330,22 @@ def _stood(past: Past) -> dict[tuple[Topic, str], _Sum]:
 
 
 def _standing_words(past: Past, topic: Topic, name: str) -> _Words:
-    """What there is to say; of what nobody ever handled something else."""
-    return _NEVER if topic is Topic.HANDLER and not past.offers.get(name) else _STANDING_WORDS[topic]
+    """What there is to say; of what nobody ever handled, or nobody at the end, something else."""
+    if topic is Topic.HANDLER and all(offer.end is not None for offer in past.offers.get(name, ())):
+        return _GONE if past.offers.get(name) else _NEVER
+    return _STANDING_WORDS[topic]
 
 
 _STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
 _NEVER = _Words(
     "Nobody handles '{name}'",
     "'{name}' waited {times} for a module that handles it, {seconds} in all, and none ever came",
-    "start a module that handles it, or find out why none does: was it left out, or is it called something else there?",
+    "start a module that handles it; if there is one, see whether it calls the message something else",
+)
+_GONE = _Words(
+    "Nobody handles '{name}' any more",
+    "'{name}' waited {times} for a module that handles it, {seconds} in all; at the end there was none",
+    "find out why the module that handled it left, and start it again",
 )
 _STANDING_WORDS = {
     Topic.HANDLER: _Words(

@@ -80,7 +80,9 @@ def capacity_of(past: Past, key: Key) -> int:
 def busy(runs: list[Handling], capacity: int, start: float, end: float) -> Busy:
     """How busy a resource of a capacity was with these runs of its handlers."""
     handled = lengths(clipped(run.start, run.end, start, end) for run in runs)
-    waited = sum(Cover(clipped(wait.start, wait.end, start, end) for wait in run.waits).total for run in runs)
+    waited = sum(
+        Cover(clipped(wait.start, wait.end, start, end) for wait in run.waits).total for run in runs if run.waits
+    )
     given = max(capacity, 1) * (end - start)
     return Busy(handled, waited, min(handled / given, 1.0) if given > 0 else 0.0)
 

@@ -96,6 +96,27 @@ def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
     assert near(slip.fate, slip.lost, slip.chain) == (Fate.NOT_HANDLED, 3.0, [])
 
 
+@pytest.mark.parametrize(
+    ("title", "handled"), [("Nobody handles 'dance'", ()), ("Nobody handles 'dance' any more", (1.0, 2.0)),
+                           ("Nobody handles 'dance' for a while", (5.0,))],
+)  # fmt: skip
+def test_whether_nobody_ever_handled_it_nobody_any_more_or_not_yet(title: str, handled: tuple[float, ...]) -> None:
+    """Handled from the first time until the second, if there is one; a dance is sent at 3.0."""
+    story = Story().module("user")
+    times = dict(zip(handled, ("come", "go"), strict=False)) | {3.0: "dance"}
+    for time in sorted(times):
+        story.at(time)
+        if times[time] == "come":
+            story.module("legs", "dance")
+        elif times[time] == "go":
+            story.say(facts.HandlerRemoved("dance", "legs"))
+        else:
+            story.queued(story.command("dance", "user"))
+    past = story.at(9.0).fold()
+    (one,) = advice(past, Causes(past), None, [], [], [], 0.1)
+    assert (one.title, round(one.saving, 6)) == (title, 6.0)
+
+
 @pytest.mark.parametrize("is_killed", [True, False])
 def test_a_deadline_costs_what_was_done_until_then(is_killed: bool) -> None:
     """The handler had run for half a second when its time was over; nothing is lost if the task then goes on."""
