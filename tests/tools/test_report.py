@@ -164,7 +164,7 @@ def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: R
     assert "fly : nobody handled it" in shown.text  # where the time went
     for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
         assert words in shown.text
-    assert "1 wait, 6.00 s in all" in shown.text
+    assert "1 wait, 6.00 s" in shown.text
     assert "Nothing was found" not in shown.text
 
 
