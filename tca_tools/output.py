@@ -37,9 +37,11 @@ def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
     """
     if path.suffix == SEGMENT_SUFFIX:
         raise ToolError(f"{_named(path)}: a journal's name: give another one")
-    if path.is_dir() or not path.exists():
+    with made_for(path):  # of a name that is too long it can't even be asked
+        is_free, is_file = path.is_dir() or not path.exists(), path.is_file()
+    if is_free:
         return
-    if not path.is_file():
+    if not is_file:
         raise ToolError(f"{_named(path)}: neither a file nor a folder: give another name")
     if not force and not _is_ours(path, begins):
         raise ToolError(

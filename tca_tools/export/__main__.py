@@ -12,7 +12,7 @@ from tca_tools.export.tables import TABLES, Table
 from tca_tools.folding import folded
 from tca_tools.logs import Log, open_log
 from tca_tools.options import force_option
-from tca_tools.output import check_free, make_folder, new_file
+from tca_tools.output import check_free, made_for, make_folder, new_file
 from tca_tools.past import Past
 from tca_tools.terminal import printable
 from tca_wire.facts import Entry
@@ -118,7 +118,9 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
 
 def _check_free(chosen: Format, output: Path, *, force: bool) -> None:
     """Raises ToolError if the export would destroy what is none of ours."""
-    if not chosen.tables or (output.exists() and not output.is_dir()):
+    with made_for(output):
+        is_file = not chosen.tables or (output.exists() and not output.is_dir())
+    if is_file:
         check_free(output, begins=chosen.begins(None), force=force)
         return
     if any(output.glob(f"*{SEGMENT_SUFFIX}")):

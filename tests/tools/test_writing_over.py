@@ -70,6 +70,12 @@ def test_tables_go_over_tables_and_beside_all_else(name: str, run: Path, tmp_pat
     assert (folder / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.parametrize("name", ["csv", "jsonl"])
+def test_a_name_that_is_too_long_is_said(name: str, run: Path, tmp_path: Path) -> None:
+    result = written(export, run, tmp_path / ("a" * 300), "--to", name)
+    assert (result.exit_code, "can't be written: File name too long" in result.stderr) == (1, True)
+
+
 def test_a_journal_is_never_written_over(run: Path) -> None:
     segment = run / "00000001.tcaj"
     before = segment.read_bytes()
