@@ -195,7 +195,9 @@ class History(Reacting):
 
     def _return(self, fact: facts.Returned) -> None:
         if handling := self._finish(fact.id):
-            handling.outcome = fact.outcome
+            task = self.tasks.get(handling.message_id)
+            is_late = task is not None and task.killed is not None and fact.outcome is Outcome.DONE
+            handling.outcome = Outcome.KILLED if is_late else fact.outcome
             if message := self.messages.get(handling.message_id):
                 self._change(message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body)
 

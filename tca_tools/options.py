@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from tca_tools.output import check_free
 from tca_tools.terminal import printable
 from tca_wire.facts import LONGEST_TIME
 
@@ -31,6 +32,8 @@ class _Moment(click.ParamType):  # type: ignore[type-arg]
 MOMENT = _Moment()
 
 
+force_option = click.option("--force", is_flag=True, help="Write over a file that no command of tca has made, too.")
+
 _SHARED = (
     click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)),
     click.option("--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."),
@@ -40,6 +43,7 @@ _SHARED = (
     click.option(
         "--task", metavar="TASK", help="Only this task and what is under it: its number, or a message's name."
     ),
+    force_option,
 )
 
 
@@ -53,6 +57,7 @@ class Asked:
     at: float | None
     modules: tuple[str, ...]
     task: str | None
+    force: bool
 
 
 def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -68,11 +73,15 @@ def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return asked
 
 
-def check_output(output: Path | None, kinds: tuple[str, ...]) -> None:
-    """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not."""
+def check_output(output: Path | None, kinds: tuple[str, ...], *, force: bool) -> None:
+    """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not; ToolError if there is
+    a file of that name that is none of ours.
+    """
     if output and output.suffix not in kinds:
         known = " or ".join(filter(None, [", ".join(kinds[:-1]), kinds[-1]]))
         raise click.BadParameter(f"{printable(str(output))}: its name must end in {known}", param_hint="'-o'")
+    if output:
+        check_free(output, force=force)
 
 
 def check_span(start: float | None, end: float) -> None:

@@ -1,17 +1,80 @@
-"""Where a tool's result goes when it has a file name: the file, or one line that says why not."""
+"""Where a tool's result goes when it has a file name: the file, or one line that says why not.
 
+A report, chart or tree is made over and over, so what a command of ours has written may be written over, without a
+word. All else that is there may not, unless that is asked for, and a segment of a journal never. What is ours is known
+by a mark at its end, which readers of these formats skip; an export by what it begins with.
+"""
+
+import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from tca_tools.errors import ToolError
+from tca_tools.terminal import printable
+from tca_wire.journal import SEGMENT_SUFFIX
+
+_MARK = b"made by tca"
+_TAIL = 100
+"""The mark is among the last bytes."""
+_MARKS = {
+    ".html": b"<!-- " + _MARK + b" -->\n",
+    ".htm": b"<!-- " + _MARK + b" -->\n",
+    ".svg": b"<!-- " + _MARK + b" -->\n",
+    ".dot": b"// " + _MARK + b"\n",
+    ".pdf": b"\n% " + _MARK + b"\n",
+    ".txt": _MARK + b"\n",
+}
+_PNG_END = 12
+"""Bytes of a PNG's last chunk."""
+
+
+def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
+    """See, before long work, that nothing would be destroyed. Raises ToolError if there is a file that no command of
+    ours has written (an export is known by what it *begins* with; *force*: whatever it is), or a segment of a journal.
+    """
+    if path.suffix == SEGMENT_SUFFIX:
+        raise ToolError(f"{_named(path)}: a journal's name: give another one")
+    with made_for(path):  # of a name that is too long it can't even be asked
+        is_free, is_file = path.is_dir() or not path.exists(), path.is_file()
+    if is_free:
+        return
+    if not is_file:
+        raise ToolError(f"{_named(path)}: neither a file nor a folder: give another name")
+    if not force and not _is_ours(path, begins):
+        raise ToolError(
+            f"{_named(path)}: exists already, and was not made by this command: give another name, or --force to write"
+            " over it"
+        )
+
+
+def _is_ours(path: Path, begins: bytes) -> bool:
+    with made_for(path), path.open("rb") as stream:
+        if begins:
+            return stream.read(len(begins)) in (begins, b"")
+        size = stream.seek(0, 2)
+        stream.seek(max(size - _TAIL, 0))
+        return not size or _MARK in stream.read()
+
+
+def _named(path: Path) -> str:
+    return printable(str(path))
+
+
+def _marked(kind: str, content: bytes) -> bytes:
+    if kind != ".png":
+        return content + _MARKS.get(kind, b"")
+    told = b"tEXt" + b"Software\0" + _MARK  # a chunk: its length, kind, content, checksum (PNG, 5.3)
+    chunk = struct.pack(">I", len(told) - 4) + told + struct.pack(">I", zlib.crc32(told))
+    return content[:-_PNG_END] + chunk + content[-_PNG_END:]
 
 
 def write_output(path: Path, content: str | bytes) -> None:
-    """Write a whole file, or leave what was there. Raises ToolError if it can't be written."""
+    """Write a whole file, with our mark, or leave what was there. Raises ToolError if it can't be written."""
     with new_file(path) as stream:
-        stream.write(content if isinstance(content, bytes) else content.encode())
+        stream.write(_marked(path.suffix, content if isinstance(content, bytes) else content.encode()))
 
 
 @contextmanager

@@ -68,6 +68,7 @@ class Handling:
     start: float
     end: float | None = None
     outcome: Outcome | None = None
+    """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if it was cut off."""
     waits: list[Wait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""

@@ -40,6 +40,12 @@ def cut(text: str, width: int | None) -> str:
     return "".join(kept) + "…" * (width > 0)
 
 
+def first_line(text: str) -> str:
+    """The first line; of more, such as a traceback, there is a "..."."""
+    first, *rest = text.strip().splitlines() or [""]
+    return first + (" ..." if any(map(str.strip, rest)) else "")
+
+
 def padded(text: str, width: int) -> str:
     """*text* in exactly *width* columns, cut if need be."""
     text = cut(text, width)

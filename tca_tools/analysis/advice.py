@@ -5,25 +5,29 @@ Each piece of advice has a bound of its own. They may be about the same seconds,
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
 
-from tca_tools.analysis.causes import Doing, Step
+from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.concurrency import Overlap
-from tca_tools.analysis.critical_path import CriticalPath, queueing_before
+from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import Kind
+from tca_tools.analysis.held_up import HeldUp, held_up
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
-from tca_tools.analysis.spans import Cover
+from tca_tools.analysis.spans import Cover, Span
 from tca_tools.analysis.summary import span_of
-from tca_tools.analysis.waits import locked_during
+from tca_tools.analysis.waits import WaitKind
 from tca_tools.analysis.words import listed, moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
 from tca_tools.coping import GOOD_FATES
 from tca_tools.past import Past
 from tca_tools.story import awaited
 from tca_wire.wording import by_whom, place
+
+_NOTHING = 1e-9
+"""What saves less is no advice."""
 
 
 class Topic(StrEnum):
@@ -61,20 +65,32 @@ class Advice:
 
 @dataclass(slots=True)
 class _Sum:
-    """Waits of one kind on the path."""
+    """What went on for one reason, at several times."""
 
-    seconds: float = 0.0
-    times: int = 0
-    longest: float = 0.0
-    window: tuple[float, float] | None = None
-    """When the longest was."""
+    spans: list[Span] = field(default_factory=list)
     words: str = ""
+    """Of the longest."""
 
-    def add(self, length: float, end: float, words: str) -> None:
-        self.seconds += length
-        self.times += 1
-        if length > self.longest:
-            self.longest, self.window, self.words = length, (end - length, end), words
+    def add(self, start: float, end: float, words: str) -> None:
+        if not self.spans or end - start > _length(self.longest):
+            self.words = words
+        self.spans.append((start, end))
+
+    @property
+    def times(self) -> int:
+        return len(self.spans)
+
+    @property
+    def longest(self) -> Span:
+        return max(self.spans, key=_length)
+
+    def within(self, start: float, end: float) -> float:
+        """Seconds of a window; where they overlap, once."""
+        return Cover(self.spans).within(start, end)
+
+
+def _length(span: Span) -> float:
+    return span[1] - span[0]
 
 
 class _Words(NamedTuple):
@@ -85,29 +101,39 @@ class _Words(NamedTuple):
     remedy: str
 
 
-_Sums = dict[tuple[Topic, str], _Sum]
+_Sums = dict[str, _Sum]
 
 
 def advice(
-    past: Past, path: CriticalPath | None, overlaps: list[Overlap], uses: list[Use], kinds: list[Kind], at_least: float
+    past: Past,
+    causes: Causes,
+    path: CriticalPath | None,
+    overlaps: list[Overlap],
+    uses: list[Use],
+    kinds: list[Kind],
+    at_least: float,
 ) -> list[Advice]:
-    """All advice that bears on at least so many seconds; first what shortens the critical path most."""
+    """All advice that bears on at least so many seconds; first what shortens the critical path most. No bound is more
+    than the run is long, and none of what lies on the path more than the path is.
+    """
+    run = span_of(past)
     found = [_on_overlap(past, path, overlap) for overlap in overlaps]
-    found += _on_standing(past, path)
+    found += _on_standing(past, path, run)
     on_path: list[Advice] = []
     if path:
-        found += [_on_failures(path, kind) for kind in kinds]
-        on_path += _on_path(past, path, uses)
-    queues = [_on_queue(queue, on_path) for queue in growing(past, *span_of(past))]
+        window = max(path.start, run[0]), min(path.end, run[1])
+        found += [_on_failures(window, path, kind) for kind in kinds]
+        on_path += _on_path(past, causes, path, window, uses, at_least)
+    queues = [_on_queue(queue, on_path, run) for queue in growing(past, *run)]
     found += [*queues, *(one for one in on_path if one.title not in {queue.title for queue in queues})]
-    worth = [one for one in found if one.saving >= at_least]
+    worth = [one for one in found if one.saving >= max(at_least, _NOTHING)]
     return sorted(worth, key=lambda one: (-one.on_path, -one.saving))
 
 
 # --- failures ------------------------------------------------------------------------------------------------------
 
 
-def _on_failures(path: CriticalPath, kind: Kind) -> Advice:
+def _on_failures(window: Span, path: CriticalPath, kind: Kind) -> Advice:
     """The failures of a kind that were overcome, and whose handlers were on the path: what they took. A failure that
     ended something made the run shorter.
     """
@@ -115,7 +141,7 @@ def _on_failures(path: CriticalPath, kind: Kind) -> Advice:
     overcome = [case for case in kind.cases if case.fate in GOOD_FATES]
     cases = [case for case in overcome if (case.message_id, case.time) in ends]
     spans = [(case.time - case.lost, case.time + case.recovery) for case in cases]
-    cost = Cover(spans).within(path.start, path.end)
+    cost = Cover(spans).within(*window)
     longest = max(cases, key=lambda case: case.cost, default=kind.cases[0])
     text = (
         f"'{kind.message}' failed {say_times(len(cases))} on the critical path; what it had done until then and what "
@@ -163,75 +189,73 @@ def _on_overlap(past: Past, path: CriticalPath | None, overlap: Overlap) -> Advi
 # --- waits on the critical path ------------------------------------------------------------------------------------
 
 
-def _on_path(past: Past, path: CriticalPath, uses: list[Use]) -> Iterator[Advice]:
-    sums: _Sums = defaultdict(_Sum)
-    missing: list[Step] = []
-    for step in path.steps:
-        _add_queue(past, sums, step)
-        _add_wait(past, sums, step, missing)
-        if step.doing in _TOPICS:
-            sums[_TOPICS[step.doing], past.name(step.message_id)].add(
-                step.seconds, step.end, past.describe(step.message_id)
-            )
-        if step.doing is Doing.NO_HANDLER:
-            missing.append(step)
+def _on_path(
+    past: Past, causes: Causes, path: CriticalPath, window: Span, uses: list[Use], at_least: float
+) -> Iterator[Advice]:
     by_name = {use.name: use for use in uses}
-    for (topic, name), total in sums.items():
-        use = by_name.get(name)
-        busy = f" It is busy {percent(use.share)} of the time, with {use.capacity} at a time." if use else ""
-        known = {"name": name, "times": say_times(total.times), "seconds": seconds(total.seconds), "busy": busy}
-        title, text, remedy = (words.format(**known) for words in _WORDS[topic])
-        yield Advice(topic, title, text, total.seconds, total.seconds, total.times, total.words, remedy, total.window)
+    for held in held_up(past, causes, path, window, at_least):
+        use = by_name.get(held.name) if held.kind is WaitKind.RESOURCE else None
+        yield _on_waits(past, held, use, window)
+    delays: _Sums = defaultdict(_Sum)
+    for step in path.steps:
+        if step.doing is Doing.DELAY:
+            delays[past.name(step.message_id)].add(step.start, step.end, past.describe(step.message_id))
+    for name, total in delays.items():
+        yield _put(Topic.DELAY, name, total, total.within(*window))
 
 
-def _add_queue(past: Past, sums: _Sums, step: Step) -> None:
-    queueing = queueing_before(past, step)
-    if queueing is None or not queueing.module:
-        return
-    length = step.start - queueing.start
-    claim = locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end)
-    words = f"{past.describe(step.message_id)} waited {seconds(length)}, until {moment(step.start)}"
-    words += f"; {claim.sender} had it" if claim else ""
-    topic = Topic.LOCK if claim else Topic.CAPACITY
-    sums[topic, place(queueing.module, queueing.resource)].add(length, step.start, words)
+def _on_waits(past: Past, held: HeldUp, use: Use | None, window: Span) -> Advice:
+    saving, busy, but = held.saving, "", ""
+    if use:
+        busy = f" It is busy {percent(use.share)} of the time, with {use.capacity} at a time."
+        least = use.worked / (use.capacity + 1)
+        rest = max(_length(use.window) - least, 0.0)
+        if window[1] >= use.window[1] and saving > rest:
+            saving, but = rest, f": what it has to do would still take {seconds(least)}"
+    topic, words = _TOPICS[held.kind], _waited(past, held)
+    most = "that" if seconds(saving) == seconds(held.seconds) else seconds(saving)
+    known = {"name": held.name, "times": say_times(held.times), "seconds": seconds(held.seconds)}
+    title, text, remedy = (one.format(**known, busy=busy, most=most, but=but) for one in _WORDS[topic])
+    return Advice(topic, title, text, saving, saving, held.times, words, remedy, (held.longest.start, held.longest.end))
 
 
-def _add_wait(past: Past, sums: _Sums, step: Step, missing: list[Step]) -> None:
-    """What the handler of a task had waited for before it went on, but for the time in which nobody handled that. The
-    questions that a reply needs itself are part of it.
-    """
-    wait, asker = step.resumed, past.messages.get(step.message_id)
-    if wait is None or wait.moment or asker is None or asker.message_class.has_reply or step.doing is not Doing.WORK:
-        return
-    length = step.start - wait.start
-    words = f"the handler of {asker} waited {awaited(past, wait)}, {seconds(length)}, until {moment(step.start)}"
-    if (claim := past.claims.get(wait.awaited)) is not None:
-        sums[Topic.LOCK, place(claim.module, claim.resource)].add(length, step.start, words)
-        return
-    while missing and missing[-1].start >= wait.start:
-        length -= missing.pop().seconds
-    sums[Topic.QUERY, past.name(wait.awaited)].add(length, step.start, words)
+def _waited(past: Past, held: HeldUp) -> str:
+    """The longest of some waits, in words."""
+    step, longest = held.step, held.longest
+    if step.resumed:
+        what = f"the handler of {past.describe(step.message_id)} waited {awaited(past, step.resumed)},"
+    else:
+        what = f"{past.describe(step.message_id)} waited"
+    words = f"{what} {seconds(longest.seconds)}, until {moment(longest.end)}"
+    return words + (f"; {longest.claim.sender} had it" if longest.claim else "")
 
 
-_TOPICS = {Doing.DELAY: Topic.DELAY}
+def _put(topic: Topic, name: str, sums: _Sum, saving: float) -> Advice:
+    """A piece of advice whose words say how often and how long."""
+    known = {"name": name, "times": say_times(sums.times), "seconds": seconds(saving)}
+    title, text, remedy = (words.format(**known) for words in _WORDS[topic])
+    return Advice(topic, title, text, saving, saving, sums.times, sums.words, remedy, sums.longest)
+
+
+_TOPICS = {WaitKind.RESOURCE: Topic.CAPACITY, WaitKind.LOCK: Topic.LOCK, WaitKind.REPLY: Topic.QUERY}
 _WORDS = {
     Topic.QUERY: _Words(
         "'{name}' is asked on the critical path",
         "The critical path waits {times} for the reply to '{name}', {seconds} in all. A reply that is there when it is "
-        "needed would save at most that",
+        "needed would save at most {most}",
         "ask before something slow and fetch the reply later (query_send), keep the value as a variable, or answer "
         "faster",
     ),
     Topic.CAPACITY: _Words(
         "{name} is a bottleneck",
         "The critical path stands {times} in the queue for {name}, {seconds} in all.{busy} One more slot, or a second "
-        "module in its pool, would save at most that",
+        "module in its pool, would save at most {most}{but}",
         "raise its capacity, share its messages in a pool, or split what it handles over two resources",
     ),
     Topic.LOCK: _Words(
         "{name} is locked on the critical path",
         "The critical path waits {times} until {name} is no longer locked or reserved, {seconds} in all. Locks held "
-        "only while they are needed would save at most that",
+        "only while they are needed would save at most {most}",
         "take the lock later, release it sooner, or lock a smaller resource",
     ),
     Topic.DELAY: _Words(
@@ -243,7 +267,7 @@ _WORDS = {
 }
 
 
-def _on_queue(queue: Growing, on_path: list[Advice]) -> Advice:
+def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
     """A queue that only grows; instead of what there is to say of the waits in it that lie on the path."""
     where = place(*queue.key)
     title = _WORDS[Topic.CAPACITY].title.format(name=where)
@@ -260,7 +284,8 @@ def _on_queue(queue: Growing, on_path: list[Advice]) -> Advice:
         "let only the newest wait (pending=)"
     )
     example = f"the oldest of the queue had waited {seconds(queue.longest)} at {moment(queue.end)}"
-    saving = max(queue.longest, waits.saving if waits else 0.0)
+    longest = Cover([(queue.end - queue.longest, queue.end)]).within(*run)
+    saving = max(longest, waits.saving if waits else 0.0)
     seconds_on_path = waits.on_path if waits else 0.0
     return Advice(
         Topic.CAPACITY, title, text, saving, seconds_on_path, queue.length, example, remedy, (queue.start, queue.end)
@@ -270,42 +295,58 @@ def _on_queue(queue: Growing, on_path: list[Advice]) -> Advice:
 # --- what nobody could work on, on the critical path or beside it ---------------------------------------------------
 
 
-def _on_standing(past: Past, path: CriticalPath | None) -> Iterator[Advice]:
+def _on_standing(past: Past, path: CriticalPath | None, run: Span) -> Iterator[Advice]:
     """Of messages that nobody handled, and of suspended tasks: how long at most one of a name stood."""
     on_path: dict[tuple[Topic, str], float] = defaultdict(float)
     for step in path.steps if path else ():
         if step.doing in _STANDING:
-            on_path[_STANDING[step.doing], past.name(step.message_id)] += step.seconds
-    start, end = span_of(past)
-    for (topic, name), stood in _stood(past).items():
-        sums = _Sum()
-        for who, since, until in stood:
-            sums.add(until - since, until, f"{who}, from {moment(since)}, {seconds(until - since)}")
-        saving = Cover((since, until) for _, since, until in stood).within(start, end)
+            on_path[_STANDING[step.doing], past.name(step.message_id)] += Cover([(step.start, step.end)]).within(*run)
+    for (topic, name), sums in _stood(past).items():
+        saving = sums.within(*run)
         known = {"name": name, "times": say_times(sums.times), "seconds": seconds(saving)}
-        title, text, remedy = (words.format(**known) for words in _STANDING_WORDS[topic])
-        yield Advice(
-            topic, title, text, saving, min(on_path[topic, name], saving), sums.times, sums.words, remedy, sums.window
-        )
+        title, text, remedy = (words.format(**known) for words in _standing_words(past, topic, name))
+        moves_end = min(on_path[topic, name], saving)
+        yield Advice(topic, title, text, saving, moves_end, sums.times, sums.words, remedy, sums.longest)
 
 
-def _stood(past: Past) -> dict[tuple[Topic, str], list[tuple[str, float, float]]]:
+def _stood(past: Past) -> dict[tuple[Topic, str], _Sum]:
     """By topic and name: what stood, from when until when."""
-    found = defaultdict(list)
+    found: dict[tuple[Topic, str], _Sum] = defaultdict(_Sum)
+
+    def add(topic: Topic, message_id: int, since: float, end: float | None, who: str) -> None:
+        until = past.time if end is None else end
+        words = f"{who}, from {moment(since)}, {seconds(until - since)}"
+        found[topic, past.name(message_id)].add(since, until, words)
+
     for queueing in past.queueings:
         if not queueing.module:
-            until = past.time if queueing.end is None else queueing.end
             who = past.describe(queueing.message_id)
-            found[Topic.HANDLER, past.name(queueing.message_id)].append((who, queueing.start, until))
+            add(Topic.HANDLER, queueing.message_id, queueing.start, queueing.end, who)
     for suspension in past.suspensions():
         if (since := suspension.standstill) is not None:
-            until = past.time if suspension.end is None else suspension.end
             who = past.describe(suspension.task) + (f" suspended{by_whom(suspension.by)}" if suspension.by else "")
-            found[Topic.SUSPENDED, past.name(suspension.task)].append((who, since, until))
+            add(Topic.SUSPENDED, suspension.task, since, suspension.end, who)
     return found
 
 
+def _standing_words(past: Past, topic: Topic, name: str) -> _Words:
+    """What there is to say; of what nobody ever handled, or nobody at the end, something else."""
+    if topic is Topic.HANDLER and all(offer.end is not None for offer in past.offers.get(name, ())):
+        return _GONE if past.offers.get(name) else _NEVER
+    return _STANDING_WORDS[topic]
+
+
 _STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
+_NEVER = _Words(
+    "Nobody handles '{name}'",
+    "'{name}' waited {times} for a module that handles it, {seconds} in all, and none ever came",
+    "start a module that handles it; if there is one, see whether it calls the message something else",
+)
+_GONE = _Words(
+    "Nobody handles '{name}' any more",
+    "'{name}' waited {times} for a module that handles it, {seconds} in all; at the end there was none",
+    "find out why the module that handled it left, and start it again",
+)
 _STANDING_WORDS = {
     Topic.HANDLER: _Words(
         "Nobody handles '{name}' for a while",

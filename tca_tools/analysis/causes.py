@@ -8,7 +8,7 @@ time, so a walk costs what it passes through, and a run is walked through in tim
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from operator import attrgetter
@@ -86,13 +86,25 @@ class Causes:
 
     def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
         """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
-        at: _At | None = _At(time, message_id, handling)
+        return self._back(_At(time, message_id, handling), lambda _: None)
+
+    def back_before(self, step: Step, since: Callable[[Step], float | None]) -> Iterator[Step]:
+        """The steps before *step*, newest first, as if there had been no waits before those for which *since* says from
+        when on they waited: from there the walk goes on with who waited, not with what he waited for.
+        """
+        start = since(step)
+        return self._back(_before(step, step.start if start is None else start), since)
+
+    def _back(self, first: _At, since: Callable[[Step], float | None]) -> Iterator[Step]:
+        at: _At | None = first
         seen = set()
         while at is not None and (place := (at.time, at.message_id, id(at.handling))) not in seen:
             seen.add(place)
             step, at = self._in_handler(at, at.handling) if at.handling else self._at_event(at)
             if step is not None and step.end > step.start:
                 yield step
+                if (start := since(step)) is not None:
+                    at = _before(step, start)
 
     def handling_of(self, delivery: int, time: float) -> Handling | None:
         """The run of a handler that a delivery stands for, if it went on at *time*."""
@@ -221,6 +233,11 @@ def _went_on(message: Message, time: float) -> tuple[Step | None, _At] | None:
 
 def _covers(span: Handling | Wait | Queueing, time: float) -> bool:
     return span.start < time and (span.end is None or span.end > time)
+
+
+def _before(step: Step, since: float) -> _At:
+    """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was put into a queue."""
+    return _At(since, step.message_id, step.handling if step.resumed else None)
 
 
 def delay_of(past: Past, task: Task, before: int, moment: Moment, added: float) -> tuple[float, int]:

@@ -210,7 +210,8 @@ def _remedy(past: Past, task: Task, released: float) -> str:
         if after.moment not in _PLANNING or before.task == ROOT or _reached(past, before) < released:
             continue
         if before.task == task.id and before.moment is Moment.START_ACHIEVING:
-            return f"'{task.name}' is not planned before it may be achieved: plan_ahead=1 instead of delay_planning"
+            what = "let it be planned one ahead (plan_ahead=1, not 0 and not delay_planning)"
+            return f"'{task.name}' is not planned before it may be achieved: {what}"
         other = past.name(before.task)
         if before.moment is Moment.START_ACHIEVING:
             return f"'{task.name}' is not planned before '{other}' is being achieved: plan further ahead (plan_ahead)"

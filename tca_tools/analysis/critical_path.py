@@ -9,7 +9,7 @@ from math import nextafter
 
 from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.standing import going_on
-from tca_tools.analysis.summary import is_over
+from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.analysis.words import moment, seconds
 from tca_tools.past import Past
 from tca_tools.records import Message, Queueing, Suspension, Task
@@ -63,15 +63,17 @@ class Share:
 
 
 def last_task(past: Past) -> Task | None:
-    """The top-level task that ended last; one that goes on, if there is one: the oldest."""
-    top = [past.tasks[task] for task in past.top]
+    """The top-level task that ended last; one that goes on, if there is one: the oldest. Monitors that stand by do not
+    count, but what they have sent does.
+    """
+    top = mattering(past)
     living = next((task for task in top if not is_over(task)), None)
     return living or max(top, key=_end_of, default=None)
 
 
 def longest_task(past: Past) -> Task | None:
-    """The top-level task that took longest."""
-    top = (past.tasks[task] for task in past.top)
+    """The one of these that took longest."""
+    top = mattering(past)
     return max(top, key=lambda task: (_end_of(task) if is_over(task) else past.time) - task.received, default=None)
 
 

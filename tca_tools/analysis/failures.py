@@ -43,7 +43,7 @@ class Case:
     why: str
     """Of a task that was killed: why; of a query: who was told."""
     lost: float
-    """Seconds of work that came to nothing: how long the handler that failed had run."""
+    """Seconds of work that came to nothing: how long the handler that failed had run, or the task that was ended."""
     recovery: float
     """Seconds from the failure until its fate was decided or the task was handled again."""
 
@@ -108,10 +108,22 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         by = "central" if name in _OF_CENTRAL and not failed else _raised_by(past, message, failed, time)
         why = told_to(past, message, time)
         case = Case(message.id, str(message), name, words, time, by, [], fate(past, message, time), why, 0.0, 0.0)
-        case.lost = time - failed.start if failed else 0.0
+        case.lost = _lost(message, case, failed)
         if isinstance(message, Task):
             _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
         yield case
+
+
+def _lost(message: Message, case: Case, failed: Handling | None) -> float:
+    """How long was worked in vain: by the handler that failed; or, where the failure was raised beside it (a deadline)
+    and ended the task or began it anew, for the task since it was last begun.
+    """
+    if failed:
+        return case.time - failed.start
+    if case.fate not in (*ENDED_TASKS, Fate.RETRIED):
+        return 0.0
+    begun = (run.start for run in reversed(message.handlings) if run.start <= case.time)
+    return case.time - next(begun, case.time)
 
 
 def _raised_by(past: Past, message: Message, failed: Handling | None, time: float) -> str:

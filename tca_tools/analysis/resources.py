@@ -12,6 +12,18 @@ Key = tuple[str, str]
 """A module and one of its resources."""
 
 
+@dataclass(frozen=True, slots=True)
+class Busy:
+    """How busy a resource was between two times. All tools ask here."""
+
+    seconds: float
+    """How long its slots had messages, all slots together."""
+    waiting: float
+    """How much of that the handlers waited for replies, tasks or locks; of one handler what overlaps counts once."""
+    share: float
+    """The seconds as a share of what its slots had to give (0 to 1)."""
+
+
 @dataclass(slots=True)
 class Use:
     """What a resource did between two times; all lengths in seconds."""
@@ -37,6 +49,13 @@ class Use:
     longest_wait: float
     locked: float
     """How long it was locked or reserved."""
+    window: Span
+    """The two times."""
+
+    @property
+    def worked(self) -> float:
+        """How long its handlers had a message and waited for nothing."""
+        return max(self.busy - self.waiting, 0.0)
 
 
 def uses(past: Past, start: float, end: float) -> list[Use]:
@@ -58,26 +77,37 @@ def capacity_of(past: Past, key: Key) -> int:
     return max(module.capacities.get(key[1], 1), 1) if module else 1
 
 
+def busy(runs: list[Handling], capacity: int, start: float, end: float) -> Busy:
+    """How busy a resource of a capacity was with these runs of its handlers."""
+    handled = lengths(clipped(run.start, run.end, start, end) for run in runs)
+    waited = sum(
+        Cover(clipped(wait.start, wait.end, start, end) for wait in run.waits).total for run in runs if run.waits
+    )
+    given = max(capacity, 1) * (end - start)
+    return Busy(handled, waited, min(handled / given, 1.0) if given > 0 else 0.0)
+
+
 def _use(past: Past, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
     runs = [clipped(handling.start, handling.end, start, end) for handling in handled]
     lines = [clipped(queueing.start, queueing.end, start, end) for queueing in queued]
-    waits = [clipped(wait.start, wait.end, start, end) for handling in handled for wait in handling.waits]
     locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in past.grants.get(key, [])]
-    capacity, busy = capacity_of(past, key), lengths(runs)
+    capacity = capacity_of(past, key)
+    had = busy(handled, capacity, start, end)
     return Use(
         key,
         place(*key),
         capacity,
         len(handled),
-        busy,
-        lengths(waits),
-        min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0,
+        had.seconds,
+        had.waiting,
+        had.share,
         Cover(runs, capacity).total,
         len(queued),
         lengths(lines),
         max((count for _, count in levels(lines)), default=0),
         max((until - since for since, until in lines), default=0.0),
         Cover(locks).total,
+        (start, end),
     )
 
 

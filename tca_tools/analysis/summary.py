@@ -3,16 +3,20 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
-from tca_tools.analysis.words import moment
+from tca_tools.analysis.words import counted, moment
 from tca_tools.coping import STANDINGS, standing
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
+from tca_tools.terminal import first_line
+from tca_wire.vocabulary import CENTRAL
 
 ENDED_BADLY = (State.FAILED, State.KILLED)
 """States of a task that has ended and is not achieved."""
 _LONGEST_REASON = 200
+_ID = attrgetter("id")
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
@@ -23,7 +27,7 @@ class Summary:
     began: float | None
     """Wall-clock time (seconds since 1970) of the entries' 0."""
     start: float
-    """When the first task (or else message) was sent, in seconds since the run began."""
+    """When the first task (or else message) was sent, in seconds since the run began; not a monitor that stands by."""
     end: float
     """When the last task ended, or else the journal (of a live run: the present); the time between is what the shares
     in a report are of.
@@ -38,7 +42,7 @@ class Summary:
     tasks: dict[str, int]
     """How many tasks stand how at the end, in words, those that occur."""
     top: dict[State, int]
-    """The same of top-level tasks."""
+    """The same of top-level tasks, without monitors that watch until somebody ends them."""
     failures: int
     """How many failures were raised on tasks and other messages."""
     reasons: list[tuple[str, int, str]]
@@ -56,7 +60,7 @@ class Summary:
 def summary(past: Past) -> Summary:
     """What there is to say of the whole run."""
     counts = Counter(standing(past, task, task.state) for task in past.tasks.values())
-    top = [past.tasks[task] for task in past.top]
+    top = [task for task in map(past.tasks.__getitem__, past.top) if not stands_by(task)]
     top_counts = Counter(task.state for task in top)
     failed = [message for message in past.messages.values() if message.failure or message.changes]
     failures = sum(bool(text) for message in failed for _, text in values(message, "failure"))
@@ -87,12 +91,36 @@ def _working(past: Past) -> set[str]:
 
 
 def span_of(past: Past) -> tuple[float, float]:
-    """From the first task sent until the last one ended; if one goes on, until the journal's end."""
+    """From the first task sent until the last one ended; if one goes on, until the journal's end. A monitor that stands
+    by is not one of them, what it sends is.
+    """
     if not past.tasks:
         first = next(iter(past.messages.values()), None)
         return (first.received if first else past.time), past.time
-    ends = [past.tasks[task].states[-1][0] if is_over(past.tasks[task]) else past.time for task in past.top]
-    return past.births[0], max(ends, default=past.time)
+    top = mattering(past)
+    ends = (task.states[-1][0] if is_over(task) else past.time for task in top)
+    return min(task.received for task in top), max(ends)
+
+
+def mattering(past: Past) -> list[Task]:
+    """The tasks by which a run is judged, oldest first: those at the top; instead of monitors that stand by, what these
+    have sent. Where there is nothing else, the monitors.
+    """
+    found, walked = [], list(past.top)
+    for number in walked:  # grows while it is walked
+        task = past.tasks[number]
+        if stands_by(task):
+            walked += task.children
+        else:
+            found.append(task)
+    return sorted(found, key=_ID) or [past.tasks[number] for number in past.top]
+
+
+def stands_by(task: Task) -> bool:
+    """Whether it is a monitor that watches until somebody ends it: it still does, or a module has killed it."""
+    if not task.message_class.is_monitor:
+        return False
+    return not is_over(task) or (task.state is State.KILLED and task.killed_by not in ("", CENTRAL))
 
 
 def is_over(task: Task) -> bool:
@@ -108,16 +136,16 @@ def values(message: Message, name: str) -> list[tuple[float, Any]]:
 
 
 def _outcome(past: Past, top: list[Task], counts: Counter[State], failures: int) -> str:
-    """One sentence: good, bad or not over, and the first reason."""
-    if not top:
+    """One sentence: good, bad or not over, and the first reason; monitors that go on apart."""
+    if not past.top:
         return "No task was sent."
     bad = [task for task in top if task.state in ENDED_BADLY]
     living = len(top) - len(bad) - counts[State.ACHIEVED]
-    if not bad and not living:
+    parts = [] if top else ["No top-level task but monitors was sent"]
+    if top and not bad and not living:
         which = f"{'The' if len(top) == 1 else f'All {len(top):,}'} top-level task{'s' * (len(top) > 1)}"
         after = f", after {failures:,} failure{'s' * (failures > 1)} on the way" if failures else ""
-        return f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}."
-    parts = []
+        parts.append(f"{which} {'was' if len(top) == 1 else 'were'} achieved{after}")
     if bad:
         parts.append(_worst(bad, top))
     if living:
@@ -125,6 +153,9 @@ def _outcome(past: Past, top: list[Task], counts: Counter[State], failures: int)
         is_one = living == 1
         still = f"{'is' if is_one else 'are'} still running, as of {moment(past.time)}"
         parts.append(f"{subject} {still if past.is_live else 'had not ended when the journal did'}")
+    if watching := sum(stands_by(past.tasks[task]) and not is_over(past.tasks[task]) for task in past.top):
+        verb = f"still watch{'es' * (watching == 1)}" if past.is_live else "still watched"
+        parts.append(f"{counted(watching, 'monitor')} {verb}")
     return "; ".join(parts) + "."
 
 
@@ -148,4 +179,5 @@ def _fate(task: Task) -> str:
         text = f"failed: {task.failure}"
     else:
         text = f"was killed: {task.why_killed or 'nobody said why'}"
+    text = first_line(text)
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"

@@ -8,12 +8,15 @@ from typing import NamedTuple
 import click
 
 from tca_tools.errors import ToolError
-from tca_tools.export.tables import TABLES
+from tca_tools.export.tables import TABLES, Table
 from tca_tools.folding import folded
 from tca_tools.logs import Log, open_log
-from tca_tools.output import make_folder, new_file
+from tca_tools.options import force_option
+from tca_tools.output import check_free, made_for, make_folder, new_file
 from tca_tools.past import Past
+from tca_tools.terminal import printable
 from tca_wire.facts import Entry
+from tca_wire.journal import SEGMENT_SUFFIX
 
 
 class Format(NamedTuple):
@@ -22,6 +25,10 @@ class Format(NamedTuple):
     suffixes: tuple[str, ...]
     """What its files' names end in; none if it is a folder."""
     write: Callable[[Log, Path], None]
+    begins: Callable[[Table | None], bytes]
+    """What its file, or that of a table, begins with: one that does is ours."""
+    tables: str = ""
+    """Of a folder of tables: what the names of its files end in."""
 
 
 def _perfetto(journal: Log, output: Path) -> None:
@@ -56,7 +63,7 @@ def _json_lines(journal: Log, output: Path) -> None:
 def _csv(journal: Log, output: Path) -> None:
     from tca_tools.export.csv_files import write_csv  # noqa: PLC0415
 
-    _tables(folded(journal), output, ".csv", write_csv)
+    _tables("csv", folded(journal), output, write_csv)
 
 
 def _parquet(journal: Log, output: Path) -> None:
@@ -64,22 +71,22 @@ def _parquet(journal: Log, output: Path) -> None:
         from tca_tools.export.parquet_files import write_parquet  # noqa: PLC0415
     except ImportError as error:
         raise _missing("pyarrow", "parquet", error) from None
-    _tables(folded(journal), output, ".parquet", write_parquet)
+    _tables("parquet", folded(journal), output, write_parquet)
 
 
-def _tables(past: Past, output: Path, suffix: str, write: Callable[..., None]) -> None:
+def _tables(name: str, past: Past, output: Path, write: Callable[..., None]) -> None:
     make_folder(output)
     for table in TABLES:
-        with new_file(output / f"{table.name}{suffix}") as stream:
+        with new_file(output / f"{table.name}{FORMATS[name].tables}") as stream:
             write(table, past, stream)
 
 
 FORMATS = {
-    "perfetto": Format((".pftrace", ".perfetto-trace"), _perfetto),
-    "mcap": Format((".mcap",), _mcap),
-    "jsonl": Format((".jsonl",), _json_lines),
-    "csv": Format((), _csv),
-    "parquet": Format((), _parquet),
+    "perfetto": Format((".pftrace", ".perfetto-trace"), _perfetto, lambda _: b"\n"),  # a packet of a trace
+    "mcap": Format((".mcap",), _mcap, lambda _: b"\x89MCAP0\r\n"),
+    "jsonl": Format((".jsonl",), _json_lines, lambda _: b'{"t": '),
+    "csv": Format((), _csv, lambda table: ",".join(table.columns if table else ()).encode(), ".csv"),
+    "parquet": Format((), _parquet, lambda _: b"PAR1", ".parquet"),
 }
 
 
@@ -89,8 +96,8 @@ FORMATS = {
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="The file; for tables, the folder."
 )
-@click.option("--force", is_flag=True, help="Write over what is there.")
-def export(log_path: Path | None, name: str | None, output: Path, force: bool) -> None:
+@force_option
+def export(log_path: Path | None, name: str | None, output: Path, *, force: bool) -> None:
     """Write a run for other tools.
 
     \b
@@ -103,13 +110,23 @@ def export(log_path: Path | None, name: str | None, output: Path, force: bool) -
     LOG is a journal directory or one of its segments; without it, the newest run is exported.
     """  # noqa: D301 - click wants the character itself
     chosen = FORMATS[name or _named_by(output)]
-    if output.exists() and not (output.is_file() or output.is_dir()):
-        raise ToolError(f"{output}: neither a file nor a folder: give another name")
-    if output.exists() and not force:
-        raise ToolError(f"{output}: exists already: give another name, or --force to write over it")
+    _check_free(chosen, output, force=force)
     journal = open_log(log_path)
     chosen.write(journal, output)
     journal.check()
+
+
+def _check_free(chosen: Format, output: Path, *, force: bool) -> None:
+    """Raises ToolError if the export would destroy what is none of ours."""
+    with made_for(output):
+        is_file = not chosen.tables or (output.exists() and not output.is_dir())
+    if is_file:
+        check_free(output, begins=chosen.begins(None), force=force)
+        return
+    if any(output.glob(f"*{SEGMENT_SUFFIX}")):
+        raise ToolError(f"{printable(str(output))}: a journal: give another folder")
+    for table in TABLES:
+        check_free(output / f"{table.name}{chosen.tables}", begins=chosen.begins(table), force=force)
 
 
 def _named_by(output: Path) -> str:

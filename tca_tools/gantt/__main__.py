@@ -28,7 +28,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
-    check_output(output, KINDS)
+    check_output(output, KINDS, force=asked.force)
     if asked.task is not None and story:
         raise click.UsageError("--task and --story exclude each other: ask for one of them")
     journal = open_log(asked.log_path)

@@ -7,19 +7,20 @@ import click
 from tca_tools.errors import DamagedLog, ToolError
 from tca_tools.folding import folded
 from tca_tools.logs import Log, open_log
+from tca_tools.options import check_output, force_option
 from tca_tools.output import write_output
 
 
 @click.command()
 @click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file, .html.")
-def report(log_path: Path | None, output: Path) -> None:
+@force_option
+def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     """Write a run down as one HTML file: outcome, failures, where time went, what would help, chart and tree.
 
     LOG is a journal directory or one of its segments; without it, the newest run is reported.
     """
-    if output.suffix not in (".html", ".htm"):
-        raise click.BadParameter(f"{output}: its name must end in .html", param_hint="'-o'")
+    check_output(output, (".html", ".htm"), force=force)
     try:
         import jinja2  # noqa: F401, PLC0415 - an extra
     except ImportError:

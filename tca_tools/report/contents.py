@@ -92,7 +92,7 @@ def contents(past: Past) -> Contents:
     other = None
     if path and longest and longest is not last and path.seconds < run.seconds / 2:
         other = critical_path(past, causes, longest)
-    told = advice(past, other or path, overlaps(past, causes), use, kinds, run.seconds * _WORTH_SAYING)
+    told = advice(past, causes, other or path, overlaps(past, causes), use, kinds, run.seconds * _WORTH_SAYING)
     return Contents(
         run,
         kinds,

@@ -14,10 +14,12 @@ from tca_tools.coping import GOOD_FATES, HANDLED
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut, first_line, printable
 
 _HERE = Path(__file__).parent
 _LONGEST_TEXT = 300
+_LONGEST_SAID = 220
+"""Characters of what was said of a failure that stand in the table."""
 
 
 def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | None, strips: list[Strip]) -> str:
@@ -40,7 +42,9 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
             now=f"{_clock(found.summary.began, found.summary.now)} ({words.moment(found.summary.now)})",
             is_good_fate=lambda fate: fate in GOOD_FATES,
             doing=_DOING,
+            longest_said=_LONGEST_SAID,
             shown_stories=lambda kind: _stories_of(kind, found),
+            whole_texts=lambda kind: _texts_of(kind, found.cases_shown),
         )
     )
 
@@ -48,6 +52,15 @@ def page(name: str, damage: str, found: Contents, tree: Tree, gantt: Gantt | Non
 def _stories_of(kind: Kind, found: Contents) -> list[int]:
     """The failing messages of a kind whose stories are told."""
     return [number for number in dict.fromkeys(case.message_id for case in kind.cases) if number in found.stories]
+
+
+def _texts_of(kind: Kind, cases: int) -> list[tuple[str, list[str]]]:
+    """What was said of the failures that are shown, where the table shows only a part: of whom, and its lines."""
+    texts: dict[str, str] = {}
+    for case in kind.cases[:cases]:
+        if cut(first_line(case.text), _LONGEST_SAID) != case.text:
+            texts.setdefault(case.text, case.of)
+    return [(of, [line.expandtabs(4) for line in text.splitlines()]) for text, of in texts.items()]
 
 
 _DOING = {
@@ -98,7 +111,7 @@ def _environment() -> Environment:
         "percent": words.percent,
         "counted": words.counted,
         "looks": lambda standing: "s-handled" if standing == HANDLED else f"s-{standing}",
-        "short": lambda text, width=_LONGEST_TEXT: cut(str(text), width),
+        "short": lambda text, width=_LONGEST_TEXT: cut(first_line(str(text)), width),
     }
     return made
 

@@ -50,8 +50,11 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     runs failed    how often handlers failed, whatever became of that
     handling       how long handlers ran
     sent to end    until the sender had the answer, or the task was achieved
-    busy           the share of a resource's slots that ran handlers
+    busy           the share of a resource's slots that ran handlers, from the
+                   first task to the end of the last (or from --from on)
     waiting        the share of that in which these waited themselves
+    in the queue   waits for a slot, or a handler; open: those that go on,
+                   which count until the end or now (+: at least so long)
 
     p50 and p99 are exact: half of the times, or 99 in 100, are no longer. LOG is a journal directory or one of its
     segments; without it, the newest run is measured.
@@ -101,8 +104,10 @@ def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str
         "from": measured.start,
         "to": measured.end,
         "live": measured.is_live,
+        "busy_from": measured.busy_in[0],
+        "busy_to": measured.busy_in[1],
         "messages": [_plain_message(stats, measured.seconds) for stats in messages],
-        "resources": [_plain_resource(stats, measured.seconds) for stats in measured.resources],
+        "resources": [_plain_resource(stats) for stats in measured.resources],
     }
 
 
@@ -117,16 +122,15 @@ def _plain_message(stats: MessageStats, seconds: float) -> dict[str, Any]:
     }
 
 
-def _plain_resource(stats: ResourceStats, seconds: float) -> dict[str, Any]:
-    share = stats.busy / seconds / max(stats.capacity, 1) if seconds else None
+def _plain_resource(stats: ResourceStats) -> dict[str, Any]:
     return {
         "module": stats.module,
         "resource": stats.resource,
         "capacity": stats.capacity,
         "handled": stats.handled,
-        "busy": stats.busy,
-        "busy_share": share,
-        "waiting": stats.waiting,
+        "busy": stats.busy.seconds,
+        "busy_share": stats.busy.share,
+        "waiting": stats.busy.waiting,
         "queued": _plain_times(stats.queued),
         "longest_queue": stats.longest_queue,
     }
@@ -134,7 +138,13 @@ def _plain_resource(stats: ResourceStats, seconds: float) -> dict[str, Any]:
 
 def _plain_times(times: Times) -> dict[str, Any]:
     shares = {f"p{share}": times.percentile(share) for share in _SHARES}
-    return {"count": len(times), "total": times.total, **shares, "max": times.percentile(100)}
+    return {
+        "count": len(times),
+        "open": len(times.going_on),
+        "total": times.total,
+        **shares,
+        "max": times.percentile(100),
+    }
 
 
 if __name__ == "__main__":

@@ -1,16 +1,21 @@
 """Counts and times of a run, or of a part of it. Pure; percentiles are exact (nearest rank)."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
 from math import ceil
 from operator import itemgetter
 
+from tca_tools.analysis.resources import Busy, Key, busy
+from tca_tools.analysis.spans import Span
+from tca_tools.analysis.summary import span_of
 from tca_tools.past import Past
-from tca_tools.records import OVER, Message, State, Task
+from tca_tools.records import OVER, Handling, Message, State, Task
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
+
+_IDLE = Busy(0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -18,6 +23,18 @@ class Times:
     """How long something took, each time, in seconds."""
 
     seconds: list[float] = field(default_factory=list)
+    going_on: list[float] = field(default_factory=list)
+    """Those of them that went on at the end, until which they count."""
+
+    def add(self, start: float, end: float | None, now: float) -> None:
+        """It began then, and ended or (None) goes on now."""
+        self.seconds.append((now if end is None else end) - start)
+        if end is None:
+            self.going_on.append(now - start)
+
+    def is_at_least(self, seconds: float) -> bool:
+        """Whether a percentile that is so long will be longer when all is over."""
+        return any(one <= seconds for one in self.going_on)
 
     def sort(self) -> None:
         """Get ready for being asked."""
@@ -63,7 +80,7 @@ class MessageStats:
     to_end: Times = field(default_factory=Times)
     """From when it was sent until its sender had the answer, or until it was achieved."""
     queued: Times = field(default_factory=Times)
-    """Each wait in a queue."""
+    """Each wait in a queue, or for a module that handles it."""
 
     @property
     def is_of_tasks(self) -> bool:
@@ -84,10 +101,8 @@ class ResourceStats:
     capacity: int
     """The largest that it had."""
     handled: int = 0
-    busy: float = 0.0
-    """Seconds of handling, summed over its slots."""
-    waiting: float = 0.0
-    """How much of that its handlers waited: for replies, tasks or locks."""
+    busy: Busy = _IDLE
+    """Between the times of ``Stats.busy_in``."""
     queued: Times = field(default_factory=Times)
     longest_queue: int = 0
 
@@ -102,6 +117,17 @@ class Stats:
     """Whether the run goes on after the end."""
     messages: list[MessageStats]
     resources: list[ResourceStats]
+    busy_in: Span
+    """The times between which it was looked how busy resources were: as in reports, from the first task to the end of
+    the last; of a part of the run, that part.
+    """
+    is_part: bool
+    """Whether the start was asked for."""
+
+    @property
+    def has_tasks(self) -> bool:
+        """Whether any task was sent."""
+        return any(stats.is_of_tasks and stats.sent for stats in self.messages)
 
     @property
     def seconds(self) -> float:
@@ -118,13 +144,15 @@ def measure(past: Past, start: float | None = None) -> Stats:
             _count(_of(messages, message.name), message)
     _add_handlings(messages, past, first)
     for queueing in past.queueings:
-        if queueing.start >= first and queueing.end is not None:
-            _of(messages, past.name(queueing.message_id)).queued.seconds.append(queueing.end - queueing.start)
+        if queueing.start >= first:
+            _of(messages, past.name(queueing.message_id)).queued.add(queueing.start, queueing.end, past.time)
     for stats in messages.values():
         stats.message_class = stats.message_class or _declared_class(past, stats.name)
         for times in stats.times().values():
             times.sort()
-    return Stats(first, past.time, past.is_live, list(messages.values()), _resources(past, first))
+    busy_in = span_of(past) if start is None else (first, past.time)
+    resources = _resources(past, first, busy_in)
+    return Stats(first, past.time, past.is_live, list(messages.values()), resources, busy_in, start is not None)
 
 
 def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:
@@ -176,35 +204,25 @@ def _add_handlings(messages: dict[str, MessageStats], past: Past, first: float) 
             stats.handling.seconds.append(handling.end - handling.start)
 
 
-def _resources(past: Past, first: float) -> list[ResourceStats]:
-    found: dict[tuple[str, str], ResourceStats] = {}
+def _resources(past: Past, first: float, busy_in: Span) -> list[ResourceStats]:
+    found: dict[Key, ResourceStats] = {}
     for module in past.modules.values():
         for resource, capacity in module.resources.items():
             most = max(capacity, module.capacities.get(resource, 0))
             found[module.name, resource] = ResourceStats(module.name, resource, most)
+    runs: dict[Key, list[Handling]] = {}
     for handling in past.handlings:
-        stats = found[handling.module, handling.resource]
-        end = past.time if handling.end is None else handling.end
-        if end >= first:
-            stats.handled += handling.start >= first
-            stats.busy += end - max(handling.start, first)
-            waits = ((wait.start, end if wait.end is None else min(wait.end, end)) for wait in handling.waits)
-            stats.waiting += _covered((max(start, first), until) for start, until in waits)
+        runs.setdefault((handling.module, handling.resource), []).append(handling)
+    for key, handled in runs.items():
+        stats = found[key]
+        stats.handled = sum(handling.start >= first for handling in handled)
+        stats.busy = busy(handled, stats.capacity, *busy_in)
     _add_queues(found, past, first)
     return list(found.values())
 
 
-def _covered(spans: Iterable[tuple[float, float]]) -> float:
-    """The seconds that the spans cover; where they overlap, once."""
-    seconds, last = 0.0, float("-inf")
-    for start, end in sorted(spans):
-        seconds += max(end - max(start, last), 0.0)
-        last = max(last, end)
-    return seconds
-
-
-def _add_queues(found: dict[tuple[str, str], ResourceStats], past: Past, first: float) -> None:
-    steps: dict[tuple[str, str], list[tuple[float, int]]] = defaultdict(list)
+def _add_queues(found: dict[Key, ResourceStats], past: Past, first: float) -> None:
+    steps: dict[Key, list[tuple[float, int]]] = defaultdict(list)
     for queueing in past.queueings:
         key = (queueing.module, queueing.resource)
         found.setdefault(key, ResourceStats(*key, 0))
@@ -212,8 +230,8 @@ def _add_queues(found: dict[tuple[str, str], ResourceStats], past: Past, first: 
             steps[key].append((max(queueing.start, first), 1))
             if queueing.end is not None:
                 steps[key].append((queueing.end, -1))
-                if queueing.start >= first:
-                    found[key].queued.seconds.append(queueing.end - queueing.start)
+            if queueing.start >= first:
+                found[key].queued.add(queueing.start, queueing.end, past.time)
     for key, changes in steps.items():
         found[key].longest_queue = max(_levels(changes))
         found[key].queued.sort()

@@ -1,8 +1,9 @@
 """Statistics as tables for the terminal. Knows how they look; measures nothing."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate, compress
 
+from tca_tools.analysis.words import seconds
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
 from tca_tools.terminal import columns_of, cut, padded, printable
 from tca_wire.wording import place
@@ -15,6 +16,7 @@ _NARROWEST_NAME, _LEAST_NAME = 12, 4
 _SHORT = {"sent to start": "start", "handling": "run", "sent to end": "end", "in the queue": "queue"}
 _SELDOM = 0.01
 """Of rates below this two digits are shown."""
+_AT_LEAST = "+"
 _NO_TIME = 0.5e-6
 _UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
 
@@ -23,8 +25,10 @@ Groups = list[tuple[str, int]]
 """What stands over how many columns."""
 Spare = Sequence[Sequence[int]]
 """Columns by their places, those that are left out first."""
-_SPARE_OF_MESSAGES: Spare = ((5, 8, 11), (1,), (3, 6, 9), (4,), (2,), (10,), (7,))
-_SPARE_OF_RESOURCES: Spare = ((8,), (2,), (6,), (0,), (9,), (5,), (4,), (7,), (1,))
+_OPEN, _DROPPED, _OPEN_WAITS = 2, 3, 6
+"""Columns that are shown where there is something in them."""
+_SPARE_OF_MESSAGES: Spare = ((7, 10, 13), (1,), (5, 8, 11), (6,), (4,), (_DROPPED,), (12,), (_OPEN,), (9,))
+_SPARE_OF_RESOURCES: Spare = ((9,), (2,), (7,), (0,), (10,), (5,), (4,), (_OPEN_WAITS,), (8,), (1,))
 
 
 def stats_lines(
@@ -36,33 +40,46 @@ def stats_lines(
     width = width or _WIDTH
     lines: list[str] = []
     if messages:
-        groups = [("", 2), ("runs", 1), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
-        heads = ["sent", "/s", "failed", *("p50", "p99", "max") * 3]
+        groups = [("", 4), ("runs", 1), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
+        heads = ["sent", "/s", "open", "dropped", "failed", *("p50", "p99", "max") * 3]
         rows = [(printable(one.name), _message_cells(one, stats.seconds)) for one in messages]
-        lines += _table("message", groups, heads, rows, _SPARE_OF_MESSAGES, width)
+        lines += _table("message", groups, heads, rows, _SPARE_OF_MESSAGES, width, if_any=(_OPEN, _DROPPED))
     if resources:
-        groups = [("", 5), ("in the queue", 5)]
-        heads = ["slots", "handled", "/s", "busy", "waiting", "queued", "p50", "p99", "max", "longest"]
+        groups = [("", 5), ("in the queue", 6)]
+        heads = ["slots", "handled", "/s", "busy", "waiting", "queued", "open", "p50", "p99", "max", "longest"]
         titled = [(printable(place(one.module, one.resource) or _NO_HANDLER), one) for one in resources]
         rows = [(title, _resource_cells(one, stats.seconds)) for title, one in titled]
-        lines += ["", *_table("resource", groups, heads, rows, _SPARE_OF_RESOURCES, width)]
+        table = _table("resource", groups, heads, rows, _SPARE_OF_RESOURCES, width, if_any=(_OPEN_WAITS,))
+        lines += ["", *table, *(cut(line, width) for line in _notes(stats, table))]
     return lines
 
 
+def _notes(stats: Stats, table: list[str]) -> Iterator[str]:
+    """What has to be said of a table's figures."""
+    start, end = stats.busy_in
+    since = "" if stats.is_part else ", first task to last end" if stats.has_tasks else ", from the first message on"
+    yield f"busy: of {seconds(max(end - start, 0.0))} ({start:.2f} to {end:.2f} s{since})"
+    if any(_AT_LEAST in line for line in table[2:]):
+        yield f"{_AT_LEAST}: at least so long; some still wait"
+
+
 def _message_cells(stats: MessageStats, seconds: float) -> list[str]:
-    counts = [str(stats.sent), _rate(stats.sent, seconds), str(stats.failed_runs or "-")]
+    counts = [str(stats.sent), _rate(stats.sent, seconds)]
+    counts += [str(number or "-") for number in (stats.open, stats.dropped, stats.failed_runs)]
     return [*counts, *_spread(stats.to_start), *_spread(stats.handling), *_spread(stats.to_end)]
 
 
 def _resource_cells(stats: ResourceStats, seconds: float) -> list[str]:
-    share = stats.busy / seconds / max(stats.capacity, 1) if seconds > 0 else 0.0
-    waiting = f"{stats.waiting / stats.busy:.0%}" if stats.busy else "-"
-    handled = [str(stats.capacity or "-"), str(stats.handled), _rate(stats.handled, seconds), f"{share:.0%}", waiting]
-    return [*handled, str(len(stats.queued) or "-"), *_spread(stats.queued), str(stats.longest_queue or "-")]
+    waiting = f"{stats.busy.waiting / stats.busy.seconds:.0%}" if stats.busy.seconds else "-"
+    handled = [str(stats.capacity or "-"), str(stats.handled), _rate(stats.handled, seconds)]
+    handled += [f"{stats.busy.share:.0%}", waiting]
+    queued = [str(len(stats.queued) or "-"), str(len(stats.queued.going_on) or "-"), *_spread(stats.queued)]
+    return [*handled, *queued, str(stats.longest_queue or "-")]
 
 
 def _spread(times: Times) -> list[str]:
-    return [duration(times.percentile(share)) for share in (50, 99, 100)]
+    found = [times.percentile(share) for share in (50, 99, 100)]
+    return [duration(one) + _AT_LEAST * (one is not None and times.is_at_least(one)) for one in found]
 
 
 def _rate(number: int, seconds: float) -> str:
@@ -91,13 +108,21 @@ def _three_digits(number: float) -> str:
 
 
 def _table(
-    title: str, groups: Groups, heads: list[str], rows: list[tuple[str, list[str]]], spare: Spare, width: int
+    title: str,
+    groups: Groups,
+    heads: list[str],
+    rows: list[tuple[str, list[str]]],
+    spare: Spare,
+    width: int,
+    *,
+    if_any: Sequence[int],
 ) -> list[str]:
-    """A line over groups of columns, a line of heads, and the rows; where there is no room, columns are left out, those
-    of *spare* one after the other, and names are cut.
+    """A line over groups of columns, a line of heads, and the rows; columns *if_any* only if something is in them.
+    Where there is no room, columns are left out, those of *spare* one after the other, and names are cut.
     """
     all_sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]
-    kept, waiting = [True] * len(heads), list(spare)
+    kept = [n not in if_any or any(cells[n] != "-" for _, cells in rows) for n in range(len(heads))]
+    waiting = list(spare)
     while True:
         sizes, left = list(compress(all_sizes, kept)), _left(groups, kept)
         gaps = [2 if place in _starts(left) else 1 for place in range(len(sizes))]

@@ -39,7 +39,7 @@ def tree(
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
-    check_output(output, (".txt",) if story else KINDS)
+    check_output(output, (".txt",) if story else KINDS, force=asked.force)
     journal = open_log(asked.log_path)
     history = folded(journal, asked.at)
     if story:

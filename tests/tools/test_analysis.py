@@ -1,5 +1,7 @@
 """Outcome, failures, waits and resources of a run, each worked out by hand."""
 
+from typing import Any
+
 import pytest
 from tools.made_robots import caught, commanding, fail, near, recovering, stepping
 from tools.story import Story, mopping, stumbling, walking
@@ -14,11 +16,12 @@ from tca_tools.analysis.spans import Cover, levels
 from tca_tools.analysis.summary import summary
 from tca_tools.analysis.waits import WaitKind, waits
 from tca_tools.coping import Fate
+from tca_tools.export.tables import TABLES
 from tca_tools.past import Past
 from tca_tools.records import State
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 def test_a_good_run() -> None:
@@ -91,6 +94,52 @@ def test_a_failure_that_is_dealt_with_before_another_is_raised() -> None:
     slow, slip = cases["slow"], cases["slip"]
     assert near(slow.fate, slow.recovery, slow.chain) == (Fate.DEALT_WITH, 0.5, ["recover {2} in expert"])
     assert near(slip.fate, slip.lost, slip.chain) == (Fate.NOT_HANDLED, 3.0, [])
+
+
+@pytest.mark.parametrize(
+    ("title", "handled"), [("Nobody handles 'dance'", ()), ("Nobody handles 'dance' any more", (1.0, 2.0)),
+                           ("Nobody handles 'dance' for a while", (5.0,))],
+)  # fmt: skip
+def test_whether_nobody_ever_handled_it_nobody_any_more_or_not_yet(title: str, handled: tuple[float, ...]) -> None:
+    """Handled from the first time until the second, if there is one; a dance is sent at 3.0."""
+    story = Story().module("user")
+    times = dict(zip(handled, ("come", "go"), strict=False)) | {3.0: "dance"}
+    for time in sorted(times):
+        story.at(time)
+        if times[time] == "come":
+            story.module("legs", "dance")
+        elif times[time] == "go":
+            story.say(facts.HandlerRemoved("dance", "legs"))
+        else:
+            story.queued(story.command("dance", "user"))
+    past = story.at(9.0).fold()
+    (one,) = advice(past, Causes(past), None, [], [], [], 0.1)
+    assert (one.title, round(one.saving, 6)) == (title, 6.0)
+
+
+@pytest.mark.parametrize("is_killed", [True, False])
+def test_a_deadline_costs_what_was_done_until_then(is_killed: bool) -> None:
+    """The handler had run for half a second when its time was over; nothing is lost if the task then goes on."""
+    story = Story().module("oven", "dock").module("expert", "recover")
+    dock = story.at(1.0).command("dock", "user")
+    story.delivered(dock, "oven").at(1.5).say(facts.Failed(dock, "timeout", "not within 0.5 s", is_beside=True))
+    if is_killed:
+        story.say(facts.Unhandled(TaskId(dock)), facts.Killed(TaskId(dock), "timeout"))
+    else:
+        helper = caught(story, dock)
+        story.returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(dock)))
+    past = story.at(1.6).returned(dock).reached(dock, *Moment).fold()
+    (kind,) = failures(past)
+    assert near(kind.cases[0].lost) == ((0.5,) if is_killed else (0.0,))
+    outcome = past.tasks[dock].handlings[0].outcome  # it returned, but its task had been killed
+    assert outcome is (Outcome.KILLED if is_killed else Outcome.DONE)
+    (row,) = [row for row in rows_of("handlings", past) if row["name"] == "dock"]
+    assert row["outcome"] == ("killed" if is_killed else "done")
+
+
+def rows_of(name: str, past: Past) -> list[dict[str, Any]]:
+    table = next(table for table in TABLES if table.name == name)
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows(past)]
 
 
 def test_failures_at_the_same_time_cost_that_time_once() -> None:
@@ -180,12 +229,12 @@ def test_advice_on_what_nobody_could_work_on() -> None:
     history = mopping("panel").fold()
     causes = Causes(history)
     path = critical_path(history, causes, history.tasks[1])
-    suspended, drone = advice(history, path, [], [], [], at_least=0.1)
+    suspended, drone = advice(history, causes, path, [], [], [], at_least=0.1)
     assert near(suspended.topic, suspended.saving, suspended.on_path) == (Topic.SUSPENDED, 6.0, 6.0)
     assert suspended.example == "mop floor {1} suspended by panel, from 3.000 s, 6.00 s"
     assert near(drone.topic, drone.saving, drone.on_path) == (Topic.HANDLER, 10.4, 0)
-    assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all"
-    assert drone.title == "Nobody handles 'fly' for a while"
+    assert drone.text == "'fly' waited once for a module that handles it, 10.4 s in all, and none ever came"
+    assert drone.title == "Nobody handles 'fly'"
 
 
 def test_who_only_asks_is_no_module_of_a_run() -> None:

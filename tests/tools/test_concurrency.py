@@ -25,7 +25,7 @@ def advised(past: Past, at_least: float = 1e-6) -> list[Advice]:
     run, task = summary(past), last_task(past)
     causes = Causes(past)
     path = critical_path(past, causes, task) if task else None
-    return advice(past, path, overlaps(past, causes), uses(past, run.start, run.end), failures(past), at_least)
+    return advice(past, causes, path, overlaps(past, causes), uses(past, run.start, run.end), failures(past), at_least)
 
 
 def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
@@ -53,7 +53,8 @@ def test_what_holds_the_planning_back_is_named() -> None:
     (overlap,) = found_in(stepping().fold())
     assert overlap.example.reason == "step {3} was held until step {2} is achieved"
     assert overlap.example.remedy == (
-        "'step' is not planned before it may be achieved: plan_ahead=1 instead of delay_planning"
+        "'step' is not planned before it may be achieved: let it be planned one ahead (plan_ahead=1, not 0 and not "
+        "delay_planning)"
     )
 
 
@@ -133,7 +134,7 @@ def test_questions_on_the_critical_path() -> None:
 
 
 def test_a_resource_that_all_queue_for() -> None:
-    """Three moves of 2 s come at once: the second waits 2 s, the third 4, and the path goes through both queues."""
+    """Three moves of 2 s come at once: the second waits 2 s, the third 4 at the same time, in all 4 and not 6."""
     story = Story().module("user").module("legs", "move")
     moves = [story.at(1.0).command("move", "user") for _ in range(3)]
     story.delivered(moves[0], "legs")
@@ -144,8 +145,9 @@ def test_a_resource_that_all_queue_for() -> None:
         if number < 2:
             story.delivered(moves[number + 1], "legs")
     (one,) = advised(story.fold())
-    assert near(one.topic, one.saving) == (Topic.CAPACITY, 6.0)
-    assert "It is busy 100% of the time, with 1 at a time." in one.text
+    assert near(one.topic, one.saving) == (Topic.CAPACITY, 3.0)  # with two slots 6 s of moves still take three
+    assert "stands twice in the queue for legs, 4.00 s in all. It is busy 100% of the time, with 1 at a" in one.text
+    assert one.text.endswith("would save at most 3.00 s: what it has to do would still take 3.00 s")
 
 
 def test_a_lock_that_is_held_long() -> None:
@@ -162,7 +164,8 @@ def test_a_lock_that_is_held_long() -> None:
 def test_failures_cost_what_was_done_in_vain_and_what_was_done_about_them() -> None:
     """The move that slipped: 1.0 s in vain, 0.2 s until it was retried. The last one was never overcome: it ended."""
     past = recovering().fold()
-    path = critical_path(past, Causes(past), past.tasks[1])
-    (one,) = advice(past, path, [], [], failures(past), at_least=0.1)
+    causes = Causes(past)
+    path = critical_path(past, causes, past.tasks[1])
+    (one,) = advice(past, causes, path, [], [], failures(past), at_least=0.1)
     assert near(one.topic, one.saving, one.window) == (Topic.FAILURE, 1.2, (1.0, 2.2))
     assert [one.topic for one in advised(past, 0.1)] == []

@@ -57,7 +57,7 @@ def test_what_is_there_is_written_over_only_when_that_is_wanted(run: Path, tmp_p
     output.write_text("precious")
     result = exported(run, "-o", output)
     assert result.exit_code == 1
-    assert f"{output}: exists already: give another name, or --force" in result.stderr
+    assert f"{output}: exists already, and was not made by this command: give another name, or" in result.stderr
     assert output.read_text() == "precious"
     assert exported(run, "-o", output, "--force").exit_code == 0
     assert "precious" not in output.read_text()

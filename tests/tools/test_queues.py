@@ -6,6 +6,7 @@ import pytest
 from tools.story import Story
 
 from tca_tools.analysis.advice import Topic, advice
+from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.summary import span_of
 from tca_tools.past import Past
@@ -63,7 +64,7 @@ def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
     assert queue.rate_in == pytest.approx(2.0, rel=0.05)
     assert queue.rate_out == pytest.approx(1.25, rel=0.05)
     assert queue.length == pytest.approx(75, abs=3)
-    (told,) = advice(past, None, [], [], [], 0.5)
+    (told,) = advice(past, Causes(past), None, [], [], [], 0.5)
     assert (told.topic, told.title) == (Topic.CAPACITY, "eye is a bottleneck")
     assert "2.01 messages a second come, 1.25 are handled" in told.text
     assert "let it handle 2 at a time instead of 1" in told.remedy

@@ -24,6 +24,7 @@ from tca_tools.report.pictures import gantt, strips
 from tca_tools.report.tree import tree
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome
 
 VOID = {"meta", "link", "br", "img", "path", "rect", "line", "hr"}
 HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}\x1b[31m\x00\u202e"
@@ -135,12 +136,35 @@ def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
     assert "journal did" not in shown.text
 
 
+def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened(reported: Reported) -> None:
+    said = (
+        "KeyError: 'salt'\nTraceback (most recent call last):\n  File \"kitchen.py\", line 38, in fry\n"
+        "    {}['salt']\n    ~~^^^^^^^^\nKeyError: 'salt'"
+    )
+    story = Story().module("user").module("stove", "fry")
+    for _ in range(2):
+        fry = story.at(1.0).command("fry", "user")
+        story.delivered(fry, "stove").at(2.0).returned(fry, Outcome.FAILED).say(
+            facts.Failed(fry, "handler error", said), facts.Unhandled(TaskId(fry)),
+            facts.Killed(TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"),
+        )  # fmt: skip
+        story.reached(fry, Moment.END_HANDLING, Moment.END_ACHIEVING)
+    shown = reported(story)
+    assert "\\n" not in shown.text
+    assert "was not achieved; the first, fry {1}, failed: handler error: KeyError: 'salt' ...." in shown.text.replace(
+        "were", "was"
+    )
+    assert shown.text.count("~~^^^^^^^^") == 1  # of both the same, told once
+    whole = "\n".join(said.splitlines())
+    assert whole in "".join(shown.texts)
+
+
 def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
     shown = reported(mopping())
     assert "fly : nobody handled it" in shown.text  # where the time went
-    for words in ("Nobody handles 'fly' for a while", "'mop floor' is suspended for a while", "Suspended tasks"):
+    for words in ("Nobody handles 'fly'", "'mop floor' is suspended for a while", "Suspended tasks"):
         assert words in shown.text
-    assert "1 wait, 6.00 s in all" in shown.text
+    assert "1 wait, 6.00 s" in shown.text
     assert "Nothing was found" not in shown.text
 
 

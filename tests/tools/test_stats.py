@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tools.story import QUERY, Story, silent_for, stumbling, walking
 
+from tca_tools.analysis.resources import uses
+from tca_tools.analysis.summary import span_of
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
 from tca_tools.stats.text import duration
@@ -124,8 +126,50 @@ def test_how_busy_a_resource_was() -> None:
     story.say(facts.ModuleLeft("map", "it said goodbye"), facts.ResourceChanged("map", "map", 0)).at(8.0)
     (resource,) = measure(story.fold()).resources
     assert (resource.capacity, resource.longest_queue) == (2, 2)
-    assert (resource.busy, resource.waiting) == pytest.approx((6.0, 1.0))
+    assert (resource.busy.seconds, resource.busy.waiting) == pytest.approx((6.0, 1.0))
     assert resource.queued.seconds == pytest.approx([0.5, 0.5])
+
+
+def test_busy_is_the_same_share_as_in_a_report(run: Path) -> None:
+    """Of the time from the first task to the end of the last; central may have stood there for hours before."""
+    history = stumbling().fold()
+    measured, span = measure(history), span_of(history)
+    shares = {(one.module, one.resource): one.busy.share for one in measured.resources}
+    assert (measured.busy_in, span) == (span, (0.5, 4.5))
+    assert {use.key: use.share for use in uses(history, *span)} == {key: one for key, one in shares.items() if one}
+    assert "busy: of 4.00 s (0.50 to 4.50 s, first task to last end)" in shown(run).stdout
+    assert "busy: of 2.00 s (1.00 to 3.00 s)" in shown(run, "--from", 1.0, "--to", 3.0).stdout
+
+
+def test_waits_that_go_on_count_until_now() -> None:
+    """One of three was handled after a second, two stand for a minute."""
+    story = Story().module("legs").at(1.0)
+    dances = [story.command("dance", "user") for _ in range(3)]
+    for dance in dances:
+        story.queued(dance)
+    past = story.at(2.0).delivered(dances[0], "legs").at(61.0).fold()
+    nobody = next(one for one in measure(past).resources if not one.module)
+    assert (nobody.queued.seconds, nobody.queued.going_on) == ([1.0, 60.0, 60.0], [60.0, 60.0])
+    assert not nobody.queued.is_at_least(1.0)  # whatever the others will be
+    assert nobody.queued.is_at_least(60.0)
+    assert (nobody.longest_queue, of(measure(past), "dance").queued.percentile(50)) == (3, 60.0)
+
+
+def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: Path) -> None:
+    story = Story().module("legs").at(1.0)
+    dances = [story.received("dance", MessageClass.INFORM, "user") for _ in range(3)]
+    for dance in dances:
+        story.queued(dance)
+    run = story.say(facts.Dropped(dances[0], "a newer one came")).at(61.0).write(tmp_path / "run")
+    lines = [line.split() for line in shown(run).stdout.splitlines()]
+    heads, figures = (next(line for line in lines if line[:1] == [name]) for name in ("message", "dance"))
+    told = dict(zip(heads[1:6], figures[1:6], strict=True))
+    assert told == {"sent": "3", "/s": "0.0492", "open": "2", "dropped": "1", "failed": "-"}
+    waited = next(line for line in lines if line[:2] == ["(no", "handler)"])
+    assert waited[7:] == ["3", "2", "60s+", "60s+", "60s+", "2"]
+    assert shown(run).stdout.endswith("+: at least so long; some still wait\n")
+    queued = json.loads(shown(run, "--json").stdout)["messages"][0]["queued"]
+    assert (queued["count"], queued["open"], queued["max"]) == (3, 2, 60.0)
 
 
 def test_waits_that_overlap_count_once() -> None:
@@ -136,7 +180,7 @@ def test_waits_that_overlap_count_once() -> None:
     story.at(2.0)
     second = story.received("where", QUERY, "a", origin=plan, blocking=True)
     story.at(3.0).say(facts.Answered(first)).at(5.0).say(facts.Answered(second)).at(6.0).returned(plan)
-    assert measure(story.fold()).resources[0].waiting == pytest.approx(4.0)
+    assert measure(story.fold()).resources[0].busy.waiting == pytest.approx(4.0)
 
 
 def test_direct_messages_are_counted() -> None:

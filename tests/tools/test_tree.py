@@ -310,7 +310,7 @@ def test_files_that_need_no_graphviz(tca: Tca, run: Path, tmp_path: Path, suffix
     path = tmp_path / f"tree{suffix}"
     assert tca("tree", run, "-o", path).exit_code == 0
     text = path.read_text()
-    assert text == tca("tree", run).stdout if suffix == ".txt" else text.startswith("digraph")
+    assert text == tca("tree", run).stdout + "made by tca\n" if suffix == ".txt" else text.startswith("digraph")
 
 
 def test_wrong_names_of_files(tca: Tca, run: Path, tmp_path: Path) -> None:

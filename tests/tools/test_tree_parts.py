@@ -270,7 +270,7 @@ def test_without_dot_pygraphviz_draws(tca: Tca, run: Path, tmp_path: Path, monke
     fake.AGraph = Graph  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "pygraphviz", fake)
     assert tca("tree", run, "-o", tmp_path / "tree.svg").exit_code == 0
-    assert (tmp_path / "tree.svg").read_bytes() == b"<svg/>"
+    assert (tmp_path / "tree.svg").read_bytes() == b"<svg/><!-- made by tca -->\n"
 
 
 def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:

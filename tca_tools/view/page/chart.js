@@ -216,7 +216,7 @@ export class Chart {
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
     const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
-    if (span.outcome && span.outcome !== "done") this.#outline(x + inset, y + inset, wide - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
+    if (span.outcome === "failed") this.#outline(x + inset, y + inset, wide - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();

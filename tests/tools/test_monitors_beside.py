@@ -1,0 +1,96 @@
+"""A monitor that watches until somebody ends it is not what a run waits for: the report is of the work beside it."""
+
+import pytest
+from tools.story import Story
+
+from tca_tools.analysis.causes import Causes
+from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
+from tca_tools.analysis.summary import span_of, summary
+from tca_tools.report.contents import contents
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Role
+
+
+def watched_walk(until: float) -> Story:
+    """A monitor is sent at 1.0, a walk of 6 s at 2.0; at 8.5 all modules have gone, and the battery is asked about."""
+    story = Story().module("user").module("brain", "walk").module("legs", "battery low")
+    story.at(1.0)
+    watch = story.received("battery watch", MessageClass.POLLING_MONITOR, "user")
+    story.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING)
+    walk = story.at(2.0).goal("walk", "user")
+    story.delivered(walk, "brain").reached(walk, Moment.START_ACHIEVING)
+    if until >= 8.0:
+        story.at(8.0).returned(walk).reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
+    if until >= 8.5:
+        story.at(8.5).say(facts.HandlerRemoved("battery low", "legs"))
+        number, story._next_id = story._next_id, story._next_id + 1
+        story._classes[number] = MessageClass.QUERY
+        asked = facts.Received(number, "battery low", MessageClass.QUERY, "central", TaskId(0), 0, False, b"", [])
+        story.say(asked, facts.Queued(number, number, "", ""))
+    return story.at(until)
+
+
+def test_a_monitor_that_stands_by_does_not_hide_the_run() -> None:
+    past = watched_walk(20.0).fold()
+    run = summary(past)
+    assert run.outcome == "The top-level task was achieved; 1 monitor still watched."
+    assert (run.is_good, run.start, run.end) == (True, 2.0, 8.0)
+    found = contents(past)
+    assert found.path is not None
+    assert (str(found.path.path.task), found.path.shares[0].name, found.path.shares[0].share) == (
+        "walk {2}",
+        "walk",
+        1.0,
+    )
+    assert found.advice == []  # nor that nobody handles what is asked when all have gone home
+    assert found.waits  # but it is told there
+
+
+def test_in_the_middle_of_a_walk() -> None:
+    past = watched_walk(5.0).fold()
+    assert summary(past).outcome == "The task had not ended when the journal did; 1 monitor still watched."
+    assert (str(last_task(past)), str(longest_task(past)), span_of(past)) == ("walk {2}", "walk {2}", (2.0, 5.0))
+    past.is_live = True
+    assert summary(past).outcome == "The task is still running, as of 5.000 s; 1 monitor still watches."
+
+
+def ended(story: Story, by: str) -> Story:
+    story.at(21.0).say(facts.Killed(TaskId(1), "over", by))
+    return story.reached(1, Moment.END_HANDLING, Moment.END_ACHIEVING)
+
+
+@pytest.mark.parametrize(
+    ("by", "outcome"),
+    [
+        ("user", "The top-level task was achieved."),
+        ("central", "1 of 2 top-level tasks was not achieved; the first, battery watch {1}, was killed: over."),
+    ],
+)
+def test_a_module_may_end_its_monitor_but_central_does_so_for_a_reason(by: str, outcome: str) -> None:
+    run = summary(ended(watched_walk(20.0), by).fold())
+    assert (run.outcome, run.is_good) == (outcome, by == "user")
+
+
+def test_what_a_monitor_has_sent_is_work_like_any_other() -> None:
+    """The battery is loaded from 9.0 to 12.0, after the walk."""
+    story = watched_walk(9.0)
+    number, story._next_id = story._next_id, story._next_id + 1
+    story._classes[number] = MessageClass.COMMAND
+    load = facts.Received(
+        number, "load", MessageClass.COMMAND, "central", TaskId(1), 0, False, b"", [], Role.ACTION, 1
+    )  # fmt: skip
+    past = story.say(load).acted(number, "legs", 3.0).at(30.0).fold()
+    assert span_of(past) == (2.0, 12.0)
+    last = last_task(past)
+    assert last is not None
+    assert (last.name, summary(past).outcome) == ("load", "The top-level task was achieved; 1 monitor still watched.")
+    assert critical_path(past, Causes(past), last).steps[-1].module == "legs"
+
+
+def test_where_there_is_nothing_but_monitors_they_are_the_run() -> None:
+    story = Story().module("user")
+    watch = story.at(1.0).received("battery watch", MessageClass.POLLING_MONITOR, "user")
+    past = story.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING).at(5.0).fold()
+    assert summary(past).outcome == "No top-level task but monitors was sent; 1 monitor still watched."
+    assert (str(last_task(past)), span_of(past)) == ("battery watch {1}", (1.0, 5.0))
