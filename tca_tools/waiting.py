@@ -29,7 +29,7 @@ _NEXT = {
     State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
 }
 """The moments that a task may be kept from."""
-_UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
+UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
 """States in which a task waits for what is under it, and until what has come."""
 _NAMED = 3
 """How many subtasks a reason names."""
@@ -44,8 +44,8 @@ def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> l
     if not task or not reasons:
         return []
     found = list(dict.fromkeys(reasons(then, task)))
-    if with_children and task.state in _UNTIL_CHILDREN and not task.handling and not watches(task):
-        found += _of_children(then, task, _UNTIL_CHILDREN[task.state])
+    if with_children and task.state in UNTIL_CHILDREN and not task.handling and not watches(task):
+        found += _of_children(then, task, UNTIL_CHILDREN[task.state])
     return found
 
 

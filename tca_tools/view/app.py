@@ -23,7 +23,7 @@ from starlette.staticfiles import StaticFiles
 
 from tca_tools.coping import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
-from tca_tools.view.answers import message_answer, messages_answer, notes_answer, numbers
+from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
 from tca_tools.view.reading import Reading
 
@@ -46,6 +46,7 @@ def application(reading: Reading, hosts: list[str]) -> Starlette:
             Route("/api/frame", partial(_frame, reading)),
             Route("/api/message/{id:int}", partial(_message, reading)),
             Route("/api/notes", partial(_notes, reading)),
+            Route("/api/causes", partial(_causes, reading)),
             Route("/api/messages", partial(_messages, reading)),
             Mount("/page", StaticFiles(directory=PAGE)),
         ],
@@ -108,6 +109,10 @@ async def _message(reading: Reading, request: Request) -> Response:
 async def _notes(reading: Reading, request: Request) -> Response:
     ids = numbers(request.query_params.get("ids", ""))
     return JSONResponse(await run_in_threadpool(notes_answer, reading, ids, _moment(request)))
+
+
+async def _causes(reading: Reading, request: Request) -> Response:
+    return JSONResponse(await run_in_threadpool(causes_answer, reading, _moment(request)))
 
 
 async def _messages(reading: Reading, request: Request) -> Response:
