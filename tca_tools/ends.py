@@ -147,6 +147,7 @@ def in_the_end(then: Then, task: TaskThen) -> str:
 def _is_told(then: Then, task: TaskThen, ends: tuple[End, ...]) -> bool:
     """Whether each is what it waits for next, and no more is to be said of it than is said there."""
     nexts, _ = leads(then, task.id)
+    nexts += [who for one in nexts if one in then.past.claims for who in leads(then, one)[0]]  # for whom it is locked
     return set(nexts) >= {end.number for end in ends} and all(_is_plain(then, task, end) for end in ends)
 
 

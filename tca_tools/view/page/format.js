@@ -50,6 +50,20 @@ export function abridged(text, room, widthOf) {
   return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(bare, 1, "", hasRoom) ?? `${bare.split(" ")[0]} …`;
 }
 
+// The same of a note with what it comes to in the end: that is left whole before the note is, but for why it stands.
+// Where both have no room the end is what a reader needs: what is next is found by the arrows, and in the pane.
+export function fitted(text, end, between, room, widthOf) {
+  if (!end) return abridged(text, room, widthOf);
+  const named = end.replace(/, which .*?(, and \d+ (?:or more )?others?)?$/, "$1"), bare = text.replace(/^waits /, "");
+  for (const [first, last] of [[text, end], [bare, end], [text, named], [bare, named]]) {
+    if (widthOf(first + between + last) <= room) return first + between + last;
+  }
+  const left = room - widthOf(between + named);
+  if (left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + named;
+  const told = [end, end.replace(/^in the end /, ""), named].find((one) => widthOf(one) <= room);
+  return told ?? cutBehind(named, 2, "", (one) => widthOf(one) <= room) ?? named;
+}
+
 // A text without as many of its last words as it takes to have room, with `end` behind it; but with the first `least`.
 function cutBehind(text, least, end, hasRoom) {
   const words = text.split(" ");

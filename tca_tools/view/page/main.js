@@ -1,5 +1,6 @@
 // Puts the page together: one cursor in time and one chosen task for all its parts, and what is new from the server.
 
+import { Causes } from "./causes.js";
 import { Chart } from "./chart.js";
 import { Details } from "./details.js";
 import { count, element } from "./format.js";
@@ -70,6 +71,7 @@ const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);
 const details = new Details(store, callbacks);
 const messages = new Messages(store, callbacks);
+const causes = new Causes(store, callbacks);
 const search = new Search(store, { tree, choose, changed: draw });
 
 // Draw all parts, once before the next picture however often it is asked for.
@@ -89,6 +91,7 @@ function draw() {
     details.show(details.id, time);
     messages.show(time);
     drawCounts(time);
+    causes.show(time);
     remember();
   });
 }
