@@ -3,6 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
+from tca_tools.analysis.words import moment as moment_text
+from tca_tools.analysis.words import seconds
 from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
 from tca_tools.ends import causes, in_the_end
@@ -112,11 +114,11 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
 
 def _constraint_text(past: Past, constraint: Any) -> str:
     before, after = constraint.before, constraint.after
-    delay = f" + {constraint.delay:g} s" if constraint.delay else ""
+    delay = f"{seconds(constraint.delay)} after " if constraint.delay else ""
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
     what = "its own" if before.task == after.task else "" if not before.task else past.describe(before.task)
     return (
-        f"{second} not before {what} {first}{delay}" if before.task else f"{second} not before {constraint.delay:g} s"
+        f"{second} not before {delay}{what} {first}" if before.task else f"{second} not before {moment_text(constraint.delay)}"
     )
 
 

@@ -52,7 +52,7 @@ export function abridged(text, room, widthOf) {
 
 // The same of a note with what it comes to in the end: that is left whole before the note is, but for why it stands.
 // Where both have no room the end is what a reader needs: what is next is found by the arrows, and in the pane.
-export function fitted(text, end, between, room, widthOf) {
+export function withEnd(text, end, between, room, widthOf) {
   if (!end) return abridged(text, room, widthOf);
   const named = end.replace(/, which .*?(, and \d+ (?:or more )?others?)?$/, "$1"), bare = text.replace(/^waits /, "");
   for (const [first, last] of [[text, end], [bare, end], [text, named], [bare, named]]) {
@@ -145,4 +145,12 @@ export function soon(work, milliseconds) {
     if (timer !== null) return;
     timer = setTimeout(() => { timer = null; work(); }, milliseconds);
   };
+}
+
+// As much of a text on a canvas as is so wide.
+export function clipped(context, text, width) {
+  if (context.measureText(text).width <= width) return text;
+  let cut = text;
+  while (cut.length > 1 && context.measureText(`${cut}…`).width > width) cut = cut.slice(0, -1);
+  return `${cut}…`;
 }
