@@ -31,11 +31,13 @@ def newest_journal() -> Path:
     raise UnusableLog(f"no journal below {folder}: name one as LOG, or start 'tca central' first")
 
 
-def open_log(path: Path | None) -> "Log":
-    """The journal at *path*, or the newest one. Raises UnusableLog if there is none to read."""
+def open_log(path: Path | None, epoch: str | None = None) -> "Log":
+    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch, or the one that began
+    last. Raises UnusableLog if there is none to read.
+    """
     path = path or newest_journal()
     try:
-        return Log(_checked(path))
+        return Log(_checked(path), epoch)
     except OSError as error:
         raise UnusableLog(f"{path}: can't be read: {error.strerror}") from None
 
@@ -58,7 +60,7 @@ class Log:
     lost = 0
     """How many damaged entries were passed over."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
         self._damage = ""
         self._has_entries = False
@@ -67,7 +69,7 @@ class Log:
         self._time = 0.0
         """Of the last entry that was read."""
         self._torn: tuple[Path, int, int] | None = None
-        self._folder = Folder(path) if path.is_dir() else None
+        self._folder = Folder(path, epoch) if path.is_dir() else None
         self._said: set[str] = set()
         self._opened: Opened | None = None
         self._followed_by = ""

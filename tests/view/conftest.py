@@ -20,12 +20,12 @@ Look = Callable[..., Page]
 
 
 @pytest.fixture
-def serve() -> Iterator[Callable[[Path], str]]:
-    """Serves journals by real processes; gives each page's address."""
+def serve() -> Iterator[Callable[..., str]]:
+    """Serves journals, or without one the newest run, by real processes; gives each page's address."""
     with ExitStack() as processes:
 
-        def start(journal: Path) -> str:
-            command = [sys.executable, "-m", "tca_tools.view", str(journal), "--no-browser"]
+        def start(*journal: Path) -> str:
+            command = [sys.executable, "-m", "tca_tools.view", *map(str, journal), "--no-browser"]
             process = processes.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
             processes.callback(process.terminate)
             assert process.stdout is not None

@@ -55,11 +55,13 @@ export function abridged(text, room, widthOf) {
 export function withEnd(text, end, between, room, widthOf) {
   if (!end) return abridged(text, room, widthOf);
   const named = end.replace(/, which .*?(, and \d+ (?:or more )?others?)?$/, "$1"), bare = text.replace(/^waits /, "");
-  for (const [first, last] of [[text, end], [bare, end], [text, named], [bare, named]]) {
+  const [number] = /\{\d+\}/.exec(named) ?? [], isNext = number && text.includes(number); // then why it stands says more
+  const pairs = isNext ? [[text, end], [bare, end]] : [[text, end], [bare, end], [text, named], [bare, named]];
+  for (const [first, last] of pairs) {
     if (widthOf(first + between + last) <= room) return first + between + last;
   }
   const left = room - widthOf(between + named);
-  if (left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + named;
+  if (!isNext && left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + named;
   const told = [end, end.replace(/^in the end /, ""), named].find((one) => widthOf(one) <= room);
   return told ?? cutBehind(named, 2, "", (one) => widthOf(one) <= room) ?? named;
 }

@@ -1,5 +1,7 @@
 // The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
 
+import { ofRun } from "./runs.js";
+
 export const NEVER = -1;
 
 // The last place in a sorted list whose value is not beyond `value`; -1 if all are.
@@ -83,7 +85,10 @@ export class Store {
 
   // Ask the server for what is new; waits there while nothing is.
   async more() {
-    const answer = await fetch(`api/frame?since=${encodeURIComponent(JSON.stringify(this.lengths))}`);
+    const token = this.head ? { token: this.head.token } : {};
+    const answer = await fetch(`api/frame?${new URLSearchParams({ since: JSON.stringify(this.lengths), ...token, ...ofRun(this.head) })}`);
+    if (answer.status === 410) location.reload(); // the server reads the run anew
+    if (answer.status === 404) throw new Error((await answer.json()).error);
     if (!answer.ok) throw new Error(`the server says ${answer.status}`);
     const buffer = await answer.arrayBuffer();
     this.heard = performance.now();
