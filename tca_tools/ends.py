@@ -4,7 +4,7 @@ Each task is looked at once a moment, however many wait for it, and nothing recu
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from heapq import merge
 from itertools import groupby, islice
 from typing import NamedTuple
@@ -65,67 +65,84 @@ class Ends:
         for nothing that has a number.
         """
         if number not in self._ends:
-            self._walk(number)
+            for together, beyond in _Walk(self._then, self._ends).groups(number):
+                self._settle(together, beyond)
         return self._ends[number]
 
     def circle(self, number: int) -> list[int]:
         """All that wait for each other in a circle, by its first."""
         return self._circles[number]
 
-    def _walk(self, start: int) -> None:
-        """From wait to wait, depth first; those that wait for each other have the same ends (Tarjan's algorithm)."""
-        number_of: dict[int, int] = {}
-        lowest: dict[int, int] = {}
-        open_ones: list[int] = []
-        way: list[tuple[int, list[int], Iterator[int]]] = []
-
-        def enter(one: int) -> None:
-            further, kind = leads(self._then, one)
-            if not further:
-                self._ends[one] = (End(kind.value, one),)
-                return
-            number_of[one] = lowest[one] = len(number_of)
-            open_ones.append(one)
-            way.append((one, further, iter(further)))
-
-        enter(start)
-        further_of: dict[int, list[int]] = {}
-        while way:
-            one, further, rest = way[-1]
-            for other in rest:
-                if other in self._ends:
-                    continue
-                if other in number_of:
-                    lowest[one] = min(lowest[one], number_of[other])
-                    continue
-                enter(other)
-                if other not in self._ends:
-                    break
-            else:
-                way.pop()
-                further_of[one] = further
-                if way:
-                    above = way[-1][0]
-                    lowest[above] = min(lowest[above], lowest[one])
-                if lowest[one] == number_of[one]:
-                    together = [open_ones.pop()]
-                    while together[-1] != one:
-                        together.append(open_ones.pop())
-                    self._settle(together, further_of)
-
-    def _settle(self, together: list[int], further_of: dict[int, list[int]]) -> None:
+    def _settle(self, together: list[int], beyond: Iterable[int]) -> None:
         """What waits for each other, or one thing alone, has the ends of all that it waits for elsewhere."""
-        found = {id(ends): ends for one in together for other in further_of.pop(one) if (ends := self._ends.get(other))}
+        found = {id(ends): ends for other in beyond if (ends := self._ends.get(other)) is not None}
         if not found:
-            first = min(together)
-            self._circles[first] = sorted(together)
-            ends: tuple[End, ...] = (End(Kind.CIRCLE.value, first),)
-        elif len(found) == 1:
-            (ends,) = found.values()
-        else:
-            ends = tuple(islice((end for end, _ in groupby(merge(*found.values()))), MOST + 1))
+            self._circles[min(together)] = sorted(together)
+        several = merge(*found.values()) if found else [End(Kind.CIRCLE.value, min(together))]
+        only = next(iter(found.values())) if len(found) == 1 else None  # as a rule
+        ends = only or tuple(islice((end for end, _ in groupby(several)), MOST + 1))
         for one in together:
             self._ends[one] = ends
+
+
+class _Walk:
+    """From wait to wait, depth first, to where something waits for nothing else (Tarjan's algorithm, without recursion:
+    what waits for each other is found together).
+    """
+
+    def __init__(self, then: Then, ends: dict[int, tuple[End, ...]]) -> None:
+        self._then, self._ends = then, ends
+        self._order: dict[int, int] = {}
+        """When each was come to."""
+        self._lowest: dict[int, int] = {}
+        """For each the first one, in that order, that it leads back to."""
+        self._open: list[int] = []
+        """Those that have not been given ends yet."""
+        self._way: list[tuple[int, Iterator[int]]] = []
+        self._further: dict[int, list[int]] = {}
+
+    def groups(self, start: int) -> Iterator[tuple[list[int], Iterable[int]]]:
+        """Those that wait for each other, or one alone, with all that they wait for; who comes later waits for them.
+
+        By then they must have been given their ends.
+        """
+        self._enter(start)
+        while self._way:
+            one, rest = self._way[-1]
+            if self._goes_on(one, rest):
+                continue
+            self._way.pop()
+            if self._way:
+                above, _ = self._way[-1]
+                self._lowest[above] = min(self._lowest[above], self._lowest[one])
+            if self._lowest[one] == self._order[one]:
+                together = [self._open.pop()]
+                while together[-1] != one:
+                    together.append(self._open.pop())
+                yield together, [other for member in together for other in self._further.pop(member)]
+
+    def _goes_on(self, one: int, rest: Iterator[int]) -> bool:
+        """Whether it leads to something that has not been looked at."""
+        for other in rest:
+            if other in self._ends:
+                continue
+            if other in self._order:
+                self._lowest[one] = min(self._lowest[one], self._order[other])
+                continue
+            self._enter(other)
+            if other not in self._ends:
+                return True
+        return False
+
+    def _enter(self, one: int) -> None:
+        further, kind = leads(self._then, one)
+        if not further:
+            self._ends[one] = (End(kind.value, one),)
+            return
+        self._order[one] = self._lowest[one] = len(self._order)
+        self._open.append(one)
+        self._further[one] = further
+        self._way.append((one, iter(further)))
 
 
 def in_the_end(then: Then, task: TaskThen) -> str:
@@ -140,7 +157,9 @@ def in_the_end(then: Then, task: TaskThen) -> str:
     if _is_told(then, task, ends):
         return ""
     more = len(ends) - 1
-    others = "" if not more else f", and {more} other{'s' * (more > 1)}" if more < MOST else f", and {MOST} or more others"
+    others = (
+        "" if not more else f", and {more} other{'s' * (more > 1)}" if more < MOST else f", and {MOST} or more others"
+    )
     return f"for {of_end(then, ends[0])}{others}"
 
 

@@ -94,7 +94,9 @@ def _of_wait(then: Then, wait: Wait, number: int) -> Iterator[Lead]:
         if held_by and held_by is not claim:
             yield held_by.id
         elif not held_by:
-            yield from (one.message_id for one in then.running(claim.module, claim.resource) if one.message_id != number)
+            yield from (
+                one.message_id for one in then.running(claim.module, claim.resource) if one.message_id != number
+            )
         yield Kind.STANDS
     elif (message := then.past.messages.get(wait.awaited)) and message.received <= then.moment:
         yield message.id

@@ -118,7 +118,9 @@ def _constraint_text(past: Past, constraint: Any) -> str:
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
     what = "its own" if before.task == after.task else "" if not before.task else past.describe(before.task)
     return (
-        f"{second} not before {delay}{what} {first}" if before.task else f"{second} not before {moment_text(constraint.delay)}"
+        f"{second} not before {delay}{what} {first}"
+        if before.task
+        else f"{second} not before {moment_text(constraint.delay)}"
     )
 
 

@@ -121,9 +121,7 @@ class Feed:
         for fact in entry.facts:
             if isinstance(fact, Received) and fact.id in history.messages:
                 self._names.setdefault(fact.message)
-        for fact in entry.facts:
-            if isinstance(fact, Failed | Killed):
-                self._tell_said(fact)
+        self._tell_said([fact for fact in entry.facts if isinstance(fact, Failed | Killed)])
         self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good)
@@ -135,13 +133,14 @@ class Feed:
             self._tell_failure(failing(self.history, run), 0, self.history.time if run.end is None else run.end, span)
         self._ended_badly.clear()
 
-    def _tell_said(self, fact: Failed | Killed) -> None:
+    def _tell_said(self, facts: list[Failed | Killed]) -> None:
         """What a search finds."""
-        if isinstance(fact, Failed):
-            number, text = self.history.message_of.get(fact.id, fact.id), f"{fact.failure}: {fact.text}"
-        else:
-            number, text = fact.task, kill_reason(fact.why, fact.by)
-        self.columns.add("said", number, self.history.time, self.columns.text(text[:_LONGEST_SAID]))
+        for fact in facts:
+            if isinstance(fact, Failed):
+                number, text = self.history.message_of.get(fact.id, fact.id), f"{fact.failure}: {fact.text}"
+            else:
+                number, text = fact.task, kill_reason(fact.why, fact.by)
+            self.columns.add("said", number, self.history.time, self.columns.text(text[:_LONGEST_SAID]))
 
     def _tell_failed(self, fact: Failed) -> None:
         """A failure was raised on a message, or on what the fact names by its delivery."""

@@ -1,5 +1,5 @@
-"""Which runs a page can show, and their readings. Without a LOG those in central's folder of journals; of a LOG those that
-lie in it, and those beside it if it lies in that folder.
+"""Which runs a page can show, and their readings. Without a LOG those in central's folder of journals; of a LOG those
+that lie in it, and those beside it if it lies in that folder.
 """
 
 import threading
@@ -56,6 +56,7 @@ class Runs:
         self._folders: dict[Path, Folder] = {}
         self._lock = threading.Lock()
         self._is_stopped = False
+        self._given: Log | None = log
         self._first = self._newest = self._last_in(log.path)
         self._look_again = 0.0
 
@@ -100,6 +101,9 @@ class Runs:
                 shown.reading.stop()
 
     def _open(self, name: str) -> Log | None:
+        if name == self._first and self._given:  # it is open
+            log, self._given = self._given, None
+            return log
         found = next((run for run in self._all() if run.name == name), None)
         try:
             return open_log(found.path, found.epoch) if found else None

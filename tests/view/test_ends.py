@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import THIS, Story, sequential_achievement
+from tools.story import THIS, Story
 from view.conftest import Look
 
 from tca_wire import facts
-from tca_wire.constraints import Constraint
+from tca_wire.constraints import Constraint, sequential_achievement
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Outcome
 
@@ -117,10 +117,15 @@ def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
 def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(look: Look, tmp_path: Path) -> None:
     page = look(stuck().write(tmp_path / "stuck"))
     page.emulate_media(color_scheme="dark")
-    bar = "(() => { const c = tca.chart, row = c.layout.find((one) => one.row.label === '(no handler)'); return row; })()"
-    assert page.evaluate(f"{bar}.step") > 10
-    brightest = """(() => { const c = tca.chart, { top, bottom } = %s, scale = devicePixelRatio;
-      c.draw();
-      const seen = c.canvas.getContext("2d").getImageData(c.width * 0.6 * scale, (top + 3) * scale, 1, 1).data;
-      return Math.max(...seen.slice(0, 3)) * seen[3] / 255; })()""" % bar
-    assert page.evaluate(brightest) > 70
+    assert page.evaluate(f"({_OF_NOBODY}).step") > 10
+    assert page.evaluate(_BRIGHTEST) > 70
+
+
+_OF_NOBODY = "tca.chart.layout.find((one) => one.row.label === '(no handler)')"
+_BRIGHTEST = """(() => {
+  const { canvas, layout } = tca.chart, { top } = layout.find((one) => one.row.label === '(no handler)');
+  tca.chart.draw();
+  const seen = canvas.getContext("2d").getImageData(canvas.width * 0.6, (top + 3) * devicePixelRatio, 1, 1).data;
+  return Math.max(...seen.slice(0, 3)) * seen[3] / 255;
+})()"""
+"""The strongest colour of its first bar."""

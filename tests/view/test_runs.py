@@ -12,6 +12,8 @@ from tools.story import stumbling, walking
 from view.conftest import Look
 
 from tca_module import Goal, connect
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION
 
 pytestmark = pytest.mark.slow
 
@@ -103,8 +105,7 @@ def test_an_older_run_can_be_chosen(look: Look, serve: Callable[..., str], start
 def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     story = stumbling()
     folder = walking().write(tmp_path / "mixed")
-    opened, *more = story.entries[0].facts
-    story.entries[0].facts[:] = [type(opened)(opened.version, "later", 1, opened.began + 100, opened.central), *more]
+    story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
     (folder / "00000002.tcaj").write_bytes(story.encoded())
     page = look(folder)
     expect(page.locator("#runs option")).to_have_text(["mixed/later (newest)", "mixed"])

@@ -97,15 +97,19 @@ def test_nonsense_is_answered_with_nothing(address: str) -> None:
 def test_what_is_waited_for_in_the_end(address: str) -> None:
     get(f"{address}api/frame")
     told = asked(address, "causes?at=2.5")
-    assert (told["waiting"], told["things"]) == (5, 1)
-    assert told["causes"] == [{"text": "move leg {6}, which controller handles", "tasks": 5, "number": 6}]
+    assert (told["waiting"], told["things"]) == (7, 1)
+    assert told["causes"] == [{"text": "move leg {6}, which controller handles", "tasks": 7, "number": 6}]
     assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
 
 
 def test_the_run_of_a_question_is_named(address: str) -> None:
     assert [run["name"] for run in asked(address, "runs")] == ["walk"]
     assert asked(address, "message/7?run=walk")["id"] == 7
-    for what, why in (("message/1?run=other", "404"), ("frame?run=other", "404"), ("frame?since={\"entry\":1}&token=old", "410")):
+    for what, why in (
+        ("message/1?run=other", "404"),
+        ("frame?run=other", "404"),
+        ('frame?since={"entry":1}&token=old', "410"),
+    ):
         with pytest.raises(urllib.error.HTTPError, match=why):
             asked(address, urllib.parse.quote(what, safe="/?=&"))
 
