@@ -53,6 +53,8 @@ class Ends:
         self._ends: dict[int, tuple[End, ...]] = {}
         self._circles: dict[int, list[int]] = {}
         """By the first one in it."""
+        self.last: set[End] = set()
+        """All ends that something else has been found to wait for."""
 
     @classmethod
     def at(cls, then: Then) -> "Ends":
@@ -75,7 +77,12 @@ class Ends:
 
     def _settle(self, together: list[int], beyond: Iterable[int]) -> None:
         """What waits for each other, or one thing alone, has the ends of all that it waits for elsewhere."""
-        found = {id(ends): ends for other in beyond if (ends := self._ends.get(other)) is not None}
+        found: dict[int, tuple[End, ...]] = {}
+        for other in beyond:
+            if (known := self._ends.get(other)) is not None:
+                found[id(known)] = known
+                if known[0].number == other:
+                    self.last.add(known[0])
         if not found:
             self._circles[min(together)] = sorted(together)
         several = merge(*found.values()) if found else [End(Kind.CIRCLE.value, min(together))]
@@ -206,7 +213,7 @@ def _which(then: Then, end: End) -> str:
 
 def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
     """How many tasks wait, for how many things in the end, and the things that *most* of them wait for. What nobody
-    handles counts once a name.
+    handles counts once a name; a task counts for its first ``MOST`` ends.
     """
     ends, waiting = Ends.at(then), Counter[tuple[End, ...]]()
     first: dict[End, int] = {}
@@ -226,7 +233,7 @@ def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
             counts[thing] += tasks
     ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:most]
     told = [_cause(then, things[thing], counts[thing], first) for thing in ranked]
-    return sum(waiting.values()), len(things), told
+    return sum(waiting.values()), len({*things, *(_thing(then, end) for end in ends.last)}), told
 
 
 def _thing(then: Then, end: End) -> object:
