@@ -28,7 +28,7 @@ def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Pat
     expect(page.locator("#task .lead.end")).to_have_text(END)
     page.set_viewport_size({"width": 1300, "height": 860})
     expect(why[6]).to_have_text("until drill {5} is achieved; in the end for calibrate {3}, for 3.00 s")
-    expect(why[2]).to_have_text("for calibrate {3}, which no module handles, for 3.00 s")
+    expect(why[2]).to_have_text("until calibrate {3} is achieved, which no module handles, for 3.00 s")
     page.locator("#task .lead.end button").click()
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
 
@@ -80,7 +80,7 @@ def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     page = look(delayed().write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
-    expect(why).to_contain_text("in the end for ring bell {1}, which waits until 500.250 s")
+    expect(why).to_contain_text("until 3.00 s after ring bell {1} is achieved")
     expect(why).to_have_attribute("title", "waits until 3.00 s after ring bell {1} is achieved\n\nin the end for"
                                   " ring bell {1}, which waits until 500.250 s")  # fmt: skip
     expect(page.locator("#task .lead").first).to_contain_text("waits until 3.00 s after ring bell {1} is achieved")

@@ -54,16 +54,15 @@ export function abridged(text, room, widthOf) {
 // Where both have no room the end is what a reader needs: what is next is found by the arrows, and in the pane.
 export function withEnd(text, end, between, room, widthOf) {
   if (!end) return abridged(text, room, widthOf);
-  const named = end.replace(/, which .*?(, and \d+ (?:or more )?others?)?$/, "$1"), bare = text.replace(/^waits /, "");
-  const [number] = /\{\d+\}/.exec(named) ?? [], isNext = number && text.includes(number); // then why it stands says more
-  const pairs = isNext ? [[text, end], [bare, end]] : [[text, end], [bare, end], [text, named], [bare, named]];
-  for (const [first, last] of pairs) {
-    if (widthOf(first + between + last) <= room) return first + between + last;
-  }
-  const left = room - widthOf(between + named);
-  if (!isNext && left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + named;
-  const told = [end, end.replace(/^in the end /, ""), named].find((one) => widthOf(one) <= room);
-  return told ?? cutBehind(named, 2, "", (one) => widthOf(one) <= room) ?? named;
+  const hasRoom = (one) => widthOf(one) <= room, bare = text.replace(/^waits /, ""), whole = [text + between + end, bare + between + end];
+  const [, named, which, others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
+  const isNext = /\{\d+\}/.exec(named)?.[0] === (text.match(/\{\d+\}/g) ?? []).join(); // the note names it, and nothing else
+  if (isNext && which) return [...whole, text + which + (others ?? ""), bare + which, text].find(hasRoom) ?? abridged(text, room, widthOf);
+  const found = [...whole, text + between + brief, bare + between + brief].find(hasRoom), left = room - widthOf(between + brief);
+  if (found) return found;
+  if (left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + brief;
+  const [short, shortest] = [end, brief].map((one) => one.replace(/^in the end /, ""));
+  return [end, short, brief, shortest].find(hasRoom) ?? cutBehind(shortest, 2, "", hasRoom) ?? shortest;
 }
 
 // A text without as many of its last words as it takes to have room, with `end` behind it; but with the first `least`.
