@@ -32,11 +32,13 @@ def newest_journal() -> Path:
     raise UnusableLog(f"no journal below {folder}: name one as LOG, or start 'tca central' first")
 
 
-def open_log(path: Path | None) -> "Log":
-    """The journal at *path*, or the newest one. Raises UnusableLog if there is none to read."""
+def open_log(path: Path | None, epoch: str | None = None) -> "Log":
+    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch, or the one that began
+    last. Raises UnusableLog if there is none to read.
+    """
     path = path or newest_journal()
     try:
-        return Log(_checked(path))
+        return Log(_checked(path), epoch)
     except OSError as error:
         raise UnusableLog(f"{path}: can't be read: {error.strerror}") from None
 
@@ -56,7 +58,7 @@ class Log:
     so that what is good can be shown; ``check`` then tells of it.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
         self.losses = Losses()
         """What was passed over until now."""
@@ -66,7 +68,7 @@ class Log:
         self._time = 0.0
         """Of the last entry that was read."""
         self._torn: tuple[Path, int, int] | None = None
-        self._folder = Folder(path) if path.is_dir() else None
+        self._folder = Folder(path, epoch) if path.is_dir() else None
         self._said: set[str] = set()
         self._opened: Opened | None = None
         self._followed_by = ""

@@ -12,15 +12,16 @@ _MOST_NAMED = 3
 
 
 class Folder:
-    """A folder of segments, of which those of one run are read: the one that began last, when this is first asked.
+    """A folder of segments, of which those of one run are read: that of an epoch, or else the one that began last, when
+    this is first asked.
 
     A segment that does not say whose it is (it is empty yet, or no journal) counts as one of the run; who reads it will
     see what it is.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
-        self._epoch: str | None = None
+        self._epoch = epoch
         self._openings: dict[Path, Opened] = {}
 
     def segments(self) -> list[Path]:
@@ -35,6 +36,14 @@ class Folder:
             elif opening.epoch == self._epoch:
                 by_number.setdefault((opening.segment, ""), path)
         return [by_number[number] for number in sorted(by_number)]
+
+    def epochs(self) -> list[Opened]:
+        """How the runs begin whose segments lie there, oldest first."""
+        self._look_into(segments_in(self.path))
+        first: dict[str, Opened] = {}
+        for opening in sorted(self._openings.values(), key=lambda one: (one.began, one.segment)):
+            first.setdefault(opening.epoch, opening)
+        return list(first.values())
 
     @property
     def others(self) -> list[str]:

@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import islice
 from math import inf
 from operator import attrgetter, itemgetter
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from tca_tools.coping import standing
 from tca_tools.past import Past
@@ -181,8 +181,7 @@ class TaskThen:
     def waits(self) -> list[Wait]:
         """The same; of an async handler that waits in several places, all that began lately."""
         run = self.handling
-        begun = run.waits[: bisect_right(run.waits, self._time, key=_START)][-_WAITS:] if run else []
-        return [wait for wait in begun if wait.end is None or wait.end > self._time]
+        return _waits(run, self._time) if run else []
 
     @property
     def asking(self) -> list[Message]:
@@ -228,7 +227,11 @@ class Then:
         self.time = self.moment if time is None else time
         """What the clock of the entries showed."""
         self.tasks = _Tasks(past, self.moment)
+        self.memo: dict[object, Any] = {}
+        """What others have worked out of this moment, by whoever did: it never changes."""
         self._running: dict[tuple[str, str], list[Handling]] = {}
+        self._holders: dict[tuple[str, str], Claim | None] = {}
+        self._wanted: dict[tuple[str, str], Claim | None] = {}
 
     @classmethod
     def by_clock(cls, past: Past, clock: float | None, now: float | None = None) -> "Then":
@@ -287,11 +290,18 @@ class Then:
         """The run of its handler."""
         return _going_on(message.handlings, self.moment)
 
+    def waits_of(self, run: Handling) -> list[Wait]:
+        """What a handler waited for, like ``TaskThen.waits``."""
+        return _waits(run, self.moment)
+
     def wanted(self, module: str, resource: str) -> Claim | None:
         """The lock or reservation that somebody waited for."""
-        claims = self.past.wanted.get((module, resource), [])
-        begun = claims[: bisect_right(claims, self.moment, key=_START)]
-        return next((claim for claim in begun if self._is_wanted(claim)), None)
+        key = (module, resource)
+        if key not in self._wanted:
+            claims = self.past.wanted.get(key, [])
+            begun = islice(claims, bisect_right(claims, self.moment, key=_START))
+            self._wanted[key] = next((claim for claim in begun if self._is_wanted(claim)), None)
+        return self._wanted[key]
 
     def _is_wanted(self, claim: Claim) -> bool:
         return all(time is None or time > self.moment for time in (claim.granted, claim.end))
@@ -304,9 +314,13 @@ class Then:
 
     def held_by(self, module: str, resource: str) -> Claim | None:
         """The lock or reservation that was in force."""
-        grants = self.past.grants.get((module, resource), [])
-        last = grants[: bisect_right(grants, self.moment, key=_GRANTED)][-1:]
-        return next((claim for claim in last if claim.end is None or claim.end > self.moment), None)
+        key = (module, resource)
+        if key not in self._holders:
+            grants = self.past.grants.get(key, [])
+            granted = bisect_right(grants, self.moment, key=_GRANTED)
+            last = grants[granted - 1] if granted else None
+            self._holders[key] = last if last and (last.end is None or last.end > self.moment) else None
+        return self._holders[key]
 
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""
@@ -339,5 +353,12 @@ class _Tasks(Mapping[int, TaskThen]):
 
 def _going_on(spans: list[_Span], time: float) -> _Span | None:
     """The last of them that had begun, if it had not ended."""
-    last = spans[: bisect_right(spans, time, key=_START)][-1:]
-    return next((span for span in last if span.end is None or span.end > time), None)
+    begun = bisect_right(spans, time, key=_START)
+    last = spans[begun - 1] if begun else None
+    return last if last is not None and (last.end is None or last.end > time) else None
+
+
+def _waits(run: Handling, time: float) -> list[Wait]:
+    begun = bisect_right(run.waits, time, key=_START)
+    lately = run.waits[max(begun - _WAITS, 0) : begun]
+    return [wait for wait in lately if wait.end is None or wait.end > time]

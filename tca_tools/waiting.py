@@ -30,7 +30,7 @@ _NEXT = {
     State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
 }
 """The moments that a task may be kept from."""
-_UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
+UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
 """States in which a task waits for what is under it, and until what has come."""
 _NAMED = 3
 """How many subtasks a reason names."""
@@ -45,8 +45,8 @@ def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> l
     if not task or not reasons:
         return []
     found = list(dict.fromkeys(reasons(then, task)))
-    if with_children and task.state in _UNTIL_CHILDREN and not task.handling and not watches(task):
-        found += _of_children(then, task, _UNTIL_CHILDREN[task.state])
+    if with_children and task.state in UNTIL_CHILDREN and not task.handling and not watches(task):
+        found += _of_children(then, task, UNTIL_CHILDREN[task.state])
     return found
 
 
@@ -284,25 +284,23 @@ def of_blocker(then: Then, task: TaskThen, blocker: Hold | Moment) -> str:
         return f"until its parent {then.describe(task.parent)} {_CLAUSES[blocker]}"
     before, delay = blocker.constraint.before, blocker.constraint.delay
     if before.task == ROOT:
-        return f"until {round(delay, 3):.12g} s"
+        return f"until {words.moment(delay)}"
     if tap := blocker.tap:
         whose = f"of a wiretap of {tap.by}" if tap.by else "of a wiretap"
         return f"until {then.describe(before.task)}, the listener {whose}, {_CLAUSES[before.moment]}"
-    if delay and then.has_reached(before):
-        return f"until {delay:g} s after {then.describe(before.task)} {_CLAUSES[before.moment]}"
-    return _until(then, before)
+    return _until(then, before, f"{words.seconds(delay)} after " if delay else "")
 
 
 def _is_met(then: Then, task: TaskThen, hold: Hold) -> bool:
     return task.is_over(hold) if hold.constraint.delay else then.has_reached(hold.constraint.before)
 
 
-def _until(then: Then, point: Point) -> str:
+def _until(then: Then, point: Point, delay: str = "") -> str:
     task = then.past.tasks.get(point.task)
     kind = (
         f"{'monitor' if task.message_class.is_monitor else 'task'} " if task and task.name.startswith("until ") else ""
     )
-    return f"until {kind}{then.describe(point.task)} {_CLAUSES[point.moment]}"
+    return f"until {delay}{kind}{then.describe(point.task)} {_CLAUSES[point.moment]}"
 
 
 def _listed(names: list[str]) -> str:

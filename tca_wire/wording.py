@@ -44,8 +44,8 @@ class Wording:
 
     def _before(self, constraint: Constraint) -> str:
         if constraint.before.task == ROOT:
-            return f"{constraint.delay:g} s"
-        return self._point(constraint.before) + (f" + {constraint.delay:g} s" if constraint.delay else "")
+            return _seconds(constraint.delay)
+        return self._point(constraint.before) + (f" + {_seconds(constraint.delay)}" if constraint.delay else "")
 
     def _opened(self, fact: facts.Opened) -> str:
         try:
@@ -150,12 +150,12 @@ class Wording:
         return f"{self._name(fact.task)}{f' by {fact.module}' if fact.module else ': its record is gone'}"
 
     def _deadline(self, fact: facts.DeadlineSet) -> str:
-        return f"{self._name(fact.task)}: {_moments(fact.moment)} within {fact.seconds:g} s"
+        return f"{self._name(fact.task)}: {_moments(fact.moment)} within {_seconds(fact.seconds)}"
 
     def _kill_planned(self, fact: facts.KillPlanned) -> str:
         what = f"{fact.scope} of {self._name(fact.task)}" if fact.scope is not Scope.TASK else self._name(fact.task)
         after = f" after {self._point(fact.after)}" if fact.after is not None else ""
-        delay = f" in {fact.seconds:g} s" if fact.seconds else ""
+        delay = f" in {_seconds(fact.seconds)}" if fact.seconds else ""
         return f"{what}{delay}{after}: {kill_reason(fact.why, fact.by)}"
 
     def _tap(self, fact: facts.TapAdded) -> str:
@@ -255,6 +255,11 @@ def raised_by(by: str) -> str:
 def place(module: str, resource: str) -> str:
     """A module's resource: only the module's name where both are named alike."""
     return module if resource in ("", module) else f"{module} / {resource}"
+
+
+def _seconds(seconds: float) -> str:
+    """To the millisecond, without noughts: ``3 s``, ``507.915 s``."""
+    return f"{round(seconds, 3) if seconds >= 0.001 else seconds:.12g} s"
 
 
 def _moments(moments: int) -> str:

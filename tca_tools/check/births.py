@@ -1,5 +1,6 @@
 """How messages come into a run: under which parent, with which constraints; and what those hold back."""
 
+from tca_tools.analysis import words
 from tca_tools.check.kills import check_below
 from tca_tools.check.records import FAN_OUT, Hold, Item
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
@@ -187,7 +188,7 @@ def not_startable(item: Item) -> str:
 def _said(hold: Hold) -> str:
     constraint = hold.constraint
     if constraint.before.task == ROOT:
-        return f"{constraint.delay:g} s"
-    delay = f"{constraint.delay:g} s after " if constraint.delay else ""
+        return words.moment(constraint.delay)
+    delay = f"{words.seconds(constraint.delay)} after " if constraint.delay else ""
     moments = ", ".join(describe_moments(constraint.before.moment))
     return f"{delay}{moments} of {hold.before or constraint.before.task}"

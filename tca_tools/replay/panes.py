@@ -16,6 +16,7 @@ from textual.widgets import Input
 
 from tca_tools.coping import coped_with
 from tca_tools.data import data_text
+from tca_tools.ends import in_the_end
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
 from tca_tools.story import Sentence, story
@@ -28,6 +29,7 @@ from tca_wire.facts import kind_of
 from tca_wire.points import TaskId
 
 _STATE_WIDTH = 11
+_SHORTEST_NOTE = 8
 _NAME_WIDTH = 44
 _SHARE_OF_NAMES = 0.4
 """Of the pane's width; the rest is for states and reasons."""
@@ -92,9 +94,12 @@ class TreePane(ScrollView, can_focus=True):
         is_chosen = row.task == self.selected
         name = Text.assemble((row.guides, "dim"), (self._called(row), "bold reverse" if is_chosen else ""))
         name.truncate(self._name_width, overflow="ellipsis", pad=True)
-        note = words.note(then, task)
+        note = words.note_of(then, task)
+        lasted = "" if note.since is None else words.lasting(then.time - note.since)
+        room = self.scrollable_content_region.width - self._name_width - _STATE_WIDTH - 3 - len(lasted)
+        told = note.within(max(room, _SHORTEST_NOTE)) + lasted
         return self._strip(
-            Text.assemble(name, "  ", (f"{standing:{_STATE_WIDTH}}", colour_of(standing)), " ", (note, "dim"))
+            Text.assemble(name, "  ", (f"{standing:{_STATE_WIDTH}}", colour_of(standing)), " ", (told, "dim"))
         )
 
     def _strip(self, line: Text) -> Strip:
@@ -186,6 +191,8 @@ class StoryPane(Widget):
         if reasons := why_waiting(then, TaskId(self._shown)):
             waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
             lines.append(Text.assemble((printable(waits), "yellow")))
+        if end := in_the_end(then, task):
+            lines.append(Text.assemble((printable(f"in the end {end}"), "yellow")))
         lines += [Text.assemble((printable(said), "yellow")) for said in coming(then, task)]
         told = [one for one in story(then.past, self._shown, then.moment) if one.time <= then.moment]
         room = max(self.size.height - 2 * len(lines), 1)

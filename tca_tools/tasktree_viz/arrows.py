@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass, field
 
+from tca_tools.analysis.words import seconds
 from tca_tools.then import Then
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
 
 SEQ = "SEQ"
+_AND = " + "
+"""Between a kind and its delay."""
 DELAYED = "DP"
 KINDS = {
     (Moment.END_ACHIEVING, Moment.START_ACHIEVING): SEQ,
@@ -38,8 +41,8 @@ class Arrows:
 
     @property
     def kinds(self) -> set[str]:
-        """All kinds there are."""
-        return {kind for kinds in (*self.between.values(), *self.own.values()) for kind in kinds}
+        """All kinds there are, without delays."""
+        return {_plain(kind) for kinds in (*self.between.values(), *self.own.values()) for kind in kinds}
 
 
 def arrows(then: Then, shown: set[int]) -> Arrows:
@@ -66,7 +69,7 @@ def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
     """What stands in a row needs no arrow from the first to the third: whoever waited for a killed task waits for what
     that one waited for.
     """
-    rows = {pair for pair, kinds in between.items() if SEQ in kinds}
+    rows = {pair for pair, kinds in between.items() if SEQ in map(_plain, kinds)}
     following: dict[int, list[int]] = {}
     for before, after in rows:
         following.setdefault(before, []).append(after)
@@ -76,16 +79,22 @@ def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
 
 
 def kind_of_arrow(constraint: Constraint) -> str:
-    """What an arrow for this constraint says."""
+    """What an arrow for this constraint says: ``SEQ``, ``SEQ + 3.00 s``."""
     before, after = constraint.before, constraint.after
     names = _OWN_KINDS if before.task == after.task else KINDS
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
-    return names.get((before.moment, after.moment), f"{first} before {second}")
+    name = names.get((before.moment, after.moment), f"{first} before {second}")
+    return f"{name}{_AND}{seconds(constraint.delay)}" if constraint.delay else name
+
+
+def _plain(kind: str) -> str:
+    """A kind without its delay."""
+    return kind.partition(_AND)[0]
 
 
 def _sequence(incoming: dict[int, list[str]]) -> list[str] | None:
     """The kinds of an arrow that says SEQ, if there is one."""
-    return next((kinds for kinds in incoming.values() if SEQ in kinds), None)
+    return next((kinds for kinds in incoming.values() if SEQ in map(_plain, kinds)), None)
 
 
 def _add(kinds: list[str], kind: str) -> None:

@@ -20,6 +20,7 @@ CHARACTER, LINE, BOX = 6.7, 15.0, 19.0
 _ROW, _NOTE_CHARACTER = 25.0, 5.6
 _LONGEST_NAME, _NOTE_COLUMNS, _NOTE_LINES = 44, 54, 3
 _LONGEST_DATA = 160
+_LONGEST_AFTER = 100
 
 
 @dataclass(slots=True)
@@ -88,6 +89,8 @@ def _state_and(note: str, task: TaskThen) -> str:
     """``held, waits until ...``, ``failed: slip``."""
     if not note:
         return task.standing
+    if note.startswith(task.standing):  # "suspended by user, until ..."
+        return note
     if task.state in (State.FAILED, State.KILLED, State.ENDING):
         return f"{task.standing}: {note}"
     says_how = task.failure and task.state is not State.RECOVERING
@@ -110,5 +113,5 @@ def _brothers(then: Then, rows: list[Row], places: list[Place], found: Arrows) -
     for task, kinds in found.own.items():
         words_of.setdefault(numbers[task], []).insert(0, ", ".join(kinds))
     for number, said in words_of.items():
-        places[number].after = cut(printable("; ".join(said)), _LONGEST_NAME)
+        places[number].after = cut(printable("; ".join(said)), _LONGEST_AFTER)
     return before

@@ -99,15 +99,18 @@ def _task_line(then: Then, task: TaskThen, label: str, columns: _Columns, width:
     state, states = task.standing, columns.state_width
     intervals = (Interval.PLANNING, Interval.ACHIEVING) if columns.has_times else ()
     spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in intervals]
-    note, since = words.note_since(then, task)
-    lasted = "" if since is None else words.lasting(then.time - since)
+    found = words.note_of(then, task)
+    lasted = "" if found.since is None else words.lasting(then.time - found.since)
     rest, room = "  ".join([f"{state:{states}}", *spans]), _rest_of(width, label)
-    if room is not None and room < len(rest) + _GAP + _LEAST_NOTE:
-        note = lasted = ""
-    rest = f"{rest}  {note}".rstrip()
-    if room is not None and room - len(lasted) > len(rest) - len(note) + _SHORTEST_NOTE:
-        rest, lasted = cut(rest, room - len(lasted)) + lasted, ""  # how long is the last to be cut
-    rest = cut(rest + lasted, room)
+    left = None if room is None else room - len(rest) - _GAP  # for the note
+    if left is None:
+        rest = f"{rest}  {found.within(None)}".rstrip() + lasted
+    elif left - len(lasted) > _SHORTEST_NOTE:  # how long is the last to be cut
+        rest = f"{rest}  {found.within(left - len(lasted))}".rstrip() + lasted
+    elif left >= _LEAST_NOTE:
+        rest = cut(f"{rest}  {found.within(left)}".rstrip() + lasted, room)
+    else:
+        rest = cut(rest, room)
     return f"{label}  {click.style(rest[:states], fg=COLOURS[state])}{rest[states:]}"
 
 

@@ -6,6 +6,7 @@ from textwrap import wrap
 import click
 
 from tca_tools.coping import standing
+from tca_tools.ends import in_the_end
 from tca_tools.past import Past
 from tca_tools.selection import lineage
 from tca_tools.story import story
@@ -13,6 +14,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
 from tca_tools.terminal import columns_of, cut, printable
+from tca_tools.then import Then
 from tca_wire.points import TaskId
 
 _WIDTH_OF_FILE = 120
@@ -33,6 +35,9 @@ def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterato
     yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
     if above:
         yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
+    then = Then(past)
+    if end := in_the_end(then, then.tasks[number]):
+        yield from _wrapped("waits in the end ", end, width)
     yield ""
     for sentence in story(past, number, past.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"

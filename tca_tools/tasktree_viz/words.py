@@ -1,10 +1,12 @@
 """What the text and the picture say about a task: its times, why it waits, how it failed; and about a whole tree."""
 
 from collections import Counter
+from typing import NamedTuple
 
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import STANDINGS
 from tca_tools.data import data_text
+from tca_tools.ends import in_the_end
 from tca_tools.records import OVER, State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
@@ -15,6 +17,9 @@ from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.wording import by_whom
 
 _LONGEST_FAILURE = 200
+_SHORTEST_TEXT = 30
+"""Columns that a reason keeps beside what comes of it in the end."""
+_THEN = "; "
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
 
@@ -40,13 +45,45 @@ def called(task: TaskThen) -> str:
     return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
 
 
-def note(then: Then, task: TaskThen) -> str:
-    """What keeps it waiting and for how long it has, or how it ended if not well."""
-    text, since = note_since(then, task)
-    return text + (lasting(then.time - since) if since is not None else "")
+class Note(NamedTuple):
+    """What is said beside a task's state."""
+
+    text: str
+    """What keeps it waiting, or how it ended if not well."""
+    since: float | None = None
+    """Since when it waits."""
+    end: str = ""
+    """What it waits for in the end, if that says more: ``in the end for calibrate {3}, which no module handles``."""
+
+    def within(self, room: int | None) -> str:
+        """As much of both as there is room for: of the text its beginning, before the end is cut."""
+        if not self.end or not self.text:
+            return cut(self.text or self.end, room)
+        if room is not None:
+            least = max(room - len(self.end) - len(_THEN), _SHORTEST_TEXT)
+            return cut(f"{cut(self.text, least)}{_THEN}{self.end}", room)
+        return f"{self.text}{_THEN}{self.end}"
 
 
-def note_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
+def note(then: Then, task: TaskThen, *, with_end: bool = True) -> str:
+    """What keeps it waiting and for how long it has, and what it waits for in the end; or how it ended if not well.
+
+    Looking for the end may lead through all that waits at that moment, though through each only once.
+    """
+    found = note_of(then, task) if with_end else Note(*_text_since(then, task))
+    return found.within(None) + (lasting(then.time - found.since) if found.since is not None else "")
+
+
+def note_of(then: Then, task: TaskThen) -> Note:
+    """The same in its parts."""
+    text, since = _text_since(then, task)
+    end = in_the_end(then, task)
+    if not end:
+        return Note(text, since)
+    return Note(text, waits_since(task) if since is None else since, printable(f"in the end {end}"))
+
+
+def _text_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.state is State.ENDING:
         return _ending(then, task), waits_since(task)

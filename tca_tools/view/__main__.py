@@ -24,32 +24,32 @@ _LOCAL = "127.0.0.1"
 def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
     """Show a run in the browser: its task tree and Gantt chart at any moment.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is shown. A run that goes on is
-    followed. The page is served until interrupted.
+    LOG is a journal directory or one of its segments; without it, the newest run is shown, and when central is started
+    anew, that run. A run that goes on is followed. The page is served until interrupted.
     """
     try:
         import uvicorn  # noqa: PLC0415 - the viewer is an extra
 
         from tca_tools.view.app import application  # noqa: PLC0415
-        from tca_tools.view.reading import Reading  # noqa: PLC0415
+        from tca_tools.view.runs import Runs  # noqa: PLC0415
     except ImportError as error:
         raise ToolError(f"the package '{error.name}' is missing: pip install 'tca[view]'") from None
     log = open_log(log_path)
     log.check_beginning()
     log.tell()
-    reading = Reading(log)
+    runs = Runs(log, follows=log_path is None)
     with _listening(host, port) as door:
         address = f"http://{_in_address(host)}:{door.getsockname()[1]}/"
         hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == _LOCAL else ["*"]
 
         class Server(uvicorn.Server):
             def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-                reading.stop()  # or a page that waits for news would be waited for
+                runs.stop()  # or a page that waits for news would be waited for
                 super().handle_exit(sig, frame)
 
-        config = uvicorn.Config(application(reading, hosts), log_level="warning", timeout_graceful_shutdown=1)
-        reading.start()
-        click.echo(f"{reading.log.name}: {address}  (Ctrl-C ends)")
+        config = uvicorn.Config(application(runs, hosts), log_level="warning", timeout_graceful_shutdown=1)
+        runs.show(None)
+        click.echo(f"{log.name}: {address}  (Ctrl-C ends)")
         if log.is_empty:
             click.echo("it is empty: what central writes to it will be shown")
         if browser:
@@ -58,7 +58,7 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
             with contextlib.suppress(KeyboardInterrupt):
                 Server(config).run(sockets=[door])
         finally:
-            reading.stop()
+            runs.stop()
 
 
 def _listening(host: str, port: int) -> socket.socket:

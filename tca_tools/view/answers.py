@@ -3,8 +3,11 @@
 from dataclasses import asdict
 from typing import Any
 
+from tca_tools.analysis.words import moment as moment_text
+from tca_tools.analysis.words import seconds
 from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
+from tca_tools.ends import causes, in_the_end
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.story import Sentence, sender_of, story
@@ -34,7 +37,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
         message = past.messages.get(message_id)
         if message is None:
             return None
-        then = Then(past, moment)
+        then = reading.then(moment)
         told = [_sentence(one, then.moment) for one in story(past, message_id, then.moment)]
         answer = {
             "id": message.id,
@@ -83,6 +86,7 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
     return {
         "state": task.standing,
         "reasons": why_waiting(then, task.id),
+        "end": in_the_end(then, task),
         "how": waits_how(task),
         "coming": coming(then, task),
         "since": waits_since(task),
@@ -110,18 +114,22 @@ def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
 
 def _constraint_text(past: Past, constraint: Any) -> str:
     before, after = constraint.before, constraint.after
-    delay = f" + {constraint.delay:g} s" if constraint.delay else ""
+    delay = f"{seconds(constraint.delay)} after " if constraint.delay else ""
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
     what = "its own" if before.task == after.task else "" if not before.task else past.describe(before.task)
     return (
-        f"{second} not before {what} {first}{delay}" if before.task else f"{second} not before {constraint.delay:g} s"
+        f"{second} not before {delay}{what} {first}"
+        if before.task
+        else f"{second} not before {moment_text(constraint.delay)}"
     )
 
 
-def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, tuple[str, float | None, str]]:
-    """For tasks, what keeps each waiting and since when, or how it ended if not well; at last that as a whole."""
+def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, dict[str, Any]]:
+    """For tasks, what keeps each waiting and since when, or how it ended if not well; that as a whole; and what it
+    waits for in the end.
+    """
     with reading:
-        then = Then(reading.feed.history, moment)
+        then = reading.then(moment)
         found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
         return {
             str(number): _note(then, then.tasks[number])
@@ -130,10 +138,19 @@ def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, t
         }
 
 
-def _note(then: Then, task: TaskThen) -> tuple[str, float | None, str]:
-    text, since = words.note_since(then, task)
-    whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else text
-    return text, since, f"{text}\n\n{whole}" if task.state is State.RECOVERING else whole
+def _note(then: Then, task: TaskThen) -> dict[str, Any]:
+    note = words.note_of(then, task)
+    whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else note.text
+    whole = f"{note.text}\n\n{whole}" if task.state is State.RECOVERING else whole
+    whole = "\n\n".join(filter(None, (whole, note.end)))
+    return {"text": note.text, "since": note.since, "whole": whole, "end": note.end}
+
+
+def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:
+    """How many tasks wait, for how many things in the end, and the things that most of them wait for."""
+    with reading:
+        waiting, things, found = causes(reading.then(moment))
+        return {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -23,13 +24,16 @@ from starlette.staticfiles import StaticFiles
 
 from tca_tools.coping import HANDLED
 from tca_tools.tasktree_viz.dot import FILLS
-from tca_tools.view.answers import message_answer, messages_answer, notes_answer, numbers
+from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
 from tca_tools.view.reading import Reading
+from tca_tools.view.runs import Run, Runs, Shown
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
 """Seconds that a page's question for news may stay open."""
+_OF_OTHERS = 2.0
+"""The same for a run that does not go on: another one may begin."""
 
 _LOOKS = {
     "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:",
@@ -38,15 +42,17 @@ _LOOKS = {
 }
 
 
-def application(reading: Reading, hosts: list[str]) -> Starlette:
+def application(runs: Runs, hosts: list[str]) -> Starlette:
     """The server of one page, which answers to these host names."""
     return Starlette(
         routes=[
             Route("/", _page),
-            Route("/api/frame", partial(_frame, reading)),
-            Route("/api/message/{id:int}", partial(_message, reading)),
-            Route("/api/notes", partial(_notes, reading)),
-            Route("/api/messages", partial(_messages, reading)),
+            Route("/api/runs", partial(_runs, runs)),
+            Route("/api/frame", partial(_frame, runs)),
+            Route("/api/message/{id:int}", _asked(runs, _message)),
+            Route("/api/notes", _asked(runs, _notes)),
+            Route("/api/causes", _asked(runs, _causes)),
+            Route("/api/messages", _asked(runs, _messages)),
             Mount("/page", StaticFiles(directory=PAGE)),
         ],
         middleware=[
@@ -67,20 +73,47 @@ async def _page(_request: Request) -> Response:
     return FileResponse(PAGE / "index.html")
 
 
-async def _frame(reading: Reading, request: Request) -> Response:
+async def _runs(runs: Runs, _request: Request) -> Response:
+    """Those that can be chosen, newest first."""
+    found = await run_in_threadpool(runs.all)
+    return JSONResponse([{"name": run.name, "label": _label(run), "began": run.began} for run in reversed(found)])
+
+
+def _label(run: Run) -> str:
+    return f"{run.path.resolve().parent.name}/{run.name}" if run.path.name == "journal" else run.name
+
+
+async def _frame(runs: Runs, request: Request) -> Response:
     """What is new since the page last asked; without ``wait=0`` it waits a while if the page has all there is."""
-    since = _lengths(request.query_params.get("since", "{}"))
-    patience = 0.0 if request.query_params.get("wait") == "0" else _PATIENCE
-    frame = await run_in_threadpool(_next_frame, reading, since, patience)
-    return Response(frame, media_type="application/octet-stream")
+    asked = request.query_params
+    patience = 0.0 if asked.get("wait") == "0" else None
+    since = _lengths(asked.get("since", "{}"))
+    return await run_in_threadpool(_next_frame, runs, asked.get("run"), since, asked.get("token"), patience)
 
 
-def _next_frame(reading: Reading, since: dict[str, int], patience: float) -> bytes:
-    with reading:
-        if since:  # a page that has nothing yet gets what there is
+def _next_frame(
+    runs: Runs, name: str | None, since: dict[str, int], token: str | None, patience: float | None
+) -> Response:
+    if (shown := runs.show(name)) is None:
+        return _no_run(name)
+    if since and token is not None and token != shown.token:
+        return JSONResponse({"error": "this is read anew: what was told before does not count"}, 410)
+    return Response(_columns(runs, shown, since, patience), media_type="application/octet-stream")
+
+
+def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | None) -> bytes:
+    reading = shown.reading
+    if since:  # a page that has nothing yet gets what there is
+        with reading:
+            if patience is None:
+                patience = _PATIENCE if reading.state == "live" else _OF_OTHERS
             reading.wait_for_more(since.get("entry", 0), patience)
+    newest = runs.newest
+    with reading:
         history = reading.feed.history
         told = {
+            "run": shown.name,
+            "token": shown.token,
             "name": reading.log.name,
             "began": history.began,
             "caughtUp": reading.caught_up,
@@ -94,27 +127,49 @@ def _next_frame(reading: Reading, since: dict[str, int], patience: float) -> byt
             "outcomes": [outcome or "" for outcome in OUTCOMES],
             "roles": ROLES,
             "kinds": [kind.name.lower() for kind in SpanKind],
+            "follows": runs.follows,
+            "newest": newest,
         }
         return reading.feed.columns.frame(since, told)
 
 
-async def _message(reading: Reading, request: Request) -> Response:
-    moment = _moment(request)
-    answer = await run_in_threadpool(message_answer, reading, request.path_params["id"], moment)
-    if answer is None:
-        return JSONResponse({"error": f"no message {request.path_params['id']} in this journal"}, 404)
-    return JSONResponse(answer)
+def _no_run(name: str | None) -> Response:
+    return JSONResponse({"error": f"there is no run '{name}' any more"}, 404)
 
 
-async def _notes(reading: Reading, request: Request) -> Response:
-    ids = numbers(request.query_params.get("ids", ""))
-    return JSONResponse(await run_in_threadpool(notes_answer, reading, ids, _moment(request)))
+def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[Request], Awaitable[Response]]:
+    """Answers a question about the run that the page shows; with "not found" where there is no answer."""
+
+    def answered(request: Request) -> Response:
+        name = request.query_params.get("run")
+        if (shown := runs.show(name)) is None:
+            return _no_run(name)
+        if (found := answer(shown.reading, request)) is None:
+            return JSONResponse({"error": f"no message {request.path_params['id']} in this journal"}, 404)
+        return JSONResponse(found)
+
+    async def endpoint(request: Request) -> Response:
+        return await run_in_threadpool(answered, request)
+
+    return endpoint
 
 
-async def _messages(reading: Reading, request: Request) -> Response:
+def _message(reading: Reading, request: Request) -> Any:
+    return message_answer(reading, request.path_params["id"], _moment(request))
+
+
+def _notes(reading: Reading, request: Request) -> Any:
+    return notes_answer(reading, numbers(request.query_params.get("ids", "")), _moment(request))
+
+
+def _causes(reading: Reading, request: Request) -> Any:
+    return causes_answer(reading, _moment(request))
+
+
+def _messages(reading: Reading, request: Request) -> Any:
     around = [numbers(request.query_params.get(name, "")) for name in ("place", "before", "after")]
     place, before, after = (given[0] if given else 0 for given in around)
-    return JSONResponse(await run_in_threadpool(messages_answer, reading, place, before, after))
+    return messages_answer(reading, place, before, after)
 
 
 def _moment(request: Request) -> float:

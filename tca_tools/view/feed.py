@@ -17,10 +17,11 @@ from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Ta
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
-from tca_wire.facts import Entry, Failed, Received
+from tca_wire.facts import Entry, Failed, Killed, Received
 from tca_wire.vocabulary import Outcome, Role
-from tca_wire.wording import by_whom, place
+from tca_wire.wording import by_whom, kill_reason, place
 
+_LONGEST_SAID = 300
 STATES = list(State)
 OUTCOMES = [None, *Outcome]
 ROLES = list(Role)
@@ -43,6 +44,9 @@ TABLES = {
     "failure.beside": "B",  # whether it was raised beside the handler
     "verdict.failure": "i",  # the row of a failure
     "verdict.good": "B",  # whether the run went on after it, from now on
+    "said.message": "i",
+    "said.time": "d",
+    "said.text": "i",  # a text: how it failed, or why it was killed
     "hold.task": "i",
     "hold.before": "i",
     "hold.kind": "i",  # a text
@@ -117,6 +121,7 @@ class Feed:
         for fact in entry.facts:
             if isinstance(fact, Received) and fact.id in history.messages:
                 self._names.setdefault(fact.message)
+        self._tell_said([fact for fact in entry.facts if isinstance(fact, Failed | Killed)])
         self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good)
@@ -127,6 +132,15 @@ class Feed:
         for run, span in self._ended_badly:  # of which there is no such fact
             self._tell_failure(failing(self.history, run), 0, self.history.time if run.end is None else run.end, span)
         self._ended_badly.clear()
+
+    def _tell_said(self, facts: list[Failed | Killed]) -> None:
+        """What a search finds."""
+        for fact in facts:
+            if isinstance(fact, Failed):
+                number, text = self.history.message_of.get(fact.id, fact.id), f"{fact.failure}: {fact.text}"
+            else:
+                number, text = fact.task, kill_reason(fact.why, fact.by)
+            self.columns.add("said", number, self.history.time, self.columns.text(text[:_LONGEST_SAID]))
 
     def _tell_failed(self, fact: Failed) -> None:
         """A failure was raised on a message, or on what the fact names by its delivery."""

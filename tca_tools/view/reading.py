@@ -2,15 +2,17 @@
 
 import gc
 import threading
+from bisect import bisect_right
 from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
 from time import monotonic
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from tca_tools.errors import ToolError, UnusableLog
 from tca_tools.logs import Log, Place
+from tca_tools.then import Then
 from tca_tools.view.feed import Feed
 from tca_wire.errors import JournalDamaged
 from tca_wire.facts import Closed, Entry
@@ -43,6 +45,8 @@ class Reading:
         """Whether central ended of its own will: nothing more comes."""
         self.problem = ""
         """Why nothing more can be read."""
+        self._worked_out: tuple[int, dict[object, Any]] | None = None
+        """How many entries there were at the moment that was looked at last, and what was worked out of it."""
         self._grown = threading.Condition()
         self._is_written = False
         """Whether a central had the journal open before what was read last."""
@@ -114,6 +118,18 @@ class Reading:
             self._grown.wait_for(lambda: self.caught_up or self.is_over, min(seconds, _WHILE_READING))
         else:
             self._grown.wait_for(lambda: self.entries > entries or self.is_over or self.state != state, seconds)
+
+    def then(self, moment: float) -> Then:
+        """The run as it was at a moment, with what was worked out of it since the entry before. Only inside of
+        ``with``.
+        """
+        history = self.feed.history
+        place = bisect_right(history.times, moment)
+        if self._worked_out is None or self._worked_out[0] != place:
+            self._worked_out = place, {}
+        then = Then(history, moment)
+        _, then.memo = self._worked_out
+        return then
 
     def entries_between(self, first: int, last: int) -> list[Entry]:
         """Entries by their numbers from the first on, read anew from the disk. Not to be called inside of ``with``."""
@@ -190,6 +206,8 @@ class Reading:
         if not self._pending:
             return
         with self:
+            if self._worked_out and self._worked_out[0] == len(self.feed.history.times):
+                self._worked_out = None  # more of the same entry may come
             for entry, place in self._pending:
                 known = len(self.feed.history.times)
                 self.feed.apply(entry)

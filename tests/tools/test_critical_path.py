@@ -288,7 +288,7 @@ def test_a_run_that_stands_because_of_a_delay_says_until_when() -> None:
     story.command("move", "user", walk, after(first, Moment.END_ACHIEVING, 30.0))
     path, why, because = standing(story.at(12.0))
     assert path == [("move", "legs", 1.0, 2.0), ("delay", "", 2.0, 12.0)]
-    assert why == "it waits until 30 s after move {2} is achieved: that is at 32.000 s, 20.0 s after the journal ends"
+    assert why == "it waits until 30.0 s after move {2} is achieved: that is at 32.000 s, 20.0 s after the journal ends"
     assert because == []
 
 
@@ -297,7 +297,7 @@ def test_a_run_that_stands_until_an_absolute_time() -> None:
     story.command("move", "user", 0, after(0, Moment.START_ACHIEVING, 3600.5))
     path, why, _ = standing(story.at(12.0))
     assert path == [("delay", "", 1.0, 12.0)]
-    assert why == "it waits until 3600.5 s, 59:48 min after the journal ends"
+    assert why == "it waits until 3600.500 s, 59:48 min after the journal ends"
 
 
 def test_a_run_that_stands_because_of_a_constraint_on_a_task_that_still_runs() -> None:

@@ -3,7 +3,7 @@ to come: told in rows and stories alike.
 """
 
 from central.player import Player
-from tools.story import QUERY, Story
+from tools.story import ACTING, QUERY, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.waits import waits
@@ -72,7 +72,8 @@ def test_a_journal_that_does_not_tell_who_added_a_wiretap() -> None:
     check = move + 1
     command = MessageClass.COMMAND
     tale.say(facts.Received(check, "check", command, "central", TaskId(move), 0, False, b"", [], Role.LISTENER, move))
-    tale.say(facts.TapFired(90, move, check), facts.Delivered(check, check, "checker", "checker")).at(3.0)
+    tale.say(facts.TapFired(90, move, check), facts.Delivered(check, check, "checker", "checker"))
+    tale.reached(check, *ACTING).at(3.0)
     tale.command("move", "user")
     reason = f"waits until check {{{check}}}, the listener of a wiretap, has been handled"
     assert noted(tale.fold(), move) == f"{reason}, for 2.00 s"

@@ -280,9 +280,9 @@ def test_a_task_is_closed_and_opened() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("slash", *"{2}", "enter")
         await pilot.press("g", *"3", "enter")
-        assert any("move leg {6}" in line for line in tree_of(app))
+        assert any("─ move leg {6}" in line for line in tree_of(app))
         await pilot.press("enter")
-        assert not any("move leg {6}" in line for line in tree_of(app))
+        assert not any("─ move leg {6}" in line for line in tree_of(app))
         assert any("take steps {2} + 2" in line for line in tree_of(app))
         await pilot.press("enter")
         assert any("move leg {6}" in line for line in tree_of(app))

@@ -47,7 +47,10 @@ def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path
         bars = tca("gantt", run).stdout
     rested = tca("tree", run).stdout
     assert rested.startswith("run: 4.00 s, 8 tasks")
-    assert "take steps {3} is being achieved, for 3.40 s\n" in rested
+    assert (
+        "take steps {3} is being achieved; in the end for move body {7}, which controller handles, for 3.40 s\n"
+        in rested
+    )
     title, *_, last = live.splitlines()
     assert float(title.split()[1]) >= 44
     assert float(last.split()[-2]) >= 43

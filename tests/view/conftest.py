@@ -20,13 +20,13 @@ Look = Callable[..., Page]
 
 
 @pytest.fixture
-def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Path], str]]:
-    """Serves journals by real processes; gives each page's address."""
+def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str]]:
+    """Serves journals, or without one the newest run, by real processes; gives each page's address."""
     with ExitStack() as processes:
         said = processes.enter_context((tmp_path_factory.mktemp("served") / "said.txt").open("w"))
 
-        def start(journal: Path) -> str:
-            command = [sys.executable, "-m", "tca_tools.view", str(journal), "--no-browser"]
+        def start(*journal: Path) -> str:
+            command = [sys.executable, "-m", "tca_tools.view", *map(str, journal), "--no-browser"]
             served = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, text=True)
             process = processes.enter_context(served)
             processes.callback(process.terminate)

@@ -17,7 +17,7 @@ from view.conftest import Look
 from tca_module import Command, Goal, Module, Task, connect
 from tca_tools.logs import Log, Place
 from tca_tools.view.app import application
-from tca_tools.view.reading import Reading
+from tca_tools.view.runs import Runs
 from tca_wire import facts
 from tca_wire.facts import Entry
 from tca_wire.journal import record
@@ -32,8 +32,8 @@ def line(page: Page, task: int) -> Locator:
 
 def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) -> None:
     page = look(walking().write(tmp_path / "walk"))
-    expect(line(page, 9)).to_contain_text("waits until its parent take steps {3} is being achieved")
-    expect(line(page, 4)).to_contain_text("waits until take steps {3} is being achieved, for 3.40 s")
+    expect(line(page, 9)).to_contain_text("until its parent take steps {3} …; in the end for move body {7}, for 1.80 s")
+    expect(line(page, 4)).to_contain_text("until take steps {3} is being …; in the end for move body {7}, for 3.40 s")
     expect(page.locator("#counts")).to_contain_text("1 handling")
     expect(page.locator("#status")).to_have_text("cut off")  # nobody writes to it, and it has no end
 
@@ -278,16 +278,16 @@ def test_the_address_is_kept_until_what_it_names_has_been_read(browser: Browser,
 @contextmanager
 def served(log: Log) -> Iterator[str]:
     """The page's address; its server runs in a thread."""
-    reading = Reading(log)
-    server = uvicorn.Server(uvicorn.Config(application(reading, ["127.0.0.1"]), log_level="warning"))
+    runs = Runs(log, follows=False)
+    server = uvicorn.Server(uvicorn.Config(application(runs, ["127.0.0.1"]), log_level="warning"))
     with socket.create_server(("127.0.0.1", 0)) as door:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})
-        reading.start()
+        runs.show(None)
         thread.start()
         try:
             yield f"http://127.0.0.1:{door.getsockname()[1]}/"
         finally:
-            reading.stop()
+            runs.stop()
             server.should_exit = True
             thread.join()
 

@@ -66,9 +66,11 @@ def test_a_message_is_no_task_and_has_its_story_too(address: str) -> None:
 
 def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
+    steps, leg = "waits until take steps {3} is being achieved", "waits until move leg {6} is achieved"
+    end = "in the end for move leg {6}, which controller handles"
     assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
-        "4": ["waits until take steps {3} is being achieved", 0.6, "waits until take steps {3} is being achieved"],
-        "7": ["waits until move leg {6} is achieved", 1.4, "waits until move leg {6} is achieved"],
+        "4": {"text": steps, "since": 0.6, "whole": f"{steps}\n\n{end}", "end": end},
+        "7": {"text": leg, "since": 1.4, "whole": leg, "end": ""},
     }
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}
@@ -87,6 +89,26 @@ def test_nonsense_is_answered_with_nothing(address: str) -> None:
     for missing in ("api/message/999999", "api/nothing", "page/../app.py"):
         with pytest.raises(urllib.error.HTTPError, match="404"):
             get(address + missing)
+
+
+def test_what_is_waited_for_in_the_end(address: str) -> None:
+    get(f"{address}api/frame")
+    told = asked(address, "causes?at=2.5")
+    assert (told["waiting"], told["things"]) == (7, 1)
+    assert told["causes"] == [{"text": "move leg {6}, which controller handles", "tasks": 7, "number": 6}]
+    assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
+
+
+def test_the_run_of_a_question_is_named(address: str) -> None:
+    assert [run["name"] for run in asked(address, "runs")] == ["walk"]
+    assert asked(address, "message/7?run=walk")["id"] == 7
+    for what, why in (
+        ("message/1?run=other", "404"),
+        ("frame?run=other", "404"),
+        ('frame?since={"entry":1}&token=old', "410"),
+    ):
+        with pytest.raises(urllib.error.HTTPError, match=why):
+            asked(address, urllib.parse.quote(what, safe="/?=&"))
 
 
 def test_a_foreign_name_is_not_served(address: str) -> None:

@@ -1,10 +1,10 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
-import { css, prepared, ticks } from "./format.js";
+import { clipped, css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
-import { describe, firstWith, isLight, share } from "./spans.js";
+import { describe, firstWith, isLight, isNobody, share } from "./spans.js";
 
-const LANE = 18, THIN = 7, GAP = 9, AXIS = 20;
+const LANE = 18, THIN = 7, NAMED = 14, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
@@ -94,7 +94,7 @@ export class Chart {
 
   draw() {
     const { context, width, height } = prepared(this.canvas);
-    Object.assign(this, { context, width, height });
+    Object.assign(this, { context, width, height, looks: { lift: css("--lift"), weak: Number(css("--weak")) } });
     if (!this.store.head || width < 50) return;
     context.font = "12px system-ui, Helvetica, Arial, sans-serif";
     context.textBaseline = "middle";
@@ -118,10 +118,11 @@ export class Chart {
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
     let top = 0;
     this.layout = busy.map((row) => {
-      const lanes = Math.min(Math.max(row.handled.length, 1), MOST_LANES), thin = Math.min(row.queued.length, MOST_LANES);
-      const held = Math.min(row.held.length, 3);
-      const tall = lanes * LANE + (thin + held) * THIN;
-      const place = { row, top, bottom: top + tall, lanes, thin, held };
+      const isNamed = row === suspended || isNobody(row); // no module's: there is nothing else in it
+      const lanes = isNamed ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES), thin = Math.min(row.queued.length, MOST_LANES);
+      const held = Math.min(row.held.length, 3), step = isNamed ? NAMED : THIN;
+      const tall = lanes * LANE + thin * step + held * THIN;
+      const place = { row, top, bottom: top + tall, lanes, thin, held, step };
       top += tall + GAP;
       return place;
     });
@@ -148,7 +149,7 @@ export class Chart {
     }
   }
 
-  #drawRow({ row, top, lanes, thin, held, bottom }) {
+  #drawRow({ row, top, lanes, thin, held, step, bottom }) {
     const { context } = this;
     context.fillStyle = css("--panel");
     for (const span of row.connected) {
@@ -166,19 +167,19 @@ export class Chart {
     }
     y = top + held * THIN + lanes * LANE;
     for (const lane of row.queued.slice(0, thin)) {
-      this.#drawLane(lane, y, THIN - 2, (span, x, w) => this.#drawQueued(span, x, w, y));
-      y += THIN;
+      this.#drawLane(lane, y, step - 2, (span, x, w) => this.#drawQueued(span, x, w, y, step - 2));
+      y += step;
     }
     for (const span of row.failed) {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
-    for (const failure of row.raised) this.#drawRaised(failure, top + held * THIN, lanes, thin);
+    for (const failure of row.raised) this.#drawRaised(failure, top + held * THIN, lanes, thin, step);
     context.fillStyle = css("--paper");
     context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
     context.fillStyle = css("--ink");
     context.textAlign = "right";
-    context.fillText(fitted(context, row.label, this.labels - 14), this.labels - 8, top + (held * THIN) + LANE / 2 - 1);
+    context.fillText(clipped(context, row.label, this.labels - 14), this.labels - 8, top + (held * THIN) + (lanes ? LANE : step) / 2 - 1);
   }
 
   // The spans of a lane that are in sight; those of one pixel column count as one.
@@ -224,7 +225,7 @@ export class Chart {
       context.rect(x, y, wide, tall);
       context.clip();
       const left = Math.max(x, this.labels) + 4;
-      const words = fitted(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - left - 2);
+      const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - left - 2);
       const right = left + context.measureText(words).width;
       context.fillStyle = isLight(span, this.#timeAt(left), this.#timeAt(right)) ? "#111" : "#fff";
       context.textAlign = "left";
@@ -234,10 +235,10 @@ export class Chart {
   }
 
   // The moment at which a failure was raised beside the handler: a stroke across the bar, and a mark on it.
-  #drawRaised({ time, span, handled }, top, lanes, thin) {
-    const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? THIN - 2 : LANE - 2;
+  #drawRaised({ time, span, handled }, top, lanes, thin, step) {
+    const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? step - 2 : LANE - 2;
     if (x < this.labels || x > this.width) return;
-    const y = isQueued ? top + lanes * LANE + Math.min(span.lane, thin - 1) * THIN : top + Math.min(span.lane, lanes - 1) * LANE;
+    const y = isQueued ? top + lanes * LANE + Math.min(span.lane, thin - 1) * step : top + Math.min(span.lane, lanes - 1) * LANE;
     context.fillStyle = css("--paper");
     context.fillRect(x - 2, y, 4, tall); // seen in bars of its own colour, too
     context.fillStyle = css(handled ? "--handled" : "--bad");
@@ -245,14 +246,23 @@ export class Chart {
     this.#mark(x, y, context.fillStyle);
   }
 
-  #drawQueued(span, x, width, y) {
+  // What waits: weaker than what is handled; on dark paper lighter, too, or it would not be seen.
+  #drawQueued(span, x, width, y, tall) {
     const { context } = this, wide = Math.min(x + width, this.#x(Math.min(span.end, this.store.end))) - x;
-    context.fillStyle = this.store.colour(span.name);
-    context.globalAlpha = 0.28;
-    context.fillRect(x, y, Math.max(wide, NARROW), THIN - 2);
+    context.fillStyle = `color-mix(in srgb, white ${this.looks.lift}, ${this.store.colour(span.name)})`;
+    context.globalAlpha = this.looks.weak;
+    context.fillRect(x, y, Math.max(wide, NARROW), tall);
     context.globalAlpha = 1;
-    context.fillRect(x, y, 1.5, THIN - 2);
-    if (span.message === this.chosen) this.#outline(x, y, wide, THIN - 2, css("--ink"), 1.5);
+    context.fillRect(x, y, 1.5, tall);
+    if (span.message === this.chosen) this.#outline(x, y, wide, tall, css("--ink"), 1.5);
+    if (tall < NAMED - 2 || wide < 34) return;
+    context.save();
+    context.font = "11px system-ui, Helvetica, Arial, sans-serif";
+    context.fillStyle = css("--ink");
+    context.textAlign = "left";
+    const left = Math.max(x, this.labels) + 4;
+    context.fillText(clipped(context, span.message ? `${span.name} ${span.message}` : span.name, x + wide - left - 2), left, y + tall / 2 + 0.5);
+    context.restore();
   }
 
   #drawHeld(x, width, y) {
@@ -301,12 +311,12 @@ export class Chart {
   // The span under the mouse, if there is one.
   at(x, y) {
     if (x < this.labels) return null;
-    for (const { row, top, bottom, lanes, held, thin } of this.layout) {
+    for (const { row, top, bottom, lanes, held, thin, step } of this.layout) {
       if (y < top || y > bottom) continue;
       const inside = y - top - held * THIN;
       const lane = inside < 0 ? row.held[Math.floor((y - top) / THIN)]
         : inside < lanes * LANE ? row.handled[Math.floor(inside / LANE)]
-          : row.queued[Math.min(Math.floor((inside - lanes * LANE) / THIN), thin - 1)];
+          : row.queued[Math.min(Math.floor((inside - lanes * LANE) / step), thin - 1)];
       const time = this.#timeAt(x), near = this.#timeAt(x + 3) - time;
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;
@@ -382,13 +392,4 @@ export class Chart {
     this.hint.style.left = `${Math.max(left, 0)}px`;
     this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;
   }
-}
-
-function isNobody({ label }) { return label === "(no handler)"; }
-
-function fitted(context, text, width) {
-  if (context.measureText(text).width <= width) return text;
-  let cut = text;
-  while (cut.length > 1 && context.measureText(`${cut}…`).width > width) cut = cut.slice(0, -1);
-  return `${cut}…`;
 }

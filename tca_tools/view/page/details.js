@@ -62,6 +62,7 @@ export class Details {
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
     for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`${about.how} ${reason}, for `), age(about.since));
+    if (about.end) yield element("p", { class: "lead end" }, ...this.#linked(`in the end ${about.end}`));
     for (const one of about.coming ?? []) yield element("p", { class: "lead" }, ...this.#linked(one));
     if (about.failure) {
       yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked(about.failure));

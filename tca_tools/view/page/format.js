@@ -50,6 +50,21 @@ export function abridged(text, room, widthOf) {
   return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(bare, 1, "", hasRoom) ?? `${bare.split(" ")[0]} …`;
 }
 
+// The same of a note with what it comes to in the end: that is left whole before the note is, but for why it stands.
+// Where both have no room the end is what a reader needs: what is next is found by the arrows, and in the pane.
+export function withEnd(text, end, between, room, widthOf) {
+  if (!end) return abridged(text, room, widthOf);
+  const hasRoom = (one) => widthOf(one) <= room, bare = text.replace(/^waits /, ""), whole = [text + between + end, bare + between + end];
+  const [, named, which, others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
+  const isNext = /\{\d+\}/.exec(named)?.[0] === (text.match(/\{\d+\}/g) ?? []).join(); // the note names it, and nothing else
+  if (isNext && which) return [...whole, text + which + (others ?? ""), bare + which, text].find(hasRoom) ?? abridged(text, room, widthOf);
+  const found = [...whole, text + between + brief, bare + between + brief].find(hasRoom), left = room - widthOf(between + brief);
+  if (found) return found;
+  if (left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + brief;
+  const [short, shortest] = [end, brief].map((one) => one.replace(/^in the end /, ""));
+  return [end, short, brief, shortest].find(hasRoom) ?? cutBehind(shortest, 2, "", hasRoom) ?? shortest;
+}
+
 // A text without as many of its last words as it takes to have room, with `end` behind it; but with the first `least`.
 function cutBehind(text, least, end, hasRoom) {
   const words = text.split(" ");
@@ -131,4 +146,12 @@ export function soon(work, milliseconds) {
     if (timer !== null) return;
     timer = setTimeout(() => { timer = null; work(); }, milliseconds);
   };
+}
+
+// As much of a text on a canvas as is so wide.
+export function clipped(context, text, width) {
+  if (context.measureText(text).width <= width) return text;
+  let cut = text;
+  while (cut.length > 1 && context.measureText(`${cut}…`).width > width) cut = cut.slice(0, -1);
+  return `${cut}…`;
 }

@@ -1,9 +1,11 @@
 // Puts the page together: one cursor in time and one chosen task for all its parts, and what is new from the server.
 
+import { Causes } from "./causes.js";
 import { Chart } from "./chart.js";
 import { Details } from "./details.js";
 import { count, element } from "./format.js";
 import { Messages } from "./messages.js";
+import { ofRun, Runs } from "./runs.js";
 import { Search } from "./search.js";
 import { Slider } from "./slider.js";
 import { lastNotAfter, Store } from "./store.js";
@@ -21,7 +23,7 @@ let recalled = false; // whether the page is where its address wants it
 async function ask(what, parameters = {}) {
   const known = Object.entries(parameters).filter(([, value]) => value !== Infinity);
   try {
-    const answer = await fetch(`api/${what}?${new URLSearchParams(known)}`);
+    const answer = await fetch(`api/${what}?${new URLSearchParams({ ...Object.fromEntries(known), ...ofRun(store.head) })}`);
     return await answer.json();
   } catch {
     return null; // the server is away; the page says so already
@@ -70,7 +72,9 @@ const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);
 const details = new Details(store, callbacks);
 const messages = new Messages(store, callbacks);
+const causes = new Causes(store, callbacks);
 const search = new Search(store, { tree, choose, changed: draw });
+const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id !== null || search.input.value !== "" });
 
 // Draw all parts, once before the next picture however often it is asked for.
 function draw() {
@@ -89,6 +93,7 @@ function draw() {
     details.show(details.id, time);
     messages.show(time);
     drawCounts(time);
+    causes.show(time);
     remember();
   });
 }
@@ -143,8 +148,8 @@ function remember() {
   const parts = [];
   if (cursor !== Infinity) parts.push(`t=${cursor}`);
   if (details.id !== null) parts.push(`task=${details.id}`);
-  const hash = parts.length ? `#${parts.join("&")}` : location.pathname;
-  if (hash !== (location.hash || location.pathname)) history.replaceState(null, "", hash);
+  const wanted = `${location.pathname}${runs.search(parts.length > 0)}${parts.length ? `#${parts.join("&")}` : ""}`;
+  if (wanted !== location.pathname + location.search + location.hash) history.replaceState(null, "", wanted);
 }
 
 function recall(otherwise) {
@@ -180,6 +185,7 @@ async function follow() {
       await store.more(isAway); // whether it is back is wanted at once
       isAway = false;
       showStatus();
+      runs.update();
       draw();
       if (!recalled && store.head.caughtUp) {
         recalled = true;

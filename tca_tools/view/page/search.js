@@ -1,6 +1,9 @@
-// Finding tasks: by name, number, state, or the module that handled them. Several words must all fit.
+// Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
+// failed. Several words must all fit, each somewhere.
 
 import { lastNotAfter } from "./store.js";
+
+const SHORTEST = 3; // letters: of fewer a state must be all
 
 export class Search {
   constructor(store, { tree, choose, changed }) {
@@ -42,9 +45,13 @@ export class Search {
   }
 
   #fits(task, word) {
-    if (task.name.toLowerCase().includes(word) || String(task.id) === word) return true;
-    if (this.store.looksOf(task, this.time).name.split(/[ ()]+/).includes(word)) return true;
-    for (const module of task.modules ?? []) if (module.toLowerCase().includes(word)) return true;
+    const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
+    if (isIn(task.name) || String(task.id) === word || `{${task.id}}` === word) return true;
+    const states = store.looksOf(task, time).name.split(/[ ()]+/), hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
+    if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || (word.length >= SHORTEST && state.startsWith(word)))) return true;
+    if (task.said.some((one) => one.time <= time && one.text.includes(word))) return true;
+    if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return true;
+    for (const module of task.modules ?? []) if (isIn(module)) return true;
     return false;
   }
 }

@@ -44,3 +44,6 @@ export function firstWith(list, holds, start = 0) {
   }
   return low;
 }
+
+// Whether a row is of what no module handles.
+export function isNobody({ label }) { return label === "(no handler)"; }

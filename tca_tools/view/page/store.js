@@ -1,5 +1,7 @@
 // The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
 
+import { ofRun } from "./runs.js";
+
 export const NEVER = -1;
 
 // The last place in a sorted list whose value is not beyond `value`; -1 if all are.
@@ -83,8 +85,11 @@ export class Store {
 
   // Ask the server for what is new; waits there while nothing is, unless the answer is wanted at once.
   async more(atOnce = false) {
-    const since = encodeURIComponent(JSON.stringify(this.lengths));
-    const answer = await fetch(`api/frame?since=${since}${atOnce ? "&wait=0" : ""}`);
+    const token = this.head ? { token: this.head.token } : {};
+    const asked = { since: JSON.stringify(this.lengths), ...token, ...ofRun(this.head), ...(atOnce ? { wait: 0 } : {}) };
+    const answer = await fetch(`api/frame?${new URLSearchParams(asked)}`);
+    if (answer.status === 410) location.reload(); // the server reads the run anew
+    if (answer.status === 404) throw new Error((await answer.json()).error);
     if (!answer.ok) throw new Error(`the server says ${answer.status}`);
     const buffer = await answer.arrayBuffer();
     this.heard = performance.now();
@@ -98,6 +103,7 @@ export class Store {
     for (const time of columns["entry.time"]) this.times.push(time);
     this.#addTasks(columns);
     this.#addStates(columns);
+    this.#addSaid(columns);
     this.#addHolds(columns);
     for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
     this.#addSpans(columns);
@@ -115,7 +121,7 @@ export class Store {
         id: ids[i], parent: this.byId.get(columns["task.parent"][i]) ?? null, name: this.texts[columns["task.name"][i]],
         sender: this.texts[columns["task.sender"][i]], role: this.head.roles[columns["task.role"][i]],
         form: columns["task.form"][i], time: columns["task.time"][i], children: [], times: [], states: [], holds: [], before: [],
-        depth: 0, modules: null, suspension: null,
+        depth: 0, modules: null, suspension: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
         failedBelow: Infinity, // since when something under it has failed
       };
       task.depth = task.parent ? task.parent.depth + 1 : 0;
@@ -149,6 +155,13 @@ export class Store {
     task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [], by: "" };
     this.suspensions.push(task.suspension);
     putIntoLane(this.suspended.queued, task.suspension);
+  }
+
+  #addSaid(columns) {
+    columns["said.message"].forEach((id, i) => {
+      const said = { time: columns["said.time"][i], text: this.texts[columns["said.text"][i]].toLowerCase() };
+      this.byId.get(id)?.said.push(said);
+    });
   }
 
   #addHolds(columns) {
@@ -207,10 +220,9 @@ export class Store {
     } else {
       putIntoLane({ queued: row.queued, held: row.held }[span.kind] ?? row.handled, span);
     }
-    if (span.kind === "handling") {
-      const task = this.byId.get(span.message);
-      if (task) (task.modules ??= new Set()).add(row.label);
-    }
+    const task = this.byId.get(span.message);
+    if (task && span.kind === "handling") (task.modules ??= new Set()).add(row.label);
+    if (task && span.kind === "queued") task.queued.push(span);
   }
 
   // --- what was so at a moment -------------------------------------------------------------------------------------

@@ -1,11 +1,12 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { abridged, age, element, ruler, seconds, soon } from "./format.js";
+import { age, element, ruler, seconds, soon, withEnd } from "./format.js";
 import { Outline } from "./outline.js";
 
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
+const BESIDE_KIND = 10;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
@@ -26,7 +27,7 @@ export class Tree {
     this.tall = 0; // the room for rows, in pixels
     this.widest = 0; // of all names so far, in characters, with their depth
     this.widthOf = ruler(this.scroller);
-    this.notes = new Map(); // by task: { text, since, whole, entered, asked }, where `entered` is when its state began
+    this.notes = new Map(); // by task: { text, since, whole, end, entered, asked }, where `entered` is when its state began
     this.asked = 0; // goes up with all that may change notes
     this.isAsking = false;
     this.found = new Set();
@@ -220,14 +221,15 @@ export class Tree {
     }
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
     if (mark) cell.append(element("span", { class: "role", text: mark }));
-    if (this.related.has(task)) cell.append(element("span", { class: "kind", text: [...this.related.get(task)].join(", ") }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const { text: note, since, whole } = this.#note(task) ?? { text: "", since: null, whole: "" };
+    const { text: note, since, whole, end } = this.#note(task) ?? { text: "", since: null, whole: "", end: "" };
     const why = element("span", { class: isHandled ? "why handled" : "why", title: whole }), isOver = isHandled || ["failed", "killed"].includes(name);
     const lasted = since === null ? [] : [", for ", age(since)], told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
-    const room = this.room - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
-    why.append(element("span", { class: "what", text: abridged(told, room, this.widthOf) }), ...lasted);
+    const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
+    if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
+    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
+    why.append(element("span", { class: "what", text: withEnd(told, end, note ? "; " : ": ", room, this.widthOf) }), ...lasted);
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
   }
@@ -254,8 +256,8 @@ export class Tree {
     this.isAsking = false;
     if (!notes) return;
     for (const task of tasks) {
-      const [text, since, whole] = notes[task.id] ?? ["", null, ""];
-      this.notes.set(task.id, { text, since, whole, entered: this.store.entered(task, time), asked });
+      const note = notes[task.id] ?? { text: "", since: null, whole: "", end: "" };
+      this.notes.set(task.id, { ...note, entered: this.store.entered(task, time), asked });
     }
     this.#draw();
   }

@@ -1,0 +1,249 @@
+"""What a task waits for in the end: from wait to wait until something waits for nothing else. Asks what was known.
+
+Each task is looked at once a moment, however many wait for it, and nothing recurses.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from heapq import merge
+from itertools import groupby, islice
+from typing import NamedTuple
+
+from tca_tools.leads import Kind, leads
+from tca_tools.records import OVER, State
+from tca_tools.then import TaskThen, Then
+from tca_tools.waiting import waits_how, why_waiting
+from tca_wire.points import TaskId
+from tca_wire.wording import by_whom, place
+
+MOST = 100
+"""Ends of one task that are told apart."""
+_NAMED = 3
+
+
+class End(NamedTuple):
+    """What waits for nothing else. Ends sort by what is told first."""
+
+    rank: int
+    """The value of its Kind."""
+    number: int
+    """The message, task or lock; of a circle the first one in it."""
+
+    @property
+    def kind(self) -> Kind:
+        """Why it waits for nothing else."""
+        return Kind(self.rank)
+
+
+class Cause(NamedTuple):
+    """Something that tasks wait for in the end."""
+
+    text: str
+    tasks: int
+    """How many wait for it."""
+    number: int
+    """The task or message to look at."""
+
+
+class Ends:
+    """The ends of all waits at a moment."""
+
+    def __init__(self, then: Then) -> None:
+        self._then = then
+        self._ends: dict[int, tuple[End, ...]] = {}
+        self._circles: dict[int, list[int]] = {}
+        """By the first one in it."""
+        self.last: set[End] = set()
+        """All ends that something else has been found to wait for."""
+
+    @classmethod
+    def at(cls, then: Then) -> "Ends":
+        """Those of a moment, as far as they have been looked for already."""
+        found: Ends = then.memo.setdefault(cls, cls(then))
+        return found
+
+    def of(self, number: int) -> tuple[End, ...]:
+        """What something waits for in the end: the first ``MOST``, and one more if there are more. Itself, if it waits
+        for nothing that has a number.
+        """
+        if number not in self._ends:
+            for together, beyond in _Walk(self._then, self._ends).groups(number):
+                self._settle(together, beyond)
+        return self._ends[number]
+
+    def circle(self, number: int) -> list[int]:
+        """All that wait for each other in a circle, by its first."""
+        return self._circles[number]
+
+    def _settle(self, together: list[int], beyond: Iterable[int]) -> None:
+        """What waits for each other, or one thing alone, has the ends of all that it waits for elsewhere."""
+        found: dict[int, tuple[End, ...]] = {}
+        for other in beyond:
+            if (known := self._ends.get(other)) is not None:
+                found[id(known)] = known
+                if known[0].number == other:
+                    self.last.add(known[0])
+        if not found:
+            self._circles[min(together)] = sorted(together)
+        several = merge(*found.values()) if found else [End(Kind.CIRCLE.value, min(together))]
+        only = next(iter(found.values())) if len(found) == 1 else None  # as a rule
+        ends = only or tuple(islice((end for end, _ in groupby(several)), MOST + 1))
+        for one in together:
+            self._ends[one] = ends
+
+
+class _Walk:
+    """From wait to wait, depth first, to where something waits for nothing else (Tarjan's algorithm, without recursion:
+    what waits for each other is found together).
+    """
+
+    def __init__(self, then: Then, ends: dict[int, tuple[End, ...]]) -> None:
+        self._then, self._ends = then, ends
+        self._order: dict[int, int] = {}
+        """When each was come to."""
+        self._lowest: dict[int, int] = {}
+        """For each the first one, in that order, that it leads back to."""
+        self._open: list[int] = []
+        """Those that have not been given ends yet."""
+        self._way: list[tuple[int, Iterator[int]]] = []
+        self._further: dict[int, list[int]] = {}
+
+    def groups(self, start: int) -> Iterator[tuple[list[int], Iterable[int]]]:
+        """Those that wait for each other, or one alone, with all that they wait for; who comes later waits for them.
+
+        By then they must have been given their ends.
+        """
+        self._enter(start)
+        while self._way:
+            one, rest = self._way[-1]
+            if self._goes_on(one, rest):
+                continue
+            self._way.pop()
+            if self._way:
+                above, _ = self._way[-1]
+                self._lowest[above] = min(self._lowest[above], self._lowest[one])
+            if self._lowest[one] == self._order[one]:
+                together = [self._open.pop()]
+                while together[-1] != one:
+                    together.append(self._open.pop())
+                yield together, [other for member in together for other in self._further.pop(member)]
+
+    def _goes_on(self, one: int, rest: Iterator[int]) -> bool:
+        """Whether it leads to something that has not been looked at."""
+        for other in rest:
+            if other in self._ends:
+                continue
+            if other in self._order:
+                self._lowest[one] = min(self._lowest[one], self._order[other])
+                continue
+            self._enter(other)
+            if other not in self._ends:
+                return True
+        return False
+
+    def _enter(self, one: int) -> None:
+        further, kind = leads(self._then, one)
+        if not further:
+            self._ends[one] = (End(kind.value, one),)
+            return
+        self._order[one] = self._lowest[one] = len(self._order)
+        self._open.append(one)
+        self._further[one] = further
+        self._way.append((one, iter(further)))
+
+
+def in_the_end(then: Then, task: TaskThen) -> str:
+    """What a task waits for in the end: ``for calibrate {343}, which no module handles``; "" if it waits for nothing
+    else, or if ``why_waiting`` says as much.
+    """
+    if task.state in OVER:
+        return ""
+    ends = Ends.at(then).of(task.id)
+    if ends[0].number == task.id and ends[0].kind is not Kind.CIRCLE:
+        return ""
+    if _is_told(then, task, ends):
+        return ""
+    more = len(ends) - 1
+    others = (
+        "" if not more else f", and {more} other{'s' * (more > 1)}" if more < MOST else f", and {MOST} or more others"
+    )
+    return f"for {of_end(then, ends[0])}{others}"
+
+
+def _is_told(then: Then, task: TaskThen, ends: tuple[End, ...]) -> bool:
+    """Whether each is what it waits for next, and no more is to be said of it than is said there."""
+    nexts, _ = leads(then, task.id)
+    nexts += [who for one in nexts if one in then.past.claims for who in leads(then, one)[0]]  # for whom it is locked
+    return set(nexts) >= {end.number for end in ends} and all(_is_plain(then, task, end) for end in ends)
+
+
+def _is_plain(then: Then, task: TaskThen, end: End) -> bool:
+    if end.kind is Kind.SUSPENDED:
+        return task.state is State.SUSPENDED
+    is_unknown = end.kind is Kind.STANDS and end.number in then.tasks and not why_waiting(then, TaskId(end.number))
+    return is_unknown or end.kind is Kind.GOES_ON or end.number not in then.tasks
+
+
+def of_end(then: Then, end: End) -> str:
+    """One of them, with why it waits for nothing else: ``move {4}, which controller handles``."""
+    if (claim := then.past.claims.get(end.number)) is not None:
+        return f"the {claim}, which {claim.sender} has"
+    return f"{then.describe(end.number)}, which {_which(then, end)}"
+
+
+def _which(then: Then, end: End) -> str:
+    task = then.tasks.get(end.number)
+    if end.kind is Kind.CIRCLE:
+        members = Ends.at(then).circle(end.number)
+        others = [then.describe(one) for one in members if one != end.number]
+        more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
+        return f"waits for itself by way of {', '.join(others[:_NAMED])}{more}"
+    if end.kind is Kind.NOBODY:
+        return "no module handles"
+    if end.kind is Kind.SUSPENDED and task and task.suspension:
+        by = task.suspension.by
+        return f"is suspended{by_whom(by)}"
+    if end.kind is Kind.GOES_ON and (run := then.handling_of(then.past.messages[end.number])):
+        return f"{place(run.module, run.resource)} handles"
+    if task and (reasons := why_waiting(then, task.id)):
+        how = "is killed, but" if task.state is State.ENDING else waits_how(task)
+        return f"{how} {', and '.join(reasons)}"
+    return f"is {task.standing}" if task else "has not been answered"
+
+
+def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
+    """How many tasks wait, for how many things in the end, and the things that *most* of them wait for. What nobody
+    handles counts once a name; a task counts for its first ``MOST`` ends.
+    """
+    ends, waiting = Ends.at(then), Counter[tuple[End, ...]]()
+    first: dict[End, int] = {}
+    for task in then.tasks.values():
+        if task.state in OVER:
+            continue
+        found = ends.of(task.id)
+        if found[0] != (Kind.GOES_ON.value, task.id):
+            waiting[found] += 1
+            first.setdefault(found[0], task.id)
+    things: dict[object, list[End]] = {}
+    counts: Counter[object] = Counter()
+    for found, tasks in waiting.items():
+        named = {_thing(then, end): end for end in reversed(found)}
+        for thing, end in named.items():
+            things.setdefault(thing, []).append(end)
+            counts[thing] += tasks
+    ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:most]
+    told = [_cause(then, things[thing], counts[thing], first) for thing in ranked]
+    return sum(waiting.values()), len({*things, *(_thing(then, end) for end in ends.last)}), told
+
+
+def _thing(then: Then, end: End) -> object:
+    return then.past.name(end.number) if end.kind is Kind.NOBODY else end
+
+
+def _cause(then: Then, ends: list[End], tasks: int, first: dict[End, int]) -> Cause:
+    end = min(ends)
+    text = of_end(then, end)
+    if len(set(ends)) > 1:  # messages of one name
+        text = f"{then.past.name(end.number)}, which no module handles"
+    is_lock = end.number in then.past.claims
+    return Cause(text, tasks, first.get(end, end.number) if is_lock else end.number)

@@ -1,0 +1,80 @@
+"""What a task waits for in the end is where its waits lead, one after the other; after every event of random lives."""
+
+import re
+from collections.abc import Iterable
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life, operation
+
+from tca_tools.ends import Ends, causes, in_the_end
+from tca_tools.leads import Kind, leads
+from tca_tools.records import OVER
+from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
+
+_NUMBER = re.compile(r"\{(\d+)\}")
+
+
+class FollowedPlayer(FoldedPlayer):
+    """After every event all waits are followed to their ends."""
+
+    def compare(self) -> None:
+        then = Then(self.history)
+        for task in then.tasks.values():
+            if task.state not in OVER:
+                assert_told(then, task.id)
+                assert_ends(then, task.id)
+        assert causes(then)[0] <= len(then.tasks)
+
+
+def assert_told(then: Then, number: int) -> None:
+    """Each step is one that the reasons name, by its number or, of a lock, by who has it."""
+    told = " and ".join(why_waiting(then, then.tasks[number].id))
+    named, further = {int(one) for one in _NUMBER.findall(told)}, leads(then, number)[0]
+    claims = [one for one in further if one in then.past.claims]
+    assert all(then.past.claims[one].sender in told for one in claims), (number, told)
+    if " more" not in told:
+        assert set(further) - set(claims) <= named, (number, told)
+
+
+def assert_ends(then: Then, number: int) -> None:
+    """They are what can be reached and waits for nothing; if there is no such thing, a circle."""
+    ends, seen = Ends.at(then).of(number), reached(then, [number])
+    last = {one for one in seen if not leads(then, one)[0]}
+    if ends[0].kind is Kind.CIRCLE:
+        circle = Ends.at(then).circle(ends[0].number)
+        assert not last - {end.number for end in ends}
+        assert len(circle) > 1 or circle[0] in leads(then, circle[0])[0]
+        assert reached(then, leads(then, circle[0])[0]) == set(circle)
+    assert last == {end.number for end in ends if end.kind is not Kind.CIRCLE}
+    assert list(ends) == sorted(set(ends))
+    text = in_the_end(then, then.tasks[number])
+    if text and ends[0].number in then.past.messages:
+        assert text.startswith(f"for {then.describe(ends[0].number)}, which ")
+
+
+def reached(then: Then, start: Iterable[int]) -> set[int]:
+    """All that waits lead to."""
+    way = list(start)
+    seen = set(way)
+    for one in way:  # grows while it is walked
+        new = [other for other in leads(then, one)[0] if other not in seen]
+        way += new
+        seen.update(new)
+    return seen
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=150, deadline=None)
+def test_waits_lead_to_the_ends_that_are_told(operations: list[tuple[str, int, int, int, int]]) -> None:
+    life = Life(FollowedPlayer())
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2, deadline=None)
+def test_the_same_in_a_long_life(seed: int) -> None:
+    Life(FollowedPlayer()).go_on(seed, 400)

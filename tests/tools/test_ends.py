@@ -1,0 +1,79 @@
+"""What a task waits for in the end: named with why it stands, from however far; circles are told as such."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from click.testing import Result
+from tools.story import THIS, Story
+from tools.waits import delayed, stuck
+
+from tca_tools.ends import MOST, Ends, causes, in_the_end
+from tca_tools.tasktree_viz import words
+from tca_tools.then import Then
+from tca_wire import facts
+from tca_wire.constraints import sequential_achievement
+from tca_wire.points import Moment, TaskId
+
+Tca = Callable[..., Result]
+
+
+def test_the_end_of_a_chain_is_told_from_however_far() -> None:
+    then = Then(stuck(20_000).fold())
+    end = "for calibrate {3}, which no module handles"
+    assert [in_the_end(then, then.tasks[number]) for number in (1, 2, 3, 20_002)] == [end, end, "", end]
+    assert causes(then) == (20_002, 1, [("calibrate {3}, which no module handles", 20_002, 3)])
+    before = Then(then.past, 1.5)
+    assert in_the_end(before, before.tasks[1]) == ""  # the drill has a handler, and it is what is next
+
+
+def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> None:
+    story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
+    mission = story.goal("mission", "user")
+    story.delivered(mission, "brain").reached(mission, Moment.START_ACHIEVING)
+    drill = story.command("drill", "brain", mission)
+    story.delivered(drill, "rig").queued(story.command("paint", "brain", mission))
+    story.returned(mission)
+    then = Then(story.fold())
+    assert in_the_end(then, then.tasks[1]) == "for paint {3}, which no module handles, and 1 other"
+    for _ in range(MOST + 5):
+        story.queued(story.command("paint", "brain", mission))
+    then = Then(story.fold())
+    assert in_the_end(then, then.tasks[1]).endswith(f", and {MOST} or more others")
+    waiting, things, (first, *_) = causes(then)
+    assert (waiting, things) == (MOST + 7, 2)
+    assert first == ("paint, which no module handles", MOST + 7, 3)
+
+
+def test_a_circle_is_told_as_one() -> None:
+    """Central lets none come about; a journal may tell of one all the same."""
+    story = Story().module("a", "walk").module("b", "look").at(1.0)
+    walk, look = story.command("walk", "user"), story.command("look", "user")
+    story.delivered(walk, "a").delivered(look, "b").at(2.0)
+    story.say(facts.WaitBegan("a", walk, TaskId(look), Moment.END_ACHIEVING))
+    story.say(facts.WaitBegan("b", look, TaskId(walk), Moment.END_ACHIEVING))
+    after = story.command("rest", "user", 0, sequential_achievement(TaskId(walk), THIS))
+    then = Then(story.fold())
+    assert in_the_end(then, then.tasks[after]) == "for walk {1}, which waits for itself by way of look {2}"
+    assert in_the_end(then, then.tasks[look]) == "for walk {1}, which waits for itself by way of look {2}"
+    assert Ends.at(then).circle(1) == [1, 2]
+    assert causes(then)[:2] == (3, 1)
+
+
+def test_a_delay_that_has_not_begun_is_told_with_what_it_begins_with() -> None:
+    then = Then(delayed().fold())
+    assert words.note(then, then.tasks[2]) == (
+        "waits until 3.00 s after ring bell {1} is achieved; in the end for ring bell {1}, which waits until 500.250 s,"
+        " for 1.00 s"
+    )
+
+
+def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
+    told = tca("tree", stuck().write(tmp_path / "stuck"), "--story", 6).stdout
+    assert told.splitlines()[2] == "waits in the end for calibrate {3}, which no module handles"
+
+
+def test_what_is_told_of_waits_gives_way_before_their_end() -> None:
+    note = words.Note("waits until a very long name of a step {7} is achieved", 1.0, "in the end for calibrate {3}")
+    assert note.within(None) == "waits until a very long name of a step {7} is achieved; in the end for calibrate {3}"
+    assert note.within(70) == "waits until a very long name of a step …; in the end for calibrate {3}"
+    assert note.within(40) == "waits until a very long name …; in the …"

@@ -1,0 +1,107 @@
+"""What is waited for in the end, on the page: on every row, in the pane, and in the head for all tasks together."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import Story
+from tools.waits import delayed, stuck
+from view.conftest import Look
+
+from tca_wire import facts
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
+
+pytestmark = pytest.mark.slow
+
+END = "in the end for calibrate {3}, which no module handles"
+
+
+def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Path) -> None:
+    page = look(stuck().write(tmp_path / "stuck"), "#task=6")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
+    expect(why[1]).to_have_text(f"achieving: {END}, for 3.00 s")
+    expect(why[2]).to_have_text(f"waits until calibrate {{3}} is achieved; {END}, for 3.00 s")
+    expect(why[3]).to_have_text("waits for a module that handles calibrate, for 3.00 s")
+    expect(why[6]).to_have_text(f"waits until drill {{5}} is achieved; {END}, for 3.00 s")
+    expect(page.locator("#task .lead.end")).to_have_text(END)
+    page.set_viewport_size({"width": 1300, "height": 860})
+    expect(why[6]).to_have_text("until drill {5} is achieved; in the end for calibrate {3}, for 3.00 s")
+    expect(why[2]).to_have_text("until calibrate {3} is achieved, which no module handles, for 3.00 s")
+    page.locator("#task .lead.end button").click()
+    expect(page.locator("#task h2")).to_have_text("calibrate {3}")
+
+
+def test_the_head_counts_by_what_is_waited_for_in_the_end(look: Look, tmp_path: Path) -> None:
+    page = look(stuck().write(tmp_path / "stuck"))
+    causes = page.locator("#causes")
+    expect(causes).to_have_text("6 wait for 1 thing:calibrate {3}, which no module handles")
+    page.keyboard.press("Home")
+    expect(causes).to_have_text("nothing waits")
+    page.keyboard.press("End")
+    causes.locator("button").click()
+    expect(page.locator("#task h2")).to_have_text("calibrate {3}")
+
+
+def test_100_000_that_wait_are_told_what_for(look: Look, tmp_path: Path) -> None:
+    page = look(stuck(100_000).write(tmp_path / "many"))
+    expect(page.locator("#causes")).to_have_text("100002 wait for 1 thing:calibrate {3}, which no module handles")
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#causes")).to_contain_text("wait for 1 thing")
+    page.keyboard.press("End")
+    expect(page.locator(".row .why").nth(1)).to_contain_text("in the end for calibrate {3}")
+
+
+def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None:
+    story = Story().module("stove", "fry", "boil").at(1.0)
+    fry, boil = story.command("fry", "user"), story.command("boil", "user")
+    story.delivered(fry, "stove").queued(boil, "stove").at(2.0).returned(fry, Outcome.FAILED)
+    story.say(facts.Failed(fry, "burnt", "flames everywhere")).reached(fry, *Moment).at(3.0)
+    page = look(story.write(tmp_path / "kitchen"))
+    for words, found in (
+        ("burnt", 1),
+        ("Flames", 1),
+        ("fail", 1),
+        ("failed fry burnt", 1),
+        ("boil burnt", 0),
+        ("queued stove", 1),
+        ("stove", 2),
+        ("{2}", 1),
+    ):
+        page.locator("#search").fill(words)
+        expect(page.locator("#found")).to_have_text(f"{found} found")
+    page.locator("#search").fill("burnt")
+    page.locator("body").press("Home")
+    page.evaluate("tca.slider.setTime(1.5)")
+    expect(page.locator("#found")).to_have_text("0 found")
+
+
+def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
+    page = look(delayed().write(tmp_path / "dinner"), "#task=2")
+    why = page.locator(".row[data-task='2'] .why")
+    expect(why).to_contain_text("until 3.00 s after ring bell {1} is achieved")
+    expect(why).to_have_attribute("title", "waits until 3.00 s after ring bell {1} is achieved\n\nin the end for"
+                                  " ring bell {1}, which waits until 500.250 s")  # fmt: skip
+    expect(page.locator("#task .lead").first).to_contain_text("waits until 3.00 s after ring bell {1} is achieved")
+    expect(page.locator("#task table")).to_contain_text(
+        ["", "start achieving not before 3.00 s after ring bell {1} end achieving"]
+    )
+    expect(page.locator(".row[data-task='1'] .kind")).to_have_text("SEQ + 3.00 s")
+
+
+def test_bars_of_what_nobody_handles_have_names_and_are_seen_in_the_dark(look: Look, tmp_path: Path) -> None:
+    page = look(stuck().write(tmp_path / "stuck"))
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(f"({_OF_NOBODY}).step") > 10
+    assert page.evaluate(_BRIGHTEST) > 70
+
+
+_OF_NOBODY = "tca.chart.layout.find((one) => one.row.label === '(no handler)')"
+_BRIGHTEST = """(() => {
+  const { canvas, layout } = tca.chart, { top } = layout.find((one) => one.row.label === '(no handler)');
+  tca.chart.draw();
+  const seen = canvas.getContext("2d").getImageData(canvas.width * 0.6, (top + 3) * devicePixelRatio, 1, 1).data;
+  return Math.max(...seen.slice(0, 3)) * seen[3] / 255;
+})()"""
+"""The strongest colour of its first bar."""

@@ -1,0 +1,114 @@
+"""Which run the page shows: the newest one while it follows, another when that is chosen; real centrals, one by one."""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from integration.programs import Central, central
+from playwright.sync_api import Page, expect
+from tools.story import stumbling, walking
+from view.conftest import Look
+
+from tca_module import Goal, connect
+from tca_wire import facts
+from tca_wire.facts import JOURNAL_VERSION
+
+pytestmark = pytest.mark.slow
+
+WALK, REST = Goal("walk", int), Goal("rest", int)
+Start = Callable[[str, Goal[int]], Central]
+
+
+@pytest.fixture
+def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
+    """Starts a central of that name, and sends it a goal that nobody handles."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with ExitStack() as running:
+
+        def begin(name: str, goal: Goal[int]) -> Central:
+            (tmp_path / name).mkdir()
+            started = running.enter_context(central(tmp_path / name))
+            with connect("user", started.address) as user:
+                user.goal(goal, 1)
+            return started
+
+        yield begin
+
+
+def task(page: Page, name: str) -> None:
+    expect(page.locator(".row .name")).to_have_text([name])
+
+
+def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew(
+    look: Look, serve: Callable[..., str], start: Start
+) -> None:
+    first = start("first", WALK)
+    page = look(serve())
+    task(page, "walk")
+    first.stop()
+    expect(page.locator("#status")).to_have_text("ended")
+    start("second", REST)
+    task(page, "rest")
+    expect(page.locator("#status")).to_have_text("live")
+    expect(page.locator("#newer")).to_be_hidden()
+    page.reload()
+    task(page, "rest")
+
+
+def test_who_looks_at_a_task_is_told_and_goes_there_when_he_likes(
+    look: Look, serve: Callable[..., str], start: Start
+) -> None:
+    first = start("first", WALK)
+    page = look(serve())
+    page.locator(".row").click()
+    expect(page.locator("#task h2")).to_have_text("walk {1}")
+    first.stop()
+    start("second", REST)
+    expect(page.locator("#newer")).to_contain_text("a newer run has begun: ")
+    task(page, "walk")
+    page.reload()  # the address says of which run the task is
+    expect(page.locator("#task h2")).to_have_text("walk {1}")
+    page.evaluate("location.hash = ''")
+    page.locator("#runs").select_option(index=0)
+    task(page, "rest")
+    expect(page).to_have_url(re.compile(r"/$"))
+
+
+def test_the_note_leads_to_the_newer_run(look: Look, serve: Callable[..., str], start: Start) -> None:
+    first = start("first", WALK)
+    page = look(serve())
+    task(page, "walk")
+    page.keyboard.press("Home")
+    first.stop()
+    start("second", REST)
+    page.locator("#newer button").click()
+    task(page, "rest")
+
+
+def test_an_older_run_can_be_chosen(look: Look, serve: Callable[..., str], start: Start) -> None:
+    start("first", WALK).stop()
+    second = start("second", REST)
+    page = look(serve())
+    task(page, "rest")
+    expect(page.locator("#runs option")).to_have_count(2)
+    page.locator("#runs").select_option(index=1)
+    task(page, "walk")
+    second.stop()
+    start("third", Goal("sleep", int))
+    expect(page.locator("#runs option")).to_have_count(3)
+    task(page, "walk")  # it was chosen: nobody is taken away from it
+    expect(page.locator("#newer")).to_be_visible()
+
+
+def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
+    story = stumbling()
+    folder = walking().write(tmp_path / "mixed")
+    story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
+    (folder / "00000002.tcaj").write_bytes(story.encoded())
+    page = look(folder)
+    expect(page.locator("#runs option")).to_have_text(["mixed/later (newest)", "mixed"])
+    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
+    page.locator("#runs").select_option(index=1)
+    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("planned")
