@@ -19,12 +19,10 @@ from tca_central.intervals import (
     MUST_FOLLOW_IN_GOAL,
     REACHED_AT_BIRTH_BY_COMMAND,
     STARTS,
-    STARTS_OF_COMMAND,
-    STARTS_OF_GOAL,
     delivered_at,
 )
 from tca_central.registry import Delivery, Tap
-from tca_central.task_tree import Task, TaskTree, taps_of
+from tca_central.task_tree import Task, TaskTree, first_moments, taps_of, to_be_fired
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.facts import Killed, Reached, TimedOut
 from tca_wire.points import (
@@ -111,8 +109,7 @@ class Agenda:
     def started(self, task: Task) -> None:
         """A handler was given the task."""
         if not task.reached & START_HANDLING:
-            together = STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
-            self._reach(task, together & ~task.reached)
+            self._reach(task, first_moments(task) & ~task.reached)
             self._look_at.append(task)
         if task.is_watcher and task.parent is not None:
             self._look_at.append(task.parent)
@@ -129,7 +126,8 @@ class Agenda:
         task.again, task.returned = True, False
         if task.rare:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
-            task.rare.fired &= {tap.id for tap in taps_of(task) if not tap.before & to_come}
+            done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
+            task.rare.fired = {tap: heard for tap, heard in task.rare.fired.items() if tap in done}
         self.hand_back(task)
 
     def asked(self, task: Task, handler: Task) -> None:
@@ -141,7 +139,7 @@ class Agenda:
         """Let what wiretaps want done before a task that has not been started be done again."""
         again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
         if again:
-            task.more.fired -= again
+            task.more.fired = {tap: heard for tap, heard in task.more.fired.items() if tap not in again}
             if task.queues is not None:
                 self._take_back(task)
             self._look_at.append(task)
@@ -150,6 +148,10 @@ class Agenda:
         """No handler has a task that has been started: let it be handled as soon as that may be."""
         if task.queues is not None:
             self.withdrawn.append(task)
+        self.ask_again(task)
+
+    def ask_again(self, task: Task) -> None:
+        """No handler has a task, and it waits for none any more: see whether it may go to one."""
         task.requested = False
         self._look_at.append(task)
 
@@ -223,18 +225,16 @@ class Agenda:
                 now |= moment
         if now:
             self._reach(task, now)
-        if not task.killed and not task.requested and self._may_start(task) and self._may_pass(task, self._first(task)):
+        if (
+            not task.killed
+            and not task.requested
+            and self._may_start(task)
+            and self._may_pass(task, first_moments(task))
+        ):
             task.requested = True
             self.startable.append(task)
         if task.watches_alone:
             self.alone.append(task)
-
-    @staticmethod
-    def _first(task: Task) -> int:
-        """The moments reached by the start of a task."""
-        if task.again:
-            return START_HANDLING
-        return STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
 
     def _may_pass(self, task: Task, moments: int) -> bool:
         """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
@@ -242,10 +242,8 @@ class Agenda:
             return True
         if task.rare and task.rare.is_tapped:
             return False
-        fired = task.rare.fired if task.rare else ()
-        new = [tap for tap in taps_of(task) if tap.before & moments and tap.id not in fired]
+        new = to_be_fired(task, moments)
         if new:
-            task.more.fired.update(tap.id for tap in new)
             task.more.is_tapped = True
             self.tapped.append((task, new))
         return not new
@@ -257,6 +255,8 @@ class Agenda:
 
     def _may_start(self, task: Task) -> bool:
         if task.suspended or (task.again and not task.is_clear):
+            return False
+        if task.held and is_held(task, START_HANDLING):  # it is handled once more
             return False
         if task.delayed and not self._may_reach(task, START_ACHIEVING):
             return False

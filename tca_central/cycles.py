@@ -10,7 +10,10 @@ from typing import NamedTuple
 
 from tca_central.intervals import predecessors_within, successors_within
 from tca_central.task_tree import Task, TaskTree
-from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_PLANNING
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
+
+ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
+"""What comes after the start of a task's handling where that has been reached before: the first that is not past."""
 
 
 class Place(NamedTuple):
@@ -71,16 +74,11 @@ def successors(place: Place) -> Iterator[Place]:
     if task.delayed and moment == START_ACHIEVING:
         yield Place(task, START_PLANNING)
     for at, follower, its_moment, _ in task.followers or ():
-        if at == moment:
+        if at == moment and its_moment == START_HANDLING:
+            yield from (Place(follower, one) for one in ENDS_OF_HANDLING)
+        elif at == moment:
             yield Place(follower, its_moment)
-    if moment in (START_PLANNING, START_ACHIEVING):
-        yield from (Place(child, moment) for child in (task.children or {}).values() if not child.is_free)
-    elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
-        yield Place(parent, moment)
-        if moment == END_ACHIEVING and _decides(task, parent):
-            yield from (Place(parent, one) for one in (END_HANDLING, END_PLANNING))
-        if moment == END_ACHIEVING and task.rare is not None:
-            yield from (Place(asked, one) for asked in task.rare.asked for one in (END_HANDLING, END_PLANNING))
+    yield from _relatives_after(task, moment)
 
 
 def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
@@ -90,10 +88,22 @@ def predecessors(tree: TaskTree, place: Place) -> Iterator[Place]:
         yield Place(task, preceding)
     if task.delayed and moment == START_PLANNING:
         yield Place(task, START_ACHIEVING)
+    came_before = START_HANDLING if moment in ENDS_OF_HANDLING else moment
     for at, leader_id, its_moment in task.leaders or ():
-        if at == moment and (leader := tree.tasks.get(leader_id)) is not None:
+        if at in (moment, came_before) and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)
     yield from _relatives_before(task, moment)
+
+
+def _relatives_after(task: Task, moment: int) -> Iterator[Place]:
+    if moment in (START_PLANNING, START_ACHIEVING):
+        yield from (Place(child, moment) for child in (task.children or {}).values() if not child.is_free)
+    elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
+        yield Place(parent, moment)
+        if moment == END_ACHIEVING and _decides(task, parent):
+            yield from (Place(parent, one) for one in ENDS_OF_HANDLING)
+        if moment == END_ACHIEVING and task.rare is not None:
+            yield from (Place(asked, one) for asked in task.rare.asked for one in ENDS_OF_HANDLING)
 
 
 def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
@@ -103,7 +113,7 @@ def _relatives_before(task: Task, moment: int) -> Iterator[Place]:
             yield Place(task.parent, moment)
     elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in children)
-    if moment in (END_HANDLING, END_PLANNING) and (task.again or task.rare):
+    if moment in ENDS_OF_HANDLING and (task.again or task.rare):
         yield from (Place(child, END_ACHIEVING) for child in children if _decides(child, task))
         yield from (Place(handler, END_ACHIEVING) for handler in (task.rare.asking if task.rare else ()))
 

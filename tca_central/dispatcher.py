@@ -276,14 +276,19 @@ class Dispatcher:
 
     def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""
-        resources = [only] if only else {handler.resource: None for handler in message.handlers}
-        found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
-        found.update(message.waiting)
+        queued = self.queued(message, only)
         message.waiting.clear()
-        queued = sorted(found.values(), key=lambda delivery: delivery.arrival)
         for delivery in queued:
             self._leave_queues(delivery)
         return queued
+
+    @staticmethod
+    def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
+        """The deliveries of a message that wait (for one resource *only*), oldest first."""
+        resources = [only] if only else {handler.resource: None for handler in message.handlers}
+        found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
+        found.update(message.waiting)
+        return sorted(found.values(), key=lambda delivery: delivery.arrival)
 
 
 def _goes_on(resource: ModuleResource) -> bool:

@@ -10,11 +10,11 @@ from tca_central.availability import HandledWait
 from tca_central.clock import Due
 from tca_central.control import Ending
 from tca_central.direct import route_of
-from tca_central.holds import Release, held_counts
+from tca_central.holds import Release, held_counts, is_held
 from tca_central.intervals import MUST_FOLLOW_IN_COMMAND, MUST_FOLLOW_IN_GOAL, delivered_at
 from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
-from tca_central.task_tree import Task
+from tca_central.task_tree import Task, first_moments, to_be_fired
 from tca_central.watching import Watch
 from tca_wire.points import (
     ALL_MOMENTS,
@@ -118,7 +118,8 @@ def _check_order(task: Task) -> None:
         together = bool(task.reached & START_PLANNING) == bool(task.reached & START_ACHIEVING)
         assert together, f"{task}: its planning did not start with its achieving"
     for moment in held_counts(task):
-        assert task.killed or not task.reached & moment, f"{task}: moment {moment} is past, and still held"
+        is_past = task.reached & moment and moment != START_HANDLING  # that comes again when it is handled anew
+        assert task.killed or not is_past, f"{task}: moment {moment} is past, and still held"
 
 
 def _check_delivery(central: State, task: Task) -> None:
@@ -131,6 +132,8 @@ def _check_delivery(central: State, task: Task) -> None:
     assert not (is_attended and task.returned), f"{task}: returned and with a handler"
     if task.killed:
         return
+    unasked = to_be_fired(task, first_moments(task)) if task.queues is not None else []
+    assert not unasked, f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
     if task.reached & START_HANDLING:
         watch = task.rare.watch if task.rare else None
         is_decided = (
@@ -140,14 +143,15 @@ def _check_delivery(central: State, task: Task) -> None:
             or task.again
             or task.suspended
             or task.queues is not None
+            or is_held(task, START_HANDLING)
         )
         recovering = task.rare.recovering if task.rare else None
         assert is_decided or (recovering and recovering.id in central.tree.tasks), f"{task}: nobody handles it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
-    is_held = any(moment in held_counts(task) for moment in starts) or task.suspended
-    may_start = not is_held and all(task.is_free or bool(parent.reached & moment) for moment in starts)
+    is_kept = any(moment in held_counts(task) for moment in starts) or task.suspended
+    may_start = not is_kept and all(task.is_free or bool(parent.reached & moment) for moment in starts)
     assert may_start == task.requested == (task.queues is not None), f"{task}: may start, and nobody was asked"
 
 

@@ -10,13 +10,14 @@ from tca_central.registry import Connection, Delivery, Handler, Module
 from tca_central.requests import fail_delivery, give_up
 from tca_central.sharing import forget_unfit_value, tell_new_watcher
 from tca_central.state import Failure, State, deliver
-from tca_central.taps import happened
-from tca_central.task_tree import Task
+from tca_central.taps import happened, listeners_come
+from tca_central.task_tree import Task, to_be_fired
 from tca_wire import facts, headers
 from tca_wire.failures import MODULE_LOST
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Cancelled
 from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
 from tca_wire.parts import HandlerFormat
+from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
 
 
@@ -144,7 +145,8 @@ def _hand_on(central: State, delivery: Delivery) -> None:
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
-    if delivery.suspended or delivery.again:  # it will not be queued at once
+    is_tapped = bool(to_be_fired(delivery, START_HANDLING))
+    if delivery.suspended or delivery.again or is_tapped:  # it will not be queued at once
         central.facts.append(facts.Unqueued(delivery.given_as))
     central.agenda.hand_back(delivery)
 
@@ -173,6 +175,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
                 facts.FormatDefined(message.name, message.message_class, declared.data, declared.reply, module.name)
             )
             forget_unfit_value(central, message)
+    listeners_come(central, [handled.message for handled in header.handlers])
     for handled in header.handlers:
         _add_handler(central, module, handled)
     central.send(connection, header.number, Accepted(header.number))

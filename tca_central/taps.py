@@ -6,17 +6,18 @@ did, is a child of the tapped task: its failure is looked after there, and it di
 under the root, so that an observer's failure is not the observed one's. What is sent for a tap is itself not tapped.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from tca_central import direct
 from tca_central.errors import RequestError
-from tca_central.intervals import DELIVERED, FAILURE, KILLED, REPLIED, RETURNED, SENT, SUCCESS, delivered_at
+from tca_central.intervals import DELIVERED, FAILURE, KILLED, REPLIED, RETURNED, SENT, STARTS, SUCCESS, delivered_at
 from tca_central.making import data_for, make_statement, make_task
 from tca_central.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.state import State, involved
-from tca_central.task_tree import Task, taps_of
+from tca_central.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.watching import become_monitor, check_options, end_watch, ends_by_itself, enlist
 from tca_wire import facts, headers
 from tca_wire.formats import NO_DATA, first_difference
@@ -137,6 +138,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
         if is_said_anew and connection.module.name in other.holders:
             remove(central, other, connection.module)  # its monitor is to watch as is said now
+    _ask_waiting(central, tap)
     central.send(connection, header.number, Accepted(header.number, tap.id))
 
 
@@ -233,6 +235,48 @@ def forget_task(central: State, task: Task) -> None:
         del central.taps[tap.id]
 
 
+# --- who waits already -----------------------------------------------------------------------------------------------
+
+
+def _ask_waiting(central: State, tap: Tap) -> None:
+    """A wiretap has come: what only waits to be given to a handler has to pass it first, as what comes later."""
+    for task in _waiting(central, tap):
+        if tap not in to_be_fired(task, first_moments(task)):
+            continue
+        if tap.listener.handlers or tap.listener.message_class.is_monitor:
+            _hold_back(central, task)
+        else:
+            fire_before(central, task, [tap])
+
+
+def listeners_come(central: State, names: Iterable[str]) -> None:
+    """Messages will be handled that may be nobody's now: what waits and passed a wiretap because nobody handled its
+    listener has to pass it once more.
+    """
+    coming = [central.registry.messages[name] for name in names]
+    new = {message for message in coming if not message.handlers}
+    for tap in central.taps.values() if new else ():
+        if tap.listener in new:
+            for task in _waiting(central, tap):
+                if task.rare is not None and task.rare.fired.get(tap.id) is False:
+                    _hold_back(central, task)
+
+
+def _waiting(central: State, tap: Tap) -> list[Task]:
+    """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold such."""
+    if not tap.before & STARTS:
+        return []
+    if isinstance(tap.place, Task):
+        return [tap.place] if tap.place.queues is not None else []
+    return [one for one in central.dispatcher.queued(tap.place) if isinstance(one, Task)]
+
+
+def _hold_back(central: State, task: Task) -> None:
+    """Let a task that waits to be given to a handler be looked at anew; it keeps its place among the others."""
+    central.dispatcher.withdraw(task, keep_place=True)
+    central.agenda.ask_again(task)
+
+
 # --- firing ----------------------------------------------------------------------------------------------------------
 
 
@@ -251,9 +295,15 @@ def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
+        task.more.fired[tap.id] = listener is not None
         interval = RULES[tap.condition].interval
-        if isinstance(listener, Task) and interval and not (task.reached & moment or listener.reached & interval):
+        if not isinstance(listener, Task) or not interval or listener.reached & interval:
+            continue
+        if tap.before == START_HANDLING and task.reached & START_HANDLING:  # it is handled once more
+            central.agenda.holds.hold(listener, interval, task, START_HANDLING)
+            continue
+        moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
+        if not task.reached & moment:
             central.agenda.holds.hold(listener, interval, task, moment)
     central.agenda.fired(task)
 

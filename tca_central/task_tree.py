@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from tca_central.errors import RequestError
+from tca_central.intervals import STARTS, STARTS_OF_COMMAND, STARTS_OF_GOAL
 from tca_central.registry import Attached, Connection, Delivery, MessageType, Module, Tap
-from tca_wire.points import ALL_MOMENTS, ROOT, Moment, TaskId
+from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
 from tca_wire.vocabulary import Outcome, Refusal, Role
-
-_STARTS = int(Moment.START_HANDLING | Moment.START_PLANNING | Moment.START_ACHIEVING)
 
 
 class Rare:
@@ -27,7 +26,9 @@ class Rare:
         self.attempts = 1  #: how often it is being or has been handled
         self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
         self.taps: list[Tap] = []  #: its own wiretaps, oldest first
-        self.fired: set[int] = set()  #: wiretaps that have been fired before a moment of it
+        self.fired: dict[
+            int, bool
+        ] = {}  #: wiretaps fired before a moment of it -> whether anybody handled the listener
         self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
         self.listeners: list[Task] = []  #: that are killed with it
         self.watch: Any = None  #: of a monitor: what it is doing
@@ -168,7 +169,7 @@ class TaskTree:
 
     def __init__(self, root_message: MessageType) -> None:
         self.root = Task(ROOT, root_message, b"", None)
-        self.root.reached = _STARTS
+        self.root.reached = STARTS
         self.tasks: dict[int, Task] = {}
         self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
         self.newest = 0  #: the highest id given so far
@@ -276,6 +277,25 @@ def taps_of(delivery: Delivery) -> list[Tap]:
         return taps
     sent_for = delivery.context.task.role if delivery.role.is_of_monitor else delivery.role
     return [] if sent_for is Role.LISTENER else taps
+
+
+def first_moments(task: Task) -> int:
+    """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
+    if task.reached & START_HANDLING:
+        return START_HANDLING
+    return STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
+
+
+def to_be_fired(task: Task, moments: int) -> list[Tap]:
+    """The wiretaps to be fired before a task reaches *moments*: those that have not been, or whose listener nobody
+    handled then and somebody does now.
+    """
+    fired = task.rare.fired if task.rare else {}
+    return [
+        tap
+        for tap in taps_of(task)
+        if tap.before & moments and (tap.id not in fired or (not fired[tap.id] and tap.listener.handlers))
+    ]
 
 
 def is_aside(task: Task) -> bool:

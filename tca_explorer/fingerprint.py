@@ -253,8 +253,8 @@ class _Walk:
 
     # --- what happens to tasks ---------------------------------------------------------------------------------------
 
-    def add_fired(self, _: object, taps: set[int]) -> None:
-        self.add(sorted(taps))
+    def add_fired(self, _: object, taps: dict[int, bool]) -> None:
+        self.add(sorted(taps.items()))
 
     def add_living(self, _: object, tasks: list[Any]) -> None:
         self.add([task for task in tasks if task.reached != ALL_MOMENTS])

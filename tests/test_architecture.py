@@ -58,7 +58,7 @@ CENTRAL: dict[str, set[str]] = {
     "registry": {"errors", "events", "resources"},
     "clock": {"errors"},
     "intervals": set(),
-    "task_tree": {"errors", "registry"},
+    "task_tree": {"errors", "intervals", "registry"},
     "cycles": {"intervals", "task_tree"},
     "holds": {"clock", "cycles", "errors", "intervals", "task_tree"},
     "agenda": {"clock", "errors", "holds", "intervals", "registry", "task_tree"},

@@ -3,7 +3,7 @@
 from itertools import islice
 
 from tca_tools.check.asking import must_answer
-from tca_tools.check.births import not_startable
+from tca_tools.check.births import not_met, not_startable
 from tca_tools.check.failing import failed as failed_task
 from tca_tools.check.records import Item, Place
 from tca_tools.check.rules import (
@@ -20,8 +20,10 @@ from tca_tools.check.rules import (
     QUEUED,
     RETURNED,
     SUSPENDED,
+    TAPPED,
 )
 from tca_tools.check.taps import answered as condition_answered
+from tca_tools.check.taps import check_fired
 from tca_tools.check.world import World, said
 from tca_wire import facts
 from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
@@ -80,6 +82,8 @@ def delivered(world: World, fact: facts.Delivered) -> None:
     (place.nested if is_nested else place.runs)[item.given_as] = item
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
+        if item.reached & START_HANDLING and not (item.is_stranger or item.is_killed):
+            check_fired(world, item, START_HANDLING)
         world.later.append(lambda: _check_begun(world, item))
 
 
@@ -106,6 +110,8 @@ def _task_may_be_begun(world: World, item: Item, what: str) -> None:
     if item.reached & START_HANDLING:
         if item.returned or item.deciding:
             world.broken(RETURNED, item.id, f"{item} {what}, and was handled before")
+        if missing := not_met(item, START_HANDLING):
+            world.broken(TAPPED, item.id, f"{item} {what} once more before {missing}")
         return
     start = START_PLANNING if item.is_goal else START_ACHIEVING
     if missing := not_startable(item):

@@ -70,6 +70,7 @@ def retried(world: World, fact: facts.Retried) -> None:
         world.broken(KILLED, item.id, f"{item} was retried, and it is killed")
     item.failure, item.body = "", fact.body or item.body
     item.is_retried = True
+    item.passed.clear()
     world.flagged.append(item)
     if item.reached & START_HANDLING:
         item.again, item.returned, item.deciding = True, False, 0

@@ -97,6 +97,7 @@ class Item:
         "origin",
         "original",
         "parent",
+        "passed",
         "place",
         "reached",
         "recovering",
@@ -138,8 +139,7 @@ class Item:
         self.is_answered = self.is_dropped = False
         self.returned = self.again = False  #: its handler is done for good; it is to be handled once more
         self.must_fail = False  #: its handler failed, and the failure is still to be raised
-        self.attempts = 1
-        self.failure = ""
+        self.attempts, self.failure = 1, ""
         self.deciding = 0  #: the exception handler that decides what becomes of it
         self.recovering: tuple[int, ...] = ()
         self.searches: list[int] = []  #: searches for exception handlers that must come: after which one (0: anew)
@@ -148,6 +148,9 @@ class Item:
         self.invocations: dict[int, int] = {}  #: how often each attachment was called here
         self.is_tapped = True  #: wiretaps are fired for it
         self.fired: set[int] = set()  #: the wiretaps that were fired for it
+        self.passed: dict[
+            int, int
+        ] = {}  #: those since it was sent or last retried -> the listener (0: nobody handles it)
         self.claims: dict[int, facts.Claimed] = {}  #: what was claimed for it
         self.waiters: list[tuple[str, int, int]] = []  #: who waits for which moment of it
 

@@ -65,6 +65,7 @@ def fired(world: World, fact: facts.TapFired) -> None:
     tapped = world.items.get(fact.tapped)
     if tapped is not None:
         tapped.fired.add(tap.id)
+        tapped.passed[tap.id] = fact.listener
         if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
             whose = world.name(tap.task) if tap.task else tap.message
             world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
@@ -86,7 +87,8 @@ def _sent(world: World, tap: facts.TapAdded, fact: facts.TapFired, tapped: Item 
 
 
 def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
-    if not tapped.reached & moment and not listener.reached & end:
+    is_to_come = moment == START_HANDLING or not tapped.reached & moment  # it may be handled once more
+    if is_to_come and not listener.reached & end:
         points = Point(TaskId(listener.id), Moment(end)), Point(TaskId(tapped.id), Moment(moment))
         hold = Hold(Constraint(*points), listener, None)
         tapped.holds.append(hold)
@@ -94,16 +96,20 @@ def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
 
 
 def check_fired(world: World, item: Item, moments: int) -> None:
-    """A task goes on: all wiretaps that were there when it was sent have been fired. What is sent for a wiretap is not
-    tapped, nor what a monitor sends that was.
+    """A task goes on: all wiretaps that are there have been fired; those are passed over whose listener nobody handles.
+    What is sent for a wiretap is not tapped, nor what a monitor sends that was.
     """
     of_message = world.taps_before.get(item.message)
     if not of_message or not item.is_tapped or not item.is_task:
         return
     for tap in of_message.values():
-        if _FIRED_BEFORE[tap.condition] & moments and tap.id < item.id and tap.id not in item.fired and not tap.task:
-            what = f"{item} went on, and wiretap {{{tap.id}}} ({tap.listener} {tap.condition}) was not fired"
-            world.broken(TAPPED, item.id, what)
+        if not _FIRED_BEFORE[tap.condition] & moments or tap.task not in (ROOT, item.id):
+            continue
+        which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
+        if tap.id not in item.passed:
+            world.broken(TAPPED, item.id, f"{item} went on, and {which} was not fired")
+        elif not item.passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
+            world.broken(TAPPED, item.id, f"{item} went on, and {which} was passed over, though somebody handles it")
 
 
 def check_sent(world: World, listener: Item) -> None:

@@ -69,6 +69,27 @@ def tapped(condition: Condition, *properties: Property) -> Scenario:
     return scenario
 
 
+def tapped_late(*properties: Property, safety_arrives_late: bool = False) -> Scenario:
+    """A step that waits outside of locked legs is checked: somebody taps it, or the checks come with their module."""
+    scenario = Scenario("tapped late", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+    safety = scenario.module("safety", arrives_late=safety_arrives_late)
+    safety.handles(CHECK)(lambda _: None)
+    if safety_arrives_late:
+        safety.at_start(lambda module: module.tap(Condition.BEFORE_HANDLING, STEP, CHECK))
+
+    @scenario.module("user").does
+    def story(me: Script) -> None:
+        with me.lock("legs"):
+            me.command(STEP, 1)
+            if safety_arrives_late:
+                me.wait_until_handled(CHECK)
+            else:
+                me.tap(Condition.BEFORE_HANDLING, STEP, CHECK)
+
+    return scenario
+
+
 def suspending(*properties: Property) -> Scenario:
     """A walk that somebody may suspend, and that is resumed."""
     scenario = Scenario("suspended", *properties)

@@ -4,12 +4,24 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explorer.recoveries import BATTERY, HIGHER, RECHARGE, REPLAN, ladder, late, polling, suspending, tapped
+from explorer.recoveries import (
+    BATTERY,
+    CHECK,
+    HIGHER,
+    RECHARGE,
+    REPLAN,
+    ladder,
+    late,
+    polling,
+    suspending,
+    tapped,
+    tapped_late,
+)
 from explorer.scenarios import REST, SLIPPED, STEP, WALK
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
-from tca_central import control, failures, monitors, waits
+from tca_central import control, failures, joining, monitors, taps, waits
 from tca_central.agenda import Agenda
 from tca_central.clock import Clock
 from tca_central.core import HANDLERS
@@ -26,6 +38,7 @@ from tca_explorer import (
     achieved,
     at_most_in_all,
     before,
+    begun,
     eventually,
     explore,
     fired,
@@ -48,6 +61,14 @@ def a_before_tap_holds_nothing(patch: Patch) -> None:
     patch.setattr(Holds, "hold", staticmethod(
         lambda leader, at, task, moment, delay=0: None if leader.role else real(leader, at, task, moment, delay)
     ))  # fmt: skip
+
+
+def what_waits_when_a_tap_comes_does_not_pass_it(patch: Patch) -> None:
+    patch.setattr(taps, "_ask_waiting", lambda *_: None)
+
+
+def what_passed_a_tap_that_nobody_heard_does_not_pass_it_again(patch: Patch) -> None:
+    patch.setattr(joining, "listeners_come", lambda *_: None)
 
 
 def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
@@ -207,8 +228,13 @@ def lives_on(world: World) -> list[Seen]:
     return [task for task in world.tasks if task.message == WALK.name and world.now >= 1 and not task.is_killed]
 
 
+IS_CHECKED = before(achieved(CHECK), begun(STEP))
 BROKEN: dict[Callable[[Patch], None], Callable[[], Result]] = {
     a_before_tap_holds_nothing: lambda: explore(tapped(Condition.BEFORE_HANDLING)),
+    what_waits_when_a_tap_comes_does_not_pass_it: lambda: explore(tapped_late(IS_CHECKED)),
+    what_passed_a_tap_that_nobody_heard_does_not_pass_it_again: lambda: explore(
+        tapped_late(IS_CHECKED, safety_arrives_late=True)
+    ),
     a_retry_does_not_wait_for_the_handler: lambda: explore(retried_while_running()),
     suspended_tasks_are_started: lambda: explore(suspending()),
     attempts_are_not_told: lambda: explore(ladder(at_most_in_all(2, retried(STEP)))),

@@ -17,6 +17,7 @@ from explorer.recoveries import (
     polling,
     suspending,
     tapped,
+    tapped_late,
 )
 from explorer.scenarios import REST, SLIPPED, STEP, WALK
 
@@ -69,6 +70,13 @@ def found(scenario: Scenario, *properties: Any) -> str:
 def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: Condition) -> None:
     in_turn = [before(achieved(CHECK, number), begun(STEP, number)) for number in (1, 2)]
     good(tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
+
+
+@pytest.mark.parametrize("safety_arrives_late", [False, True])
+def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bool) -> None:
+    scenario = tapped_late(safety_arrives_late=safety_arrives_late)
+    good(scenario, before(achieved(CHECK, 1), begun(STEP, 1)), at_most_in_all(1, fired(CHECK)), never_stuck())
+    assert "queued: step {2} for legs" in found(scenario, never(fired(CHECK)))
 
 
 def test_a_when_tap_holds_the_end() -> None:

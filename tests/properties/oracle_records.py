@@ -64,6 +64,8 @@ class Node(Job):
     parting: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
+    unheard: set[int] = field(default_factory=set)  # those of them whose listener nobody handled then
+    checks: list["Node"] = field(default_factory=list)  # listeners that are handled before it is handled once more
     listeners: list["Node"] = field(default_factory=list)  # that die with it
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends when there is nothing else left under its parent

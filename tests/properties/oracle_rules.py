@@ -230,23 +230,29 @@ def _is_ready(world: World, node: Node, held: set[tuple[int, Moment]], children:
         node.slot or node.asking & set(world.nodes.values()) or not all(child.is_guest for child in children)
     ):
         return False
+    if any(EH not in check.past for check in node.checks):
+        return False
     firsts = [SP, SA] if node.delayed else [node.first]
     return all(_may_reach(node, moment, held, children) for moment in firsts)
 
 
 def _consider_start(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    """Let a task wait for a slot, or no longer."""
+    """Let a task wait for a slot, or no longer. Whatever is to be sent before it is handled is sent as long as it waits;
+    that does not cost it its place.
+    """
     is_ready = _is_ready(world, node, held, children)
     if node.waiting and not is_ready:
         node.waiting = False
         if not (node.suspended or node.again):
             node.arrival = None
         return True
-    if not is_ready or node.waiting:
+    if not is_ready:
         return False
-    moments = {SH} if node.again else start_moments(node)
-    if oracle_taps.fire_before(world, node, moments):
+    if oracle_taps.fire_before(world, node, {SH} if SH in node.past else start_moments(node)):
+        node.waiting = False
         return True
+    if node.waiting:
+        return False
     node.waiting = True
     if node.again:
         node.again, node.recovering, node.given_as = False, None, 0

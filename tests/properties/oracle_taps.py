@@ -48,6 +48,9 @@ def taps_in_force(world: World) -> list[Tap]:
 
 def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
     """Whether there was something to be sent before a task passes these moments."""
+    node.fired -= {
+        tap.id for tap in taps_of(world, node) if tap.id in node.unheard and world.handlers.get(tap.listener)
+    }
     new = [
         tap
         for tap in taps_of(world, node)
@@ -57,10 +60,16 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
         return False
     for tap in new:
         node.fired.add(tap.id)
+        node.unheard.discard(tap.id)
+        if not is_heard(world, tap):
+            node.unheard.add(tap.id)
+            continue
         listener = _fire(world, tap, node)
         before, interval = BEFORE[tap.condition]
         moment = node.first if before == SH else before
-        if isinstance(listener, Node) and interval and moment not in node.past and interval not in listener.past:
+        if isinstance(listener, Node) and before == SH and SH in node.past:
+            node.checks.append(listener)
+        elif isinstance(listener, Node) and interval and moment not in node.past and interval not in listener.past:
             world.pairs.append(Pair((listener, interval), (node, moment)))
     return bool(new)
 
@@ -101,9 +110,14 @@ def take_news(world: World) -> bool:
     return news
 
 
+def is_heard(world: World, tap: Tap) -> bool:
+    """Whether somebody handles what a tap sends; monitors watch by themselves."""
+    return bool(world.handlers.get(tap.listener)) or world.kinds[tap.listener].is_monitor
+
+
 def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     kind = world.kinds[tap.listener]
-    if not world.handlers.get(tap.listener) and not kind.is_monitor:
+    if not is_heard(world, tap):
         return None
     if not kind.is_task:
         made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)

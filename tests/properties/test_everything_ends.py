@@ -12,12 +12,12 @@ from properties.test_deadlocks import HANDLED, Blocking, free_handlers
 from tca_wire import headers
 from tca_wire.parts import Attachment
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Role, Scope
+from tca_wire.vocabulary import Condition, Role, Scope
 
 MENDERS = {"b": ("exception handler mend",), "d": ("exception handler save", "command park")}
 FAILURES = ("slipped", "timeout", "deadlock", "")
 STEPS = ["send"] * 5 + ["ask", "wait", "lock", "lock", "constrain", "return", "return", "return", "kill", "suspend"]
-STEPS += ["fail", "raise", "retry", "parting", "attach", "attach", "deadline", "kill others"]
+STEPS += ["fail", "raise", "retry", "parting", "attach", "attach", "deadline", "kill others", "tap"]
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
 ROUNDS = 2_000
 QUIET = 6  # rounds after which nothing comes any more: central may be slow to look
@@ -58,8 +58,16 @@ class Troubled(Blocking):
             case "kill others" if task:
                 scope = (Scope.DESCENDANTS, Scope.SIBLINGS)[c % 2]
                 self.receive("operator", headers.Kill(self.number("operator"), task, "", scope))
+            case "tap":
+                self.tap(task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c)
             case _:
                 super().do(what, a, b, c)
+
+    def tap(self, task: TaskId, message: str, b: int, c: int) -> None:
+        """The operator has something checked, by whoever blocks, too; what waits already as well."""
+        condition = (Condition.BEFORE_HANDLING, Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING)[b % 3]
+        message, listener = "" if task else message, ("park", "move", "step")[c % 3]
+        self.receive("operator", headers.Tap(self.number("operator"), condition, listener, message, task))
 
 
 class Mixed(Life):

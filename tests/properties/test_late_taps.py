@@ -1,0 +1,80 @@
+"""Wiretaps that come late: whatever waits to be given to a handler when one is attached, or when somebody comes to handle
+its listener, passes it first. In lives that are full of that the reference scheduler agrees with central.
+"""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.test_oracle import NO_SMALLER_SEED, JudgedLife
+
+from tca_wire import headers
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Condition
+
+CHECKED = {
+    "planner": ("goal walk", "query where"),
+    "legs": ("command move", "command lift"),
+    "expert": ("exception handler recover", "exception handler report"),
+    "checker": ("command check", "goal survey", "inform note"),
+}
+"""Who checks comes and goes by itself."""
+MESSAGES = [message for handled in CHECKED.values() for message in handled]
+BEFORE = (Condition.BEFORE_HANDLING,) * 4 + (
+    Condition.BEFORE_ACHIEVING, Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED, Condition.WHEN_ACHIEVED,
+)  # fmt: skip
+STEPS = ["send"] * 8 + ["reply"] * 6 + ["tap"] * 6 + ["remove"] * 4 + ["join"] * 2 + ["bye", "lose", "unregister"] + [
+    "retry", "retry", "suspend", "suspend", "kill", "fail", "attach", "constrain", "lock", "unclaim", "unclaim", "pass",
+    "raise", "give up",
+]  # fmt: skip
+FINISHING = ["reply"] * 8 + ["kill", "pass", "unclaim", "join"]
+CROWDED = 25
+
+
+class CheckedLife(JudgedLife):
+    """Many checks: of messages, and of single tasks that wait."""
+
+    modules = CHECKED
+    messages = MESSAGES
+
+    def join(self, module: str) -> None:
+        self.generation += 1
+        pool = "all" if module == "legs" else ""
+        self.player.module(f"{module}{self.generation}", *self.modules[module], pool=pool)
+
+    def sent_name(self, b: int) -> str:
+        return ("move", "walk", "lift", "move", "walk", "where", "check")[b % 7]
+
+    def tap_(self, a: int, b: int, c: int, d: int) -> None:
+        condition, listener = BEFORE[a % len(BEFORE)], ("check", "check", "survey", "note", "watch")[b % 5]
+        watch = self.watch_options(d, b, c, for_ever=True) if listener == "watch" else None
+        waiting = [task for task in self.central.tree.tasks.values() if task.queues is not None]
+        if waiting and c % 3 == 0:
+            self.request(headers.Tap, condition, listener, "", TaskId(waiting[d % len(waiting)].id), watch)
+        else:
+            message = ("move", "walk", "recover", "lift", "move")[d % 5]
+            self.request(headers.Tap, condition, listener, message, TaskId(0), watch)
+
+    def go_on(self, seed: int, events: int) -> None:
+        dice, end = random.Random(seed), self.central.events + events
+        while self.central.events < end:
+            name = dice.choice(FINISHING if self.crowd() > CROWDED else STEPS)
+            if name == "tap" and len(self.central.taps) > 3:
+                name = "remove"
+            if name == "join" and len(self.connections()) > 12:
+                name = dice.choice(("lose", "bye"))
+            self.do(name, *(dice.randrange(1001) for _ in range(4)))
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=60, deadline=None, phases=NO_SMALLER_SEED)
+def test_the_oracle_agrees_with_central_about_wiretaps_that_come_late(seed: int) -> None:
+    CheckedLife().go_on(seed, 300)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2_000, deadline=None, phases=NO_SMALLER_SEED)
+def test_the_oracle_agrees_with_central_in_many_such_lives(seed: int) -> None:
+    CheckedLife().go_on(seed, 500)
