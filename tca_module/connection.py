@@ -13,10 +13,11 @@ from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
 from tca_module.arguments import check_message, check_timeout
+from tca_module.attending import KILLED, at_work, woken
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
-from tca_module.request import Request, refers_to_tasks
-from tca_module.session import Session
+from tca_module.request import Request, refers_to_tasks, waits_for_others
+from tca_module.session import QUIET, Session
 from tca_module.transport import Transport
 from tca_wire.codec import packets, unpack_to_module
 from tca_wire.declarations import Message
@@ -124,7 +125,7 @@ class Connection:
         """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
         self._check_thread()
         with self._lock:
-            request = self.request(header, body)
+            request = self.request(header, body, is_awaited=True)
             if not self.wait(request, within, what):
                 self.abandon(request)
                 msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
@@ -132,8 +133,12 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 raise Timeout(msg)
             return request.accepted or 0
 
-    def request(self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False) -> Request:
-        """Ask central for something, without waiting."""
+    def request(
+        self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+    ) -> Request:
+        """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all; else, where
+        central takes nothing more for now, this waits a little.
+        """
         self._check_thread()
         with self._lock:
             epoch = self.session.epoch
@@ -144,7 +149,10 @@ is alive: it is overloaded; {what} {self._fate(request)}"
             if wants_answer and (asked := self.direct.ask(header, body)) is not None:
                 return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
-            self._flush()
+            if is_awaited:
+                self._flush(0.0, is_all=False)
+            else:
+                self._flush()
             return request
 
     def wait(
@@ -152,27 +160,42 @@ is alive: it is overloaded; {what} {self._fate(request)}"
     ) -> bool:
         """Wait until a request is over, or *is_over* says that enough has come of it; whether it is.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long, and Stopped,
-        once for each handler, if the module ends.
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; and if the
+        answer has not come, once for each handler: TaskKilled if its task was killed, Stopped if the module ends.
         """
         self._check_thread()
-        session, is_done = self.session, is_over or (lambda: request.is_over)
+        is_done = is_over or (lambda: request.is_over)
         with self._lock:
             try:
                 check_timeout(timeout)
-                came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
+                came = is_done() or self._wait_for(is_done, timeout, what, request)
             except CentralLost as error:
                 self.abandon(request)
                 raise CentralLost(f"{error}; {what} {self._fate(request)}") from None
             except BaseException:
                 self.abandon(request)
                 raise
-            if came and not is_done():
-                session.tell(getattr(request.header, "origin", 0))
-                session.abandon(request)
-                raise Stopped(f"module '{session.module}' ends: {what} is not waited for any more")
             _check(request, what)
             return came
+
+    def _wait_for(
+        self, is_over: Callable[[], bool], timeout: float | None, what: str, request: Request | None = None
+    ) -> bool:
+        """Wait until *is_over*, or the handler that waits is to be woken. An answer that has come is given to it, if it
+        is not the same kill that has ended what it waits for.
+        """
+        attending, one = self.session.attending, self.session.attending.who_waits()
+        wakes = request is None or waits_for_others(request)
+        came = self._wait(lambda: is_over() or (wakes and bool(attending.due(one))), timeout)
+        why = attending.due(one) if wakes else ""
+        if why and (not is_over() or (why == KILLED and request is not None and request.is_void)):
+            attending.tell(one)
+            raise woken(one, why, self.session.module, what)
+        return came
+
+    def tell(self) -> None:
+        """The handler that waited is about to get an error, and so knows that its work is void, if it is."""
+        self.session.attending.tell(self.session.attending.who_waits())
 
     def _fate(self, request: Request) -> str:
         """What becomes of a request that was given up."""
@@ -198,7 +221,7 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         self._check_thread()
         with self._lock:
             self.session.abandon(request)
-            self._flush()
+            self._flush(0.0, is_all=False)
 
     def release(self, request: Request) -> None:
         """Want no longer what a request, whose answer is there, has got."""
@@ -220,7 +243,9 @@ is alive: it is overloaded; {what} {self._fate(request)}"
     def reply(self, header: Any, body: bytes) -> None:
         """A handler ended."""
         with self._lock:
-            if not self.direct.reply(header, body):
+            if self.direct.reply(header, body):
+                self.session.attending.end(header.delivery)
+            else:
                 self.session.reply(header, body)
                 self._flush()
 
@@ -229,8 +254,9 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         self._check_thread()
         with self._lock:
             self._catch_up()
-            if is_cancelled := self.session.is_cancelled(delivery):
-                self.session.tell(delivery)
+            attending = self.session.attending
+            if is_cancelled := attending.is_cancelled(delivery):
+                attending.tell_of(delivery)
             return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
@@ -238,7 +264,7 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         self._check_thread()
         with self._lock:
             self._catch_up()
-            return self.session.is_suspended(delivery)
+            return self.session.attending.is_suspended(delivery)
 
     # --- waiting ---------------------------------------------------------------------------------------------------
 
@@ -271,14 +297,14 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         return self._clock()
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait, and call what is to be called meanwhile; whether *is_over*. Raises CentralLost."""
+        """Wait for callbacks, which are called meanwhile; whether *is_over*. Raises what ``wait`` does, but Refused."""
         self._check_thread()
         check_timeout(timeout)
         with self._lock:
             if self._is_calling_back:
                 msg = "a callback waits for another one: they are called one after the other"
                 raise MisuseError(msg)
-            return self._wait(is_over, timeout)
+            return is_over() or self._wait_for(is_over, timeout, "a callback")
 
     def soon(self, function: Callable[[], None]) -> None:
         """Have the thread that owns this connection call a function, in its present or next wait; from any thread."""
@@ -297,7 +323,8 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         elif self.callbacks and not self._is_calling_back:
             self._is_calling_back = True
             try:
-                self.callbacks.popleft()()
+                with at_work(None):
+                    self.callbacks.popleft()()
             finally:
                 self._is_calling_back = False
 
@@ -317,8 +344,10 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 self.attend(*delivery)
                 continue
             session.tend(now, since)
-            self._flush(_SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP)
-            step = self.direct.patience(min(STEP, max(0.0, deadline - now)))
+            patience_of_send = _SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
+            left = max(0.0, deadline - now)
+            self._flush(min(patience_of_send, left), is_all=left >= min(patience_of_send, STEP))
+            step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
             self._listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
                 self.attend(*message)  # one at a time, and central is heard in between
@@ -330,6 +359,14 @@ is alive: it is overloaded; {what} {self._fate(request)}"
             if now - max(session.heard, since) > patience:
                 raise self.lost()
         return True
+
+    @property
+    def silence(self) -> str:
+        """That central has said nothing for longer than it ever does, or takes nothing; "" if all is well."""
+        session, silent = self.session, self._clock() - self.session.heard
+        if session.is_welcome and not session.outgoing and silent < QUIET:
+            return ""
+        return f"central at {self.address} has been silent for {silent:.1f} s; see whether it runs ('tca status')"
 
     def lost(self) -> CentralLost:
         """The error that says that central does not answer."""
@@ -366,15 +403,18 @@ it listens"
             self._log.warning("%s", complaint)
         self.session.complaints.clear()
 
-    def _flush(self, wait_seconds: float = _SEND_WAIT) -> None:
-        """Send what the session has to say. What has left has left, also if the rest of it can't."""
+    def _flush(self, wait_seconds: float = _SEND_WAIT, *, is_all: bool = True) -> None:
+        """Send what the session has to say. What has left has left, also if the rest of it can't: then the connection
+        is broken, unless *is_all* is False: then the rest is tried again.
+        """
         if self.session.outgoing:
             outgoing, self.session.outgoing = self.session.outgoing, []
             for before, packet in packets(outgoing):
                 if not self.transport.send(packet, wait_seconds):
                     self.session.outgoing = outgoing[before:]
-                    self.direct.unsent(self.session.outgoing)
-                    self.session.break_off()
+                    if is_all:
+                        self.direct.unsent(self.session.outgoing)
+                        self.session.break_off()
                     return
 
     def _check_thread(self) -> None:

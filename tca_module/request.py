@@ -12,6 +12,7 @@ from tca_module.errors import MisuseError
 from tca_wire import headers
 from tca_wire.codec import misfit
 from tca_wire.headers import Register, Send, SetVariable, ToCentral
+from tca_wire.vocabulary import Outcome, Refusal
 
 _HARMLESS = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 """What changes nothing that a second time could change again."""
@@ -58,15 +59,21 @@ class Request:
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
         self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
 
+    @property
+    def is_void(self) -> bool:
+        """Whether a kill has ended what was asked for."""
+        is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
+        return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
+
 
 def may_be_asked_again(header: Any) -> bool:
     """Whether a request can be made twice without harm, where nobody knows what became of the first."""
     return isinstance(header, _HARMLESS)
 
 
-def waits_for_others(header: Any) -> bool:
-    """Whether central answers a request only when others have done something."""
-    return isinstance(header, _WAITS_FOR_OTHERS)
+def waits_for_others(request: Any) -> bool:
+    """Whether a request's answer comes only when others have done something."""
+    return request.wants_answer and isinstance(request.header, _WAITS_FOR_OTHERS)
 
 
 def refers_to_tasks(header: Any) -> bool:

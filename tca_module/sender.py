@@ -156,9 +156,11 @@ class Sender(Control):
     ) -> R:
         """Ask, and wait for the reply; *timeout* in seconds, None waits for ever.
 
-        Raises QueryFailed if the handler fails, Timeout if no reply comes in time.
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that asks, and is to end, is
+        woken: TaskKilled if its task was killed, Stopped if its module ends, as from all that it waits for; once.
         """
-        return self._ask(message, data, priority, blocking=blocks(timeout)).receive(timeout)
+        pending = self._ask(message, data, priority, blocking=blocks(timeout), is_awaited=True)
+        return pending.receive(timeout)
 
     def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
         """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""
@@ -185,9 +187,12 @@ class Sender(Control):
         pending = self._ask(message, data, priority, blocking=False)
         return Notification(pending, callback, on_failure)
 
-    def _ask(self, message: Query[D, R], data: D, priority: int, *, blocking: bool) -> PendingReply[R]:
+    def _ask(
+        self, message: Query[D, R], data: D, priority: int, *, blocking: bool, is_awaited: bool = False
+    ) -> PendingReply[R]:
         check_class(message, Query)
-        return PendingReply(*self._question(message, data, priority=priority, blocking=blocking), message)
+        asked = self._question(message, data, priority=priority, blocking=blocking, is_awaited=is_awaited)
+        return PendingReply(*asked, message)
 
     def _question(
         self,
@@ -198,6 +203,7 @@ class Sender(Control):
         blocking: bool = False,
         maximum: int = 0,
         if_handled: bool = False,
+        is_awaited: bool = True,
     ) -> tuple[Connection, Request]:
         check_priority(name_of(message), priority)
         body = message.encode_data(data)
@@ -212,7 +218,7 @@ class Sender(Control):
             flags=Flags.NONE,
             if_handled=if_handled,
         )
-        return connection, connection.request(header, body, wants_answer=True)
+        return connection, connection.request(header, body, wants_answer=True, is_awaited=is_awaited)
 
     def multi_query(
         self,
@@ -329,7 +335,7 @@ class Sender(Control):
             return list(PendingReplies(connection, request, message, 0))
         if not is_over:
             connection.abandon(request)
-            raise not_answered(message, QUERY_TIMEOUT)
+            raise not_answered(connection, message, QUERY_TIMEOUT)
         return PendingReply(connection, request, message).receive()
 
 

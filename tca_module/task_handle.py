@@ -174,19 +174,20 @@ class TaskHandle(Intervals):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point, blocking=blocks(timeout))
+        what, request = self._ask(point, blocking=blocks(timeout), is_awaited=True)
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             self._connection.abandon(request)
-            msg = f"{what} was not reached within {timeout:g} s: see 'tca status' for what waits, or give timeout="
-            raise Timeout(msg)
+            advice = self._connection.silence or "see 'tca status' for what waits, or give timeout="
+            raise Timeout(f"{what} was not reached within {timeout:g} s: {advice}")
         return request.answers[-1]
 
-    def _ask(self, point: Point, *, blocking: bool) -> tuple[str, Request]:
+    def _ask(self, point: Point, *, blocking: bool, is_awaited: bool = False) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
         self._check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        return what, self._connection.request(WaitFor(0, point, self._origin, blocking), wants_answer=True)
+        header = WaitFor(0, point, self._origin, blocking)
+        return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
         """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
