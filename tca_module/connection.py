@@ -16,12 +16,11 @@ from tca_module.arguments import check_message, check_timeout
 from tca_module.attending import KILLED, at_work, woken
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
+from tca_module.line import SEND_WAIT, Line
 from tca_module.request import Request, refers_to_tasks, waits_for_others
-from tca_module.session import QUIET, Session
+from tca_module.session import Session
 from tca_module.transport import Transport
-from tca_wire.codec import packets, unpack_to_module
 from tca_wire.declarations import Message
-from tca_wire.errors import ProtocolError
 from tca_wire.headers import Bye, Deliver, GiveUp, Register, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
 from tca_wire.vocabulary import Refusal
@@ -38,7 +37,6 @@ STEP = 0.2
 STALL = 2.0
 """Seconds that a turn of a wait never takes unless the process itself was stopped."""
 
-_SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _FOR_EVER = float("inf")
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
@@ -62,6 +60,7 @@ class Connection:
         self.patience = patience
         self._clock = clock
         self._is_calling_back = False
+        self._line = Line(session, transport, self.direct, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner = threading.get_ident()
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
@@ -96,7 +95,7 @@ class Connection:
         with self._lock:
             self.direct.shut()
             if self.session.post(Bye()):
-                self._flush()
+                self._line.flush()
             self.drop()
 
     def drop(self) -> None:
@@ -136,23 +135,20 @@ is alive: it is overloaded; {what} {self._fate(request)}"
     def request(
         self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
     ) -> Request:
-        """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all; else, where
-        central takes nothing more for now, this waits a little.
+        """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all. Else this
+        waits a little where central takes nothing more for now.
         """
         self._check_thread()
         with self._lock:
             epoch = self.session.epoch
-            self._catch_up()
+            self._line.catch_up()
             if self.session.epoch != epoch and refers_to_tasks(header):
                 msg = "central was restarted meanwhile and has forgotten its tasks: begin anew"
                 raise CentralLost(msg)
             if wants_answer and (asked := self.direct.ask(header, body)) is not None:
                 return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
-            if is_awaited:
-                self._flush(0.0, is_all=False)
-            else:
-                self._flush()
+            self._line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
     def wait(
@@ -221,7 +217,7 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         self._check_thread()
         with self._lock:
             self.session.abandon(request)
-            self._flush(0.0, is_all=False)
+            self._line.flush(0.0, is_patient=True)
 
     def release(self, request: Request) -> None:
         """Want no longer what a request, whose answer is there, has got."""
@@ -231,12 +227,12 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
         self._check_thread()
         with self._lock:
-            self._catch_up()
+            self._line.catch_up()
             if self.direct.tell(header, body):
                 return
             dropped = self.session.dropped
             self.session.post(header, body)
-            self._flush()
+            self._line.flush()
             if self.session.dropped > dropped == 0:
                 self._log.warning("central at %s is not there: informs and broadcasts are lost", self.address)
 
@@ -247,13 +243,13 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 self.session.attending.end(header.delivery)
             else:
                 self.session.reply(header, body)
-                self._flush()
+                self._line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether a delivery's handler is to clean up and return; it knows then."""
         self._check_thread()
         with self._lock:
-            self._catch_up()
+            self._line.catch_up()
             attending = self.session.attending
             if is_cancelled := attending.is_cancelled(delivery):
                 attending.tell_of(delivery)
@@ -263,7 +259,7 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         """Whether the task of a delivery that is being handled is suspended."""
         self._check_thread()
         with self._lock:
-            self._catch_up()
+            self._line.catch_up()
             return self.session.attending.is_suspended(delivery)
 
     # --- waiting ---------------------------------------------------------------------------------------------------
@@ -284,12 +280,12 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         *within*: seconds that a central which does not know us, or all of us, yet is waited for.
         """
         with self._lock:
-            self._catch_up()
+            self._line.catch_up()
             self.session.tend(self._clock(), since)
-            self._flush(wait_seconds=0)
+            self._line.flush(wait_seconds=0)
             until = self._clock() + within
-            while not self.session.is_known and self._listen(max(0.0, until - self._clock())):
-                self._flush(wait_seconds=0)
+            while not self.session.is_known and self._line.listen(max(0.0, until - self._clock())):
+                self._line.flush(wait_seconds=0)
             return self._clock() - max(self.session.heard, since)
 
     def now(self) -> float:
@@ -344,11 +340,10 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 self.attend(*delivery)
                 continue
             session.tend(now, since)
-            patience_of_send = _SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
             left = max(0.0, deadline - now)
-            self._flush(min(patience_of_send, left), is_all=left >= min(patience_of_send, STEP))
+            self._line.flush(min(self._send_wait, left), is_patient=left < min(self._send_wait, STEP))
             step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
-            self._listen(0.0 if idle is not None and idle(step) else step)
+            self._line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
                 self.attend(*message)  # one at a time, and central is heard in between
             before, now = now, self._clock()
@@ -361,61 +356,19 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         return True
 
     @property
+    def _send_wait(self) -> float:
+        if self.session.is_welcome:
+            return SEND_WAIT
+        return 0.0 if self.direct.is_used and self.session.epoch else STEP
+
+    @property
     def silence(self) -> str:
-        """That central has said nothing for longer than it ever does, or takes nothing; "" if all is well."""
-        session, silent = self.session, self._clock() - self.session.heard
-        if session.is_welcome and not session.outgoing and silent < QUIET:
-            return ""
-        return f"central at {self.address} has been silent for {silent:.1f} s; see whether it runs ('tca status')"
+        """That central is silent, for errors; "" if all is well."""
+        return self._line.silence
 
     def lost(self) -> CentralLost:
         """The error that says that central does not answer."""
-        msg = f"central at {self.address} does not answer: start it with 'tca central', or set $TCA_CENTRAL to where \
-it listens"
-        return CentralLost(msg)
-
-    def _catch_up(self) -> None:
-        """Take in what has arrived already; a caller that never waits learns that it was cut off, and comes back."""
-        while self._listen(0.0):
-            pass
-        now = self._clock()
-        self.session.tend(now, self.session.heard if self.session.is_welcome else now)
-        if self.session.outgoing:
-            self._flush(wait_seconds=0)
-
-    def _listen(self, timeout: float) -> bool:
-        packet = self.transport.receive(timeout)
-        if packet is not None:
-            self._take_in(packet)
-        else:
-            self.direct.report()  # now that all is read that central said: it may have ended
-        self.direct.listen()
-        return packet is not None
-
-    def _take_in(self, packet: bytes) -> None:
-        now = self._clock()
-        try:
-            for header, body in unpack_to_module(packet):
-                self.session.receive(header, body, now)
-        except ProtocolError as error:
-            self._log.warning("central at %s sent what is no message: %s", self.address, error)
-        for complaint in self.session.complaints:
-            self._log.warning("%s", complaint)
-        self.session.complaints.clear()
-
-    def _flush(self, wait_seconds: float = _SEND_WAIT, *, is_all: bool = True) -> None:
-        """Send what the session has to say. What has left has left, also if the rest of it can't: then the connection
-        is broken, unless *is_all* is False: then the rest is tried again.
-        """
-        if self.session.outgoing:
-            outgoing, self.session.outgoing = self.session.outgoing, []
-            for before, packet in packets(outgoing):
-                if not self.transport.send(packet, wait_seconds):
-                    self.session.outgoing = outgoing[before:]
-                    if is_all:
-                        self.direct.unsent(self.session.outgoing)
-                        self.session.break_off()
-                    return
+        return self._line.lost()
 
     def _check_thread(self) -> None:
         """Before the lock is taken: a thread that serves keeps it for ever."""

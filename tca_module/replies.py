@@ -35,8 +35,8 @@ class PendingReply(Generic[R]):
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
         """The reply; waits for it *timeout* seconds (None: for ever).
 
-        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time: the query is then given up, as
-        it is when the handler that waits is told to end (TaskKilled, Stopped).
+        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time. The query is then given up,
+        as it is when the handler that waits is to end (TaskKilled, Stopped).
         """
         what = self._checked_name()
         try:
@@ -106,7 +106,9 @@ class PendingReplies(Iterator[R], Generic[R]):
         if not self._request.answers and not self._request.is_over:
             patience = None if self._deadline is None else max(0.0, self._deadline - self._connection.now())
             try:
-                self._connection.wait(self._request, patience, name_of(self._message), lambda: bool(self._request.answers))
+                self._connection.wait(
+                    self._request, patience, name_of(self._message), lambda: bool(self._request.answers)
+                )
             except (TaskKilled, Stopped):
                 self._is_cancelled = True
                 raise
@@ -137,8 +139,8 @@ class Notification(Generic[R]):
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the function has been called; False if it has not within *timeout* seconds.
 
-        Raises CentralLost if central is silent for too long, TaskKilled if the task of the handler that waits was killed
-        and Stopped if its module ends; the function is called all the same when the reply comes.
+        Raises CentralLost if central is silent for too long, and if the handler that waits is to end TaskKilled or
+        Stopped; the function is called all the same when the reply comes.
         """
         return self._connection.listen(lambda: self.is_over, timeout)
 
