@@ -54,6 +54,8 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
     for delivery in list(central.dispatcher.attended.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
+            if isinstance(delivery, Task) and (delivery.killed or delivery.again):
+                central.tell(connection, Cancelled(delivery.given_as))
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from tca_central.holds import is_held
 from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.resources import Claim
-from tca_central.state import State
+from tca_central.state import Collector, State
 from tca_central.task_tree import Task
 from tca_wire.points import Moment, describe_moments
 
@@ -65,6 +65,7 @@ def load(central: State) -> dict[str, Any]:
             {"task": int(task.id), "what": _named(task), "by": by, "seconds": max(now - since, 0.0)}
             for since, by, task in suspended[:SHOWN_WAITS]
         ],
+        "killed": _killed(central),
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "looked_at": min(len(central.tree.tasks), LOOKED_AT),
     }
@@ -131,6 +132,25 @@ def _suspended(central: State) -> list[tuple[float, str, Task]]:
     return [(since, by, task) for since, by, task in noted if task.parent is None or not task.parent.suspended]
 
 
+def _killed(central: State) -> list[dict[str, Any]]:
+    """Killed tasks whose handler still runs, in which module, and what it waits for as far as central knows."""
+    attended = central.dispatcher.attended.values()
+    return [
+        {"task": int(one.id), "what": _named(one), "why": one.killed, "module": one.slot.module.name,
+         "for": _awaited_in(central, one.slot, one)}
+        for one in attended if isinstance(one, Task) and one.killed and one.slot is not None
+    ]  # fmt: skip
+
+
+def _awaited_in(central: State, slot: Connection, handled: Delivery) -> str:
+    """What the handler of a delivery waits for; "" if it does not, or central does not know."""
+    mine = handled.given_as
+    blocking = [number for number, wait in slot.waits.items() if wait.origin == mine]
+    asked = [number for number, due in slot.outstanding.items() if getattr(due, "origin", mine) == mine]
+    newest = (blocking or asked)[-1:]
+    return _awaited(central, slot, newest[0]) if newest else ""
+
+
 def _held_at(task: Task) -> int:
     """Which beginning of a task is held (0: none)."""
     return next((moment for moment in _BEGINNINGS if is_held(task, moment)), 0)
@@ -158,6 +178,10 @@ def _awaited(central: State, connection: Connection, number: int) -> str:
         return f"the reply to {_named(due)}"
     if isinstance(due, Claim):
         return f"resource '{due.resource.name}' of '{due.resource.module}'"
+    if isinstance(due, Collector):
+        return f"the replies to message {due.id}"
+    if messages := getattr(due, "messages", ()):
+        return f"modules that handle {', '.join(repr(message.name) for message in messages)}"
     task = central.tree.tasks.get(getattr(due, "task_id", 0))
     if task is None:
         return "an answer"
