@@ -48,6 +48,11 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
     on_hello_again(central, connection, header, b"")
+    _tell_again(central, connection)
+
+
+def _tell_again(central: State, connection: Connection) -> None:
+    """Say what may have been lost with the line before this one."""
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
         central.tell(connection, Cancelled(orphan))
     connection.orphans = []

@@ -156,8 +156,8 @@ class Sender(Control):
     ) -> R:
         """Ask, and wait for the reply; *timeout* in seconds, None waits for ever.
 
-        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that is to end is woken from
-        this, as from all that it waits for, once: TaskKilled if its task was killed, Stopped if its module ends.
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that is to end is woken
+        from this, as from all that it waits for, once: TaskKilled if its task was killed, Stopped if its module ends.
         """
         pending = self._ask(message, data, priority, blocking=blocks(timeout), is_awaited=True)
         return pending.receive(timeout)

@@ -191,7 +191,8 @@ class TaskHandle(Intervals):
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
         """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
-        and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
+        and woken from what they wait for, and else not interrupted. Another *scope* ends only what is under it, or its
+        siblings (TDL: TERMINATE AT, IN, AFTER).
 
         False if the task had ended; one that was killed, and whose handler still runs, has not.
         """

@@ -158,7 +158,7 @@ def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -
             robot.waits(how)
             asking.retry()
             assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-            until(lambda: asking.info().module, "it is handled again")
+            until(lambda: (info := asking.info()) is not None and info.module, "it is handled again")
         robot.waits(how)
         asking.kill()
         assert asking.wait(SOON) is Outcome.KILLED
@@ -287,6 +287,10 @@ def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
         assert working.wait(SOON) is Outcome.KILLED
 
 
+def asked(robot: Robot, module: str) -> list[str]:
+    return [due.message.name for due in robot.central.asked_by(module)]
+
+
 def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
     works, told = Command("work"), queue.Queue[int]()
 
@@ -302,8 +306,8 @@ def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
 
     with robot.running() as user, robot.legs.running():
         working = user.command(works, sequential=False)
-        asked = lambda module: "busy" in [due.message.name for due in robot.central.asked_by(module)]  # noqa: E731
-        until(lambda: asked("legs") and asked("thread"), "both wait")
+        for module in ("legs", "thread"):
+            until(lambda module=module: BUSY.name in asked(robot, module), "it waits")  # type: ignore[misc]
         working.kill()
         robot.go_on.set()
         assert [told.get(timeout=SOON) for _ in range(2)] == [1, 1]
