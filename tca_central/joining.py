@@ -49,12 +49,19 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
     on_hello_again(central, connection, header, b"")
+    _tell_again(central, connection)
+
+
+def _tell_again(central: State, connection: Connection) -> None:
+    """Say what may have been lost with the line before this one."""
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
         central.tell(connection, Cancelled(orphan))
     connection.orphans = []
     for delivery in list(central.dispatcher.attended.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
+            if isinstance(delivery, Task) and (delivery.killed or delivery.again):
+                central.tell(connection, Cancelled(delivery.given_as))
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:

@@ -10,7 +10,7 @@ from itertools import islice
 from operator import itemgetter
 from typing import Any
 
-from tca_central.registry import Delivery, ModuleResource
+from tca_central.registry import Connection, Delivery, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_central.whereabouts import awaited, held_at, held_by, named
@@ -63,6 +63,7 @@ def load(central: State) -> dict[str, Any]:
             {"task": int(task.id), "what": named(task), "by": by, "seconds": max(now - since, 0.0)}
             for since, by, task in suspended[:SHOWN_WAITS]
         ],
+        "killed": _killed(central),
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "looked_at": min(len(central.tree.tasks), LOOKED_AT),
     }
@@ -128,3 +129,22 @@ def _suspended(central: State) -> list[tuple[float, str, Task]]:
     tasks = central.tree.tasks
     noted = ((*how, tasks[number]) for number, how in islice(central.tree.suspended.items(), LOOKED_AT))
     return [(since, by, task) for since, by, task in noted if task.parent is None or not task.parent.suspended]
+
+
+def _killed(central: State) -> list[dict[str, Any]]:
+    """Killed tasks whose handler still runs, in which module, and what it waits for as far as central knows."""
+    attended = central.dispatcher.attended.values()
+    return [
+        {"task": int(one.id), "what": named(one), "why": one.killed, "module": one.slot.module.name,
+         "for": _awaited_in(central, one.slot, one)}
+        for one in attended if isinstance(one, Task) and one.killed and one.slot is not None
+    ]  # fmt: skip
+
+
+def _awaited_in(central: State, slot: Connection, handled: Delivery) -> str:
+    """What the handler of a delivery waits for; "" if it does not, or central does not know."""
+    mine = handled.given_as
+    blocking = [number for each in (slot.waits, slot.pauses) for number, wait in each.items() if wait.origin == mine]
+    asked = [number for number, due in slot.outstanding.items() if getattr(due, "origin", mine) == mine]
+    newest = (blocking or asked)[-1:]
+    return awaited(central, slot, newest[0]) if newest else ""

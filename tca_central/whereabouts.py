@@ -103,6 +103,8 @@ def awaited(central: State, connection: Connection, number: int) -> str:
         return f"the replies to '{copy.message.name}' {{{due.id}}}" if copy is not None else "an answer"
     if isinstance(due, Claim):
         return f"resource '{due.resource.name}' of '{due.resource.module}'"
+    if messages := getattr(due, "messages", ()):
+        return f"modules that handle {', '.join(repr(message.name) for message in messages)}"
     task = central.tree.tasks.get(getattr(due, "task_id", 0))
     if task is None:
         return "an answer"

@@ -3,11 +3,14 @@
 from collections import deque
 from typing import Any
 
+from msgspec.structs import replace
+
 from tca_explorer.link import CANCELLED, SUSPENDED
 from tca_explorer.marks import Id, Number
 from tca_explorer.scenario import ScenarioModule
 from tca_explorer.script import Program
 from tca_explorer.steps import OWN, Await, Branch, Given, Got, Step, known, place_of
+from tca_module.request import waits_for_others
 from tca_wire.headers import Lock
 from tca_wire.points import TaskId
 
@@ -18,6 +21,7 @@ class Request:
     def __init__(self, number: Number, header: Any) -> None:
         self.number = number
         self.header = header
+        self.wants_answer = True
         self.unread: deque[Got] = deque()
         self.is_over = False  #: nothing more comes
 
@@ -38,6 +42,7 @@ class Actor:
         self.late_at: float | None = None  #: when it waits no longer
         self.is_told = False  #: that its task was killed
         self.was_told = False  #: the same, when it last got something
+        self.knows = False  #: that its task was killed: it has read that, or was woken
         self.suspended: tuple[bool, ...] = (False,)  #: what it has been told of that since it last got something
 
     @property
@@ -57,22 +62,33 @@ class Actor:
             return False
         return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
 
+    def is_woken_from(self, request: Request) -> bool:
+        """Whether it waits no longer for an answer because its task was killed: once, as Connection.wait has it."""
+        is_answered = bool(request.unread) and not request.unread[0].is_void
+        return self.is_told and not self.knows and not is_answered and waits_for_others(request)
+
     def ask(self, request: Request) -> None:
         """It has made a request."""
         self.requests[self.asked] = request
         self.asked += 1
 
     def read(self) -> None:
-        """It gets the answer that is there to what it waits for."""
+        """It gets the answer that is there to what it waits for, or is woken."""
         assert isinstance(self.step, Await)
         place = self.step.request
         request = self.requests[place]
-        self.get(request.unread.popleft())
+        if self.is_woken_from(request):
+            answer = request.unread.popleft() if request.unread else Got(self.step.kind)
+            self.knows = True
+            self.get(replace(answer, is_woken=True))
+        else:
+            self.get(request.unread.popleft())
         if request.is_over and not request.unread and not isinstance(request.header, Lock):  # one can be given back
             del self.requests[place]
 
     def lives(self, *got: Got) -> None:
         """That is part of its life now."""
+        self.knows = self.knows or any(one.kind == CANCELLED and one.choice for one in got)
         self.life = self.program.live(self.life, *got)
 
     def get(self, got: Got) -> None:

@@ -14,7 +14,7 @@ from tca_explorer.fold import Fold
 from tca_explorer.marks import Id, Number
 from tca_explorer.naming import renamed, renamed_rows, without_ids
 from tca_explorer.scenario import Scenario
-from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Return
+from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
 from tca_explorer.under_way import Taken
 from tca_module.errors import NIL
 from tca_wire import headers
@@ -88,7 +88,7 @@ class Exchange:
         while (actor := line.actor) is not None and actor not in line.delivered:
             if actor.step is not None:
                 request = actor.awaited
-                if request is None or not request.unread:
+                if request is None or not (request.unread or actor.is_woken_from(request)):
                     return
                 actor.read()
                 continue
@@ -99,6 +99,9 @@ class Exchange:
             if isinstance(step, Await):
                 actor.step = step
                 self._await(line, actor, step)
+            elif isinstance(step, Know):
+                actor.knows = actor.is_told
+                actor.get(Got(step.kind))
             elif isinstance(step, Return) and not actor.delivery:
                 line.stack.pop()
             else:

@@ -30,6 +30,7 @@ class Fold(Situation):
     def __init__(self) -> None:
         super().__init__()
         self._tasks: dict[int, int] = {}  #: of deliveries of tasks that are retried
+        self._copies: dict[int, int] = {}  #: of what goes to many, and its original
         self._conditions: dict[int, Condition] = {}  #: of wiretaps
 
     def forget_what_is_over(self) -> None:
@@ -40,6 +41,7 @@ class Fold(Situation):
             elif seen.is_new or seen.is_retried or seen.has_fired:
                 self._change(key, is_new=False, is_retried=False, has_fired=False)
         self._tasks = {given: task for given, task in self._tasks.items() if task in self.seen}
+        self._copies = {copy: of for copy, of in self._copies.items() if copy in self.seen}
         self.passed = 0.0
         self.taken = None
         self.broken = ""
@@ -84,13 +86,14 @@ class Fold(Situation):
 
     def _key(self, fact: facts.Queued | facts.Delivered) -> int:
         """By which a message is known here; a retried task has another delivery each time."""
-        original = self.seen[fact.message_id]
-        if original.is_task:
+        original = self.seen.get(fact.message_id)
+        if original is not None and original.is_task:
             if fact.id != fact.message_id:
                 self._tasks[fact.id] = fact.message_id
             return fact.message_id
-        if fact.id not in self.seen:
+        if original is not None and fact.id not in self.seen:
             self.seen[fact.id] = replace(original, id=fact.id, is_over=False)
+            self._copies[fact.id] = fact.message_id
         return fact.id
 
     def _claimed(self, fact: facts.Claimed) -> None:
@@ -165,8 +168,9 @@ class Fold(Situation):
         self._change(fact.task, is_killed=True, is_suspended=False)
 
     def _dropped(self, fact: facts.Dropped) -> None:
-        if fact.id in self.seen:
-            self._change(fact.id, is_queued=False, is_over=not self.seen[fact.id].is_handled)
+        for dropped in [fact.id, *(copy for copy, of in self._copies.items() if of == fact.id)]:
+            if dropped in self.seen:
+                self._change(dropped, is_queued=False, is_over=not self.seen[dropped].is_handled)
 
     def _tap_added(self, fact: facts.TapAdded) -> None:
         self._conditions[fact.id] = fact.condition

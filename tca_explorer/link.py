@@ -13,9 +13,9 @@ from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from tca_explorer.errors import ScenarioError
-from tca_explorer.steps import Ask, Await, GiveUp, Got, Hang, History, Step
+from tca_explorer.steps import Ask, Await, GiveUp, Got, Hang, History, Know, Step
 from tca_module.connection import ACKNOWLEDGED_WITHIN
-from tca_module.errors import FormatRefused, Refused
+from tca_module.errors import FormatRefused, Refused, TaskKilled
 from tca_module.replies import QUERY_TIMEOUT
 from tca_wire import headers
 from tca_wire.declarations import Message
@@ -77,6 +77,7 @@ class Link:
     def __init__(self, history: History) -> None:
         attachments = SimpleNamespace(of=lambda _: None)  # central is never restarted here: nothing is kept for that
         self.session = SimpleNamespace(epoch="explored", module="explored", attachments=attachments)
+        self.silence = ""  #: of central, which is never silent
         self.stopped: Pause | Fork | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: what can't be played
         self._history = history
@@ -147,8 +148,9 @@ class Link:
         """Say something that has no answer."""
         self.do(self._ask(header, body, is_told=True))
 
-    def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Asked:
+    def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False) -> Asked:
         """Ask something."""
+        del is_awaited
         if type(header) in _NOT_EXPLORED:
             self.refuse(_NOT_EXPLORED[type(header)])
         self.do(self._ask(header, body, wants_answer=wants_answer))
@@ -161,8 +163,10 @@ class Link:
         if is_over is not None and seconds is not None:
             self.refuse("multi_query(timeout=...)")
         while not (request.is_over or (is_over is not None and is_over())):
-            got = _checked(self.do(Await(request.place, seconds)), what)
-            if got.is_late:
+            got = self.do(Await(request.place, seconds))
+            if got.is_woken:
+                self._be_woken(request, got, what)
+            if _checked(got, what).is_late:
                 return False
             request.is_over = got.is_over
             if got.answer is None:
@@ -170,6 +174,17 @@ class Link:
             else:
                 request.answers.append((got.answer, got.body))
         return True
+
+    def _be_woken(self, request: Asked, got: Got, what: str) -> NoReturn:
+        self._is_told = True
+        if got.answer is None and got.refusal is None:
+            self.abandon(request)
+        request.is_over = True
+        raise TaskKilled("its task", f"{what} is not waited for any more")
+
+    def tell(self) -> None:
+        """The script gets an error, and knows by that of its kill."""
+        self.do(Know())
 
     def abandon(self, request: Asked) -> None:
         """Want no answer any more."""

@@ -69,6 +69,10 @@ class GiveUp(_Step, frozen=True):
     request: int
 
 
+class Know(_Step, frozen=True):
+    """See by an error that one's task was killed, if it was."""
+
+
 class Return(_Step, frozen=True):
     """The script is over; of a handler, *body* is its reply or result."""
 
@@ -91,7 +95,7 @@ class Hang(_Step, frozen=True):
     """The script never goes on."""
 
 
-Step = Ask | Await | GiveUp | Return | Fail | Hang
+Step = Ask | Await | GiveUp | Know | Return | Fail | Hang
 
 
 class Got(msgspec.Struct, frozen=True):
@@ -106,6 +110,8 @@ class Got(msgspec.Struct, frozen=True):
     body: bytes = b""
     is_late: bool = False
     """The time was over."""
+    is_woken: bool = False
+    """It is not waited for any more: the task of whoever waits was killed."""
     choice: int = 0
     words: str = ""
     """Of a choice: what was chosen."""
@@ -114,6 +120,11 @@ class Got(msgspec.Struct, frozen=True):
     def is_over(self) -> bool:
         """Whether nothing more comes of the request."""
         return self.answer is None or not self.answer.more
+
+    @property
+    def is_void(self) -> bool:
+        """Whether a kill has ended what was asked for: see Request of tca_module."""
+        return self.refusal is Refusal.TOO_LATE or self.outcome is Outcome.KILLED
 
     @property
     def outcome(self) -> Outcome:

@@ -8,7 +8,7 @@ from tca_explorer.asking import in_words, point_in_words
 from tca_explorer.link import CHOOSE
 from tca_explorer.naming import renamed
 from tca_explorer.play import Action, Kind, Play
-from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Return, Step
+from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Know, Return, Step
 from tca_explorer.under_way import Tracked
 from tca_explorer.waiting import Waiting
 from tca_wire import headers
@@ -150,6 +150,7 @@ _DO: dict[type, Callable[[Play, Actor, Any], str]] = {
     Ask: _ask,
     Await: _waiting,
     GiveUp: _give_up,
+    Know: lambda _play, _actor, _step: "gets an error",
     Return: lambda _play, _actor, _step: "returns",
     Fail: lambda _play, _actor, step: "reissues its failure" if step.reissue else f"fails: {step.failure}",
     Hang: lambda _play, _actor, _step: "never goes on",

@@ -16,7 +16,7 @@ class Claim:
         self._connection = connection
         kind = "reservation" if header.reserve else "lock"
         self._what = f"the {kind} of resource '{header.resource}'" + (f" of '{header.module}'" * bool(header.module))
-        self._request = connection.request(header, wants_answer=True)
+        self._request = connection.request(header, wants_answer=True, is_awaited=True)
         self._is_over = False
 
     def __repr__(self) -> str:
@@ -24,11 +24,14 @@ class Claim:
 
     def wait(self, timeout: float | None) -> None:
         """Wait until it is granted; central knows the timeout and says when it is over."""
-        patience = None if timeout is None else timeout + ACKNOWLEDGED_WITHIN
-        if not self._connection.wait(self._request, patience, self._what):
+        connection, request = self._connection, self._request
+        is_over = connection.wait(request, timeout, self._what)
+        if not is_over and not connection.silence:  # central, which knows when the time is over, is about to say so
+            is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
+        if not is_over:
             self._connection.abandon(self._request)
-            msg = f"{self._what} was not granted within {timeout:g} s, and central does not say so: it is overloaded"
-            raise Timeout(msg)
+            advice = self._connection.silence or "central does not say so: it is overloaded"
+            raise Timeout(f"{self._what} was not granted within {timeout:g} s: {advice}")
         answer, _ = self._request.answers[-1]
         if answer.outcome is not Outcome.DONE:
             self._is_over = True

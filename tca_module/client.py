@@ -112,7 +112,7 @@ class Client(Sender):
         """
         check_topic(topic, get_args(Topic))
         connection = self._connection()
-        request = connection.request(Ask(0, topic), wants_answer=True)
+        request = connection.request(Ask(0, topic), wants_answer=True, is_awaited=True)
         if not connection.wait(request, timeout, f"the question for {topic}"):
             connection.abandon(request)
             where = f"central at {connection.address}"

@@ -43,7 +43,7 @@ def status(client: Client) -> tuple[Any, str]:
     overview, tree = client.status("status"), client.status("tree")
     waiting = [
         *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client),
-        *_suspended_tasks(client, tree), *_held_tasks(tree),
+        *_suspended_tasks(client, tree), *_killed_tasks(client, tree), *_held_tasks(tree),
     ]  # fmt: skip
     counts = ((what, number) for what, number in overview.items() if what not in ("epoch", "newest id"))
     shown = [f"{number} {what.removesuffix('s') if number == 1 else what}" for what, number in counts]
@@ -232,6 +232,15 @@ def _suspended_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[lis
         if task["task"] in suspended and task["parent"] not in suspended:
             since = how.get(task["task"], "")
             yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{since}"]
+
+
+def _killed_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    """Those whose handlers still run: they were told to return."""
+    if any(task["killed"] and task["module"] for task in tree):
+        for killed in client.status("load")["killed"]:
+            awaited = f", which waits for {killed['for']}" if killed["for"] else ""
+            returns = f"its handler in '{killed['module']}' to return{awaited}"
+            yield [f"task {killed['what']}, killed: {killed['why']}"[:_LONGEST_VALUE], returns]
 
 
 def _held_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:

@@ -13,14 +13,14 @@ from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
 from tca_module.arguments import check_message, check_timeout, name_of
+from tca_module.attending import KILLED, at_work, woken
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
-from tca_module.request import Request, refers_to_tasks
+from tca_module.line import SEND_WAIT, Line
+from tca_module.request import Request, refers_to_tasks, waits_for_others
 from tca_module.session import Session
 from tca_module.transport import Transport
-from tca_wire.codec import packets, unpack_to_module
 from tca_wire.declarations import Message
-from tca_wire.errors import ProtocolError
 from tca_wire.headers import Await, Bye, Deliver, GiveUp, Register, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
 
@@ -36,7 +36,6 @@ STEP = 0.2
 STALL = 2.0
 """Seconds that a turn of a wait never takes unless the process itself was stopped."""
 
-_SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
 _FOR_EVER = float("inf")
@@ -59,6 +58,7 @@ class Connection:
         self.patience = patience
         self._clock = clock
         self._is_calling_back = False
+        self._line = Line(session, transport, self.direct, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner = threading.get_ident()
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
@@ -93,7 +93,7 @@ class Connection:
         with self._lock:
             self.direct.shut()
             if self.session.post(Bye()):
-                self._flush()
+                self._line.flush()
             self.drop()
 
     def drop(self) -> None:
@@ -122,7 +122,7 @@ class Connection:
         """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
         self._check_thread()
         with self._lock:
-            request = self.request(header, body)
+            request = self.request(header, body, is_awaited=True)
             if not self.wait(request, within, what):
                 self.abandon(request)
                 msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
@@ -130,19 +130,23 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 raise Timeout(msg)
             return request.accepted or 0
 
-    def request(self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False) -> Request:
-        """Ask central for something, without waiting."""
+    def request(
+        self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+    ) -> Request:
+        """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all. Else this
+        waits a little where central takes nothing more for now.
+        """
         self._check_thread()
         with self._lock:
             epoch = self.session.epoch
-            self._catch_up()
+            self._line.catch_up()
             if self.session.epoch != epoch and refers_to_tasks(header):
                 msg = "central was restarted meanwhile and has forgotten its tasks: begin anew"
                 raise CentralLost(msg)
             if wants_answer and (asked := self.direct.ask(header, body)) is not None:
                 return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
-            self._flush()
+            self._line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
     def wait(
@@ -150,29 +154,44 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
     ) -> bool:
         """Wait until a request is over, or *is_over* says that enough has come of it; whether it is.
 
-        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long, and Stopped,
-        once for each handler, if the module ends.
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; and if the
+        answer has not come, once for each handler: TaskKilled if its task was killed, Stopped if the module ends.
         """
         self._check_thread()
-        session, is_done = self.session, is_over or (lambda: request.is_over)
+        is_done = is_over or (lambda: request.is_over)
         with self._lock:
             try:
                 check_timeout(timeout)
                 if timeout != 0:
                     self.announce(request)
-                came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
+                came = is_done() or self._wait_for(is_done, timeout, what, request)
             except CentralLost as error:
                 self.abandon(request)
                 raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None
             except BaseException:
                 self.abandon(request)
                 raise
-            if came and not is_done():
-                session.tell(getattr(request.header, "origin", 0))
-                session.abandon(request)
-                raise Stopped(f"module '{session.module}' ends: {what} is not waited for any more")
             request.check(what)
             return came
+
+    def _wait_for(
+        self, is_over: Callable[[], bool], timeout: float | None, what: str, request: Request | None = None
+    ) -> bool:
+        """Wait until *is_over*, or the handler that waits is to be woken. An answer that has come is given to it, if it
+        is not the same kill that has ended what it waits for.
+        """
+        attending, one = self.session.attending, self.session.attending.who_waits()
+        wakes = request is None or waits_for_others(request)
+        came = self._wait(lambda: is_over() or (wakes and bool(attending.due(one))), timeout)
+        why = attending.due(one) if wakes else ""
+        if why and (not is_over() or (why == KILLED and request is not None and request.is_void)):
+            attending.tell(one)
+            raise woken(one, why, self.session.module, what)
+        return came
+
+    def tell(self) -> None:
+        """The handler that waited is about to get an error, and so knows that its work is void, if it is."""
+        self.session.attending.tell(self.session.attending.who_waits())
 
     def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
         """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
@@ -192,21 +211,24 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Tell central, where it does not know, that the answer to a question is waited for from now on."""
         with self._lock:
             if request.is_unannounced:
-                self._catch_up()
+                self._line.catch_up()
             if request.is_unannounced:
                 request.is_announced = self.session.post(Await(request.header.number, blocking))
-                self._flush()
+                self._line.flush()
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
         self._check_thread()
         with self._lock:
             self.session.abandon(request)
-            self._flush()
+            self._line.flush(0.0, is_patient=True)
 
     def give_up(self, request: Request) -> str:
         """Abandon a request that took too long; why it did, if that can be said at once ("": it can't)."""
         with self._lock:
+            if silence := self.silence:
+                self.abandon(request)
+                return silence
             if (asked := self.session.give_up(request)) is None:
                 return "it went to its handler directly, which had not answered"
             with contextlib.suppress(CentralLost):
@@ -222,37 +244,40 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
         self._check_thread()
         with self._lock:
-            self._catch_up()
+            self._line.catch_up()
             if self.direct.tell(header, body):
                 return
             dropped = self.session.dropped
             self.session.post(header, body)
-            self._flush()
+            self._line.flush()
             if self.session.dropped > dropped == 0:
                 self._log.warning("central at %s is not there: informs and broadcasts are lost", self.address)
 
     def reply(self, header: Any, body: bytes) -> None:
         """A handler ended."""
         with self._lock:
-            if not self.direct.reply(header, body):
+            if self.direct.reply(header, body):
+                self.session.attending.end(header.delivery)
+            else:
                 self.session.reply(header, body)
-                self._flush()
+                self._line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether a delivery's handler is to clean up and return; it knows then."""
         self._check_thread()
         with self._lock:
-            self._catch_up()
-            if is_cancelled := self.session.is_cancelled(delivery):
-                self.session.tell(delivery)
+            self._line.catch_up()
+            attending = self.session.attending
+            if is_cancelled := attending.is_cancelled(delivery):
+                attending.tell_of(delivery)
             return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled is suspended."""
         self._check_thread()
         with self._lock:
-            self._catch_up()
-            return self.session.is_suspended(delivery)
+            self._line.catch_up()
+            return self.session.attending.is_suspended(delivery)
 
     # --- waiting ---------------------------------------------------------------------------------------------------
 
@@ -272,12 +297,12 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         *within*: seconds that a central which does not know us, or all of us, yet is waited for.
         """
         with self._lock:
-            self._catch_up()
+            self._line.catch_up()
             self.session.tend(self._clock(), since)
-            self._flush(wait_seconds=0)
+            self._line.flush(wait_seconds=0)
             until = self._clock() + within
-            while not self.session.is_known and self._listen(max(0.0, until - self._clock())):
-                self._flush(wait_seconds=0)
+            while not self.session.is_known and self._line.listen(max(0.0, until - self._clock())):
+                self._line.flush(wait_seconds=0)
             return self._clock() - max(self.session.heard, since)
 
     def now(self) -> float:
@@ -285,14 +310,14 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         return self._clock()
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait, and call what is to be called meanwhile; whether *is_over*. Raises CentralLost."""
+        """Wait for callbacks, which are called meanwhile; whether *is_over*. Raises what ``wait`` does, but Refused."""
         self._check_thread()
         check_timeout(timeout)
         with self._lock:
             if self._is_calling_back:
                 msg = "a callback waits for another one: they are called one after the other"
                 raise MisuseError(msg)
-            return self._wait(is_over, timeout)
+            return is_over() or self._wait_for(is_over, timeout, "a callback")
 
     def soon(self, function: Callable[[], None]) -> None:
         """Have the thread that owns this connection call a function, in its present or next wait; from any thread."""
@@ -311,7 +336,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         elif self.callbacks and not self._is_calling_back:
             self._is_calling_back = True
             try:
-                self.callbacks.popleft()()
+                with at_work(None):
+                    self.callbacks.popleft()()
             finally:
                 self._is_calling_back = False
 
@@ -331,9 +357,10 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 self.attend(*delivery)
                 continue
             session.tend(now, since)
-            self._flush(_SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP)
-            step = self.direct.patience(min(STEP, max(0.0, deadline - now)))
-            self._listen(0.0 if idle is not None and idle(step) else step)
+            left = max(0.0, deadline - now)
+            self._line.flush(min(self._send_wait, left), is_patient=left < min(self._send_wait, STEP))
+            step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
+            self._line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
                 self.attend(*message)  # one at a time, and central is heard in between
             before, now = now, self._clock()
@@ -345,51 +372,20 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 raise self.lost()
         return True
 
+    @property
+    def _send_wait(self) -> float:
+        if self.session.is_welcome:
+            return SEND_WAIT
+        return 0.0 if self.direct.is_used and self.session.epoch else STEP
+
+    @property
+    def silence(self) -> str:
+        """That central is silent, for errors; "" if all is well."""
+        return self._line.silence
+
     def lost(self) -> CentralLost:
         """The error that says that central does not answer."""
-        msg = f"central at {self.address} does not answer: start it with 'tca central', or set $TCA_CENTRAL to where \
-it listens"
-        return CentralLost(msg)
-
-    def _catch_up(self) -> None:
-        """Take in what has arrived already; a caller that never waits learns that it was cut off, and comes back."""
-        while self._listen(0.0):
-            pass
-        now = self._clock()
-        self.session.tend(now, self.session.heard if self.session.is_welcome else now)
-        if self.session.outgoing:
-            self._flush(wait_seconds=0)
-
-    def _listen(self, timeout: float) -> bool:
-        packet = self.transport.receive(timeout)
-        if packet is not None:
-            self._take_in(packet)
-        else:
-            self.direct.report()  # now that all is read that central said: it may have ended
-        self.direct.listen()
-        return packet is not None
-
-    def _take_in(self, packet: bytes) -> None:
-        now = self._clock()
-        try:
-            for header, body in unpack_to_module(packet):
-                self.session.receive(header, body, now)
-        except ProtocolError as error:
-            self._log.warning("central at %s sent what is no message: %s", self.address, error)
-        for complaint in self.session.complaints:
-            self._log.warning("%s", complaint)
-        self.session.complaints.clear()
-
-    def _flush(self, wait_seconds: float = _SEND_WAIT) -> None:
-        """Send what the session has to say. What has left has left, also if the rest of it can't."""
-        if self.session.outgoing:
-            outgoing, self.session.outgoing = self.session.outgoing, []
-            for before, packet in packets(outgoing):
-                if not self.transport.send(packet, wait_seconds):
-                    self.session.outgoing = outgoing[before:]
-                    self.direct.unsent(self.session.outgoing)
-                    self.session.break_off()
-                    return
+        return self._line.lost()
 
     def _check_thread(self) -> None:
         """Before the lock is taken: a thread that serves keeps it for ever."""

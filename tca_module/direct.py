@@ -90,7 +90,7 @@ class Direct:
     @property
     def _may_take(self) -> bool:
         inbox = self._inbox
-        return inbox is not None and inbox.has_message and not (inbox.is_busy or self._session.is_attending)
+        return inbox is not None and inbox.has_message and not (inbox.is_busy or self._session.attending)
 
     def take(self) -> tuple[Deliver, bytes] | None:
         """The next message that came directly, if the slot handles nothing."""

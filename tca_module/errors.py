@@ -12,7 +12,7 @@ TcaError             do not raise this one; it groups the others
 ├── Timeout          the answer did not come in time (also a TimeoutError)
 ├── QueryFailed      the handler of a query failed
 ├── TaskFailed       a goal or command failed
-└── TaskKilled       a goal or command was killed
+└── TaskKilled       a goal or command was killed: one that was waited for, or the handler's own
 BadData              data does not fit the format of its message (from tca_wire)
 """
 
@@ -69,7 +69,8 @@ class NoCentral(CentralLost, SystemExit):
 
 class Stopped(TcaError):
     """The module was told to end: before central had welcomed it, or while a handler waited for others. Such a handler
-    may clean up, and wait for that. If it lets this pass, it is the failure "module lost" of its task.
+    may clean up, and wait for that. If it lets this pass, it is the failure "module lost" of its task, unless that was
+    killed.
     """
 
 
@@ -127,7 +128,10 @@ class TaskFailed(_Failed):
 
 
 class TaskKilled(TcaError):
-    """A goal or command was killed: ``why`` says by whom or why."""
+    """A goal or command was killed: ``why`` says by whom or why. If it is the handler's own, or is to be handled again,
+    what the handler waited for is not waited for any more, as ``why`` says; it may clean up, and wait for that. If it
+    then lets this pass, that is no failure.
+    """
 
     def __init__(self, what: str, why: str) -> None:
         super().__init__(f"{what} was killed: {why}")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Coroutine, Generator
 from functools import partial
 from typing import Any, TypeVar
 
+from tca_module.attending import Attendance, at_work
 from tca_module.connection import STALL, STEP, Connection
 from tca_module.request import Request
 from tca_wire.headers import Deliver
@@ -26,7 +27,7 @@ class EventLoop:
     def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
         self._connection = connection
         self._attend = attend
-        self._handled: dict[int, asyncio.Task[Any]] = {}  #: by delivery: neither done nor told to end
+        self._handled: dict[Attendance, asyncio.Task[Any]] = {}  #: those that are not done
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
@@ -44,20 +45,21 @@ class EventLoop:
         """Whether the caller is called by the loop, which waits for it."""
         return self._loop.is_running()
 
-    def run(self, delivery: int, coroutine: Coroutine[Any, Any, T]) -> T:
+    def run(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; what it returns."""
         self._since = self._turned = self._loop.time()
         self._beat = self._loop.call_later(STEP, self._keep_alive)
         try:
-            return self._loop.run_until_complete(self.start(delivery, coroutine))
+            return self._loop.run_until_complete(self.start(attendance, coroutine))
         finally:
             self._beat.cancel()
 
-    def start(self, delivery: int, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+    def start(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Let the coroutine of a handler run beside the one that is being run."""
-        task = self._loop.create_task(coroutine)
-        self._handled[delivery] = task
-        task.add_done_callback(lambda _: self._handled.pop(delivery, None))
+        with at_work(attendance):
+            task = self._loop.create_task(coroutine)
+        self._handled[attendance] = task
+        task.add_done_callback(lambda _: self._handled.pop(attendance, None))
         return task
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
@@ -94,7 +96,7 @@ class EventLoop:
         return (
             connection.transport.has_arrived()
             or connection.has_news
-            or any(map(connection.session.is_cancelled, self._handled))
+            or any(map(connection.session.attending.due, self._handled))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
 
@@ -103,11 +105,11 @@ class EventLoop:
             self._end_wait()
         else:
             self._listen()
-        session = self._connection.session
-        for delivery in filter(session.is_cancelled, list(self._handled)):
-            session.tell(delivery)
-            why = "its task has been killed" if session.is_killed(delivery) else "its module ends"
-            self._handled.pop(delivery).cancel(why)
+        attending = self._connection.session.attending
+        for attendance, task in list(self._handled.items()):
+            if why := attending.due(attendance):
+                attending.tell(attendance)
+                task.cancel(why)
 
     def _end_wait(self) -> None:
         if self._idle is not None and not self._idle.done():

@@ -6,7 +6,8 @@ from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
 from tca_module.arguments import check_flags, checked_name, is_whole, name_of
-from tca_module.errors import NIL, MisuseError, TaskKilled
+from tca_module.attending import is_void
+from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
 from tca_module.failing import Misfit, failed
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
@@ -162,6 +163,7 @@ class Handler:
     def _failed(self, task: Task, error: BaseException) -> Answer:
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
-        if isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled:
+        is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
+        if is_told or (isinstance(error, Stopped) and is_void()):
             return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
         return failed(task.delivery, error)

@@ -203,9 +203,11 @@ class Knowledge:
         query then waits for the next.
         """
         connection = self._declare(*messages)
-        request = connection.request(wait_until_handled(messages), wants_answer=True)
+        request = connection.request(wait_until_handled(messages), wants_answer=True, is_awaited=True)
         if not connection.wait(request, timeout, "the wait for handlers"):
             connection.abandon(request)
+            if silence := connection.silence:
+                raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {silence}")
             missing = ", ".join(self._unhandled(messages))
             msg = f"not handled within {timeout:g} s: {missing}; start the module that does, see 'tca messages'"
             raise Timeout(msg)
@@ -238,7 +240,7 @@ def _check_variable(call: str, variable: Any) -> None:
 
 def _ask(connection: Connection, header: ToCentral, what: str, body: bytes = b"") -> bytes:
     """The body of central's answer, which waits for nobody else."""
-    request = connection.request(header, body, wants_answer=True)
+    request = connection.request(header, body, wants_answer=True, is_awaited=True)
     if not connection.wait(request, ACKNOWLEDGED_WITHIN, what):
         connection.abandon(request)
         msg = f"{what} was not answered within {ACKNOWLEDGED_WITHIN:g} s, though central is alive: it is overloaded"

@@ -35,7 +35,7 @@ class Later(Generic[R]):
     @property
     def cancelled(self) -> bool:
         """Whether the task has been killed and still waits for its answer: stop when that is safe, then answer."""
-        return self.is_open and self._connection.session.is_cancelled(self._delivery.delivery)
+        return self.is_open and self._connection.session.attending.is_cancelled(self._delivery.delivery)
 
     @property
     def is_open(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Any, Generic, Self
 
 from tca_module.arguments import name_of
 from tca_module.connection import Connection
-from tca_module.errors import BadData, MisuseError, QueryFailed, TcaError, Timeout
+from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.request import Request
 from tca_wire.declarations import Message, MultiQuery, Query, R
 from tca_wire.headers import Answer
@@ -35,10 +35,16 @@ class PendingReply(Generic[R]):
     def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
         """The reply; waits for it *timeout* seconds (None: for ever).
 
-        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time: the query is then given up.
+        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time. The query is then given up,
+        as it is when the handler that waits is to end (TaskKilled, Stopped).
         """
         what = self._checked_name()
-        if not self.connection.wait(self.request, timeout, what):
+        try:
+            is_there = self.connection.wait(self.request, timeout, what)
+        except (TaskKilled, Stopped):
+            self._is_cancelled = True
+            raise
+        if not is_there:
             self._is_cancelled = True
             raise not_answered(self._message, timeout, self.connection.give_up(self.request))
         return self._reply(*self.request.answers[-1])
@@ -99,7 +105,13 @@ class PendingReplies(Iterator[R], Generic[R]):
     def _has_answer(self) -> bool:
         if not self._request.answers and not self._request.is_over:
             patience = None if self._deadline is None else max(0.0, self._deadline - self._connection.now())
-            self._connection.wait(self._request, patience, name_of(self._message), lambda: bool(self._request.answers))
+            try:
+                self._connection.wait(
+                    self._request, patience, name_of(self._message), lambda: bool(self._request.answers)
+                )
+            except (TaskKilled, Stopped):
+                self._is_cancelled = True
+                raise
         return bool(self._request.answers)
 
     def cancel(self) -> None:
@@ -127,7 +139,8 @@ class Notification(Generic[R]):
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the function has been called; False if it has not within *timeout* seconds.
 
-        Raises CentralLost if central is silent for too long.
+        Raises CentralLost if central is silent for too long, and if the handler that waits is to end TaskKilled or
+        Stopped; the function is called all the same when the reply comes.
         """
         if timeout != 0:
             self._connection.announce(self._pending.request)

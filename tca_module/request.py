@@ -12,7 +12,7 @@ from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError,
 from tca_wire import headers
 from tca_wire.codec import misfit
 from tca_wire.headers import Register, Send, SetVariable, ToCentral
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Outcome, Refusal
 
 _KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
@@ -69,6 +69,12 @@ class Request:
         is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
         return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
 
+    @property
+    def is_void(self) -> bool:
+        """Whether a kill has ended what was asked for."""
+        is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
+        return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
+
     def check(self, what: str) -> None:
         """Raise the error that it came to, if it did; *what* names it."""
         if self.refused is not None:
@@ -84,9 +90,9 @@ def may_be_asked_again(header: Any) -> bool:
     return isinstance(header, _HARMLESS)
 
 
-def waits_for_others(header: Any) -> bool:
-    """Whether central answers a request only when others have done something."""
-    return isinstance(header, _WAITS_FOR_OTHERS)
+def waits_for_others(request: Any) -> bool:
+    """Whether a request's answer comes only when others have done something."""
+    return request.wants_answer and isinstance(request.header, _WAITS_FOR_OTHERS)
 
 
 def refers_to_tasks(header: Any) -> bool:

@@ -156,7 +156,8 @@ class Sender(Control):
     ) -> R:
         """Ask, and wait for the reply; *timeout* in seconds, None waits for ever.
 
-        Raises QueryFailed if the handler fails, Timeout if no reply comes in time.
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that is to end is woken
+        from this, as from all that it waits for, once: TaskKilled if its task was killed, Stopped if its module ends.
         """
         brief = is_brief(timeout)
         check_class(message, Query)
@@ -190,7 +191,7 @@ class Sender(Control):
 
     def _ask(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
         check_class(message, Query)
-        return PendingReply(*self._question(message, data, priority=priority), message)
+        return PendingReply(*self._question(message, data, priority=priority, is_awaited=False), message)
 
     def _question(
         self,
@@ -202,6 +203,7 @@ class Sender(Control):
         brief: bool = False,
         maximum: int = 0,
         if_handled: bool = False,
+        is_awaited: bool = True,
     ) -> tuple[Connection, Request]:
         check_priority(name_of(message), priority)
         body = message.encode_data(data)
@@ -217,7 +219,7 @@ class Sender(Control):
             if_handled=if_handled,
             brief=brief,
         )
-        return connection, connection.request(header, body, wants_answer=True)
+        return connection, connection.request(header, body, wants_answer=True, is_awaited=is_awaited)
 
     def multi_query(
         self,

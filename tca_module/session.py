@@ -16,8 +16,9 @@ from typing import Any, ClassVar
 import msgspec
 
 from tca_module.attachments import Attachments, Place, is_lasting
+from tca_module.attending import Attending
 from tca_module.renewal import Renewal
-from tca_module.request import Request, check_fields, may_be_asked_again, refers_to_tasks, waits_for_others
+from tca_module.request import Request, check_fields, may_be_asked_again, refers_to_tasks
 from tca_wire import headers
 from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
 from tca_wire.parts import HandlerFormat, MessageFormat
@@ -53,10 +54,7 @@ class Session:
         self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
         self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
-        self._attended: dict[int, bool] = {}  #: deliveries being handled -> whether their task was killed
-        self._suspended: set[int] = set()  #: those of them whose task is suspended
-        self._told: set[int] = set()  #: those of them whose handler knows that the module ends
-        self.is_ending: Callable[[], bool] = lambda: False  #: whether it does, and handlers are to be told
+        self.attending = Attending()  #: deliveries that are handled, or about to be
         self._replies: list[Item] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
         self.heard = float("-inf")  #: when central last said anything
@@ -112,9 +110,7 @@ class Session:
 
     def reply(self, header: Reply | Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
-        self._suspended.discard(header.delivery)
-        self._told.discard(header.delivery)
-        if self._attended.pop(header.delivery, None) is None:
+        if not self.attending.end(header.delivery):
             return
         self._replies.append((header, body))
         del self._replies[:-_REPLIES_KEPT]
@@ -167,39 +163,6 @@ class Session:
     def is_known(self) -> bool:
         """Whether there is nothing left to tell central that it would take at once."""
         return self.is_welcome and not self.renewal.is_answered_soon
-
-    @property
-    def is_attending(self) -> bool:
-        """Whether a delivery of central's is handled, or about to be."""
-        return bool(self._attended)
-
-    def is_killed(self, delivery: int) -> bool:
-        """Whether the task of a delivery was killed while it was handled, or forgotten; of direct ones (< 0) never."""
-        return self._attended.get(delivery, delivery > 0)
-
-    def is_cancelled(self, delivery: int) -> bool:
-        """Whether a delivery's handler is to clean up and return: its task was killed, or the module ends."""
-        return self.is_killed(delivery) or self.is_ending()
-
-    def tell(self, delivery: int) -> None:
-        """A delivery's handler knows what it is to know by now."""
-        if delivery and self.is_ending() and not self.is_killed(delivery):
-            self._told.add(delivery)
-
-    def was_told_to_end(self, delivery: int) -> bool:
-        """Whether a delivery's handler was told to return because the module ends, and so may have done half of it."""
-        return delivery in self._told
-
-    def is_interrupted(self, request: Request) -> bool:
-        """Whether what waits for others is to be told that the module ends: of a handler (not of callbacks) once."""
-        if not request.wants_answer or not waits_for_others(request.header) or not self.is_ending():
-            return False
-        origin = getattr(request.header, "origin", 0)
-        return not origin or not (origin in self._told or self.is_killed(origin))
-
-    def is_suspended(self, delivery: int) -> bool:
-        """Whether the task of a delivery that is handled is suspended; one that was killed is to end, not to hold."""
-        return delivery in self._suspended and not self.is_cancelled(delivery)
 
     # --- the connection --------------------------------------------------------------------------------------------
 
@@ -272,8 +235,7 @@ class Session:
             if not is_new_to_it or refers_to_tasks(request.header):
                 self._lose(request, "central was restarted meanwhile and has forgotten it")
         self._replies.clear()
-        self._attended.clear()
-        self._suspended.clear()
+        self.attending.forget()
         self.deliveries.clear()
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
@@ -290,7 +252,7 @@ class Session:
         if request is None:
             if header.number == HELLO_NUMBER and not self.is_welcome:
                 self.refused = header
-            else:
+            elif not (header.number and header.refusal is Refusal.TOO_LATE):  # else it was given up meanwhile
                 self.complaints.append(f"central refused: {header.text}")
         elif header.refusal is Refusal.TOO_LATE and request.repeated and request.wants_answer:
             self._ask_again(request)
@@ -333,12 +295,10 @@ class Session:
             self.news.append(request.notify)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
-        if header.delivery in self._attended or any(reply.delivery == header.delivery for reply, _ in self._said()):
+        if header.delivery in self.attending or any(reply.delivery == header.delivery for reply, _ in self._said()):
             return  # central repeats after a reconnect what it does not know to have arrived
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
-        self._attended[header.delivery] = False
-        if header.suspended:
-            self._suspended.add(header.delivery)
+        self.attending.came(header.delivery, is_suspended=header.suspended)
         self.deliveries.append((header, body))
 
     def _said(self) -> list[tuple[Reply | Fail, bytes]]:
@@ -346,17 +306,13 @@ class Session:
         return [(reply, body) for reply, body in self._replies if isinstance(reply, Reply | Fail)]
 
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
-        if header.delivery in self._attended:
-            self._attended[header.delivery] = True
+        self.attending.kill(header.delivery)
 
     def _on_routing(self, header: Route | EntranceGone, _: bytes) -> None:
         self.routing.append(header)
 
     def _on_suspended(self, header: headers.Suspended, _: bytes) -> None:
-        if header.is_suspended:
-            self._suspended.add(header.delivery)
-        else:
-            self._suspended.discard(header.delivery)
+        self.attending.suspend(header.delivery, is_suspended=header.is_suspended)
 
     def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
         """It says nothing of replies: it may have been sent before central got them."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tca_module.attachments import Attachments
+from tca_module.attending import at_work
 from tca_module.callbacks import Callbacks
 from tca_module.client import CentralAddress, open_connection
 from tca_module.connection import Connection
@@ -23,7 +24,8 @@ from tca_wire.headers import Deliver, Fail, Hello, Reply
 
 class Slot:
     """Handles one message at a time, from its start until *stop* is set. Handlers that run then are told, and finished:
-    they see ``task.cancelled``, a wait for others ends with Stopped, a coroutine gets CancelledError; each once.
+    they see ``task.cancelled``, a wait for others ends with Stopped, a coroutine gets CancelledError; each once
+    (attending.py).
     """
 
     def __init__(
@@ -78,7 +80,7 @@ class Slot:
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
         connection.attend = self._attend
-        connection.session.is_ending = self._stop.is_set
+        connection.session.attending.is_ending = self._stop.is_set
         connection.outside = Outside(connection)
         self._callbacks.begin(connection)
         self._opened.set()
@@ -128,15 +130,18 @@ class Slot:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
             return
         task, self.handling = Task(connection, delivery, handler.message), delivery.message
+        attendance = connection.session.attending.begin(delivery.delivery, repr(task))
         if not handler.is_async:
-            self._end(handler, task, handler.handle(task, body))
+            with at_work(attendance):
+                answer = handler.handle(task, body)
+            self._end(handler, task, answer)
         elif self._loop is not None and self._loop.is_running:
             text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
             hint = "await that one: task.query_send(...)"
             self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b""))
         else:
             # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
-            answer = self._event_loop(connection).run(delivery.delivery, handler.handle_async(task, body))
+            answer = self._event_loop(connection).run(attendance, handler.handle_async(task, body))
             self._end(handler, task, answer)
 
     def _attend_in_loop(self, delivery: Deliver, body: bytes) -> None:
@@ -148,7 +153,8 @@ class Slot:
         assert self._connection is not None
         assert self._loop is not None
         task = Task(self._connection, delivery, handler.message)
-        self._loop.start(delivery.delivery, self._attend_async(handler, task, body))
+        attendance = self._connection.session.attending.begin(delivery.delivery, repr(task))
+        self._loop.start(attendance, self._attend_async(handler, task, body))
 
     async def _attend_async(self, handler: Handler, task: Task, body: bytes) -> None:
         self._end(handler, task, await handler.handle_async(task, body))
@@ -167,7 +173,7 @@ class Slot:
             answer.returned()
             return
         header, body = answer
-        if isinstance(header, Reply) and self._connection.session.was_told_to_end(task.delivery):
+        if isinstance(header, Reply) and self._connection.session.attending.was_told_to_end(task.delivery):
             header, body = Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"), b""
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)

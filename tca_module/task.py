@@ -55,7 +55,8 @@ class Task(Sender, Intervals):
     def cancelled(self) -> bool:
         """Whether the task has been killed, or the module ends: its handler should clean up and return. Never waits.
 
-        A handler that was told that its module ends has failed, with "module lost", whatever it returns.
+        Who does not look at it is woken from what he waits for, with TaskKilled or Stopped; who has seen it is not. A
+        handler that was told that its module ends has failed, with "module lost", whatever it returns.
         """
         try:
             return self._connection().is_cancelled(self.delivery)

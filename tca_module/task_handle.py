@@ -174,7 +174,7 @@ class TaskHandle(Intervals):
         return self._end
 
     def _reached(self, point: Point, timeout: float | None) -> tuple[Answer, bytes]:
-        what, request = self._ask(point, blocking=True, brief=is_brief(timeout))
+        what, request = self._ask(point, blocking=True, brief=is_brief(timeout), is_awaited=True)
         if not self._connection.wait(request, timeout, f"the wait for {what}"):
             why = self._connection.give_up(request)
             where = f": {why}" if why else ""
@@ -182,16 +182,20 @@ class TaskHandle(Intervals):
             raise Timeout(msg)
         return request.answers[-1]
 
-    def _ask(self, point: Point, *, blocking: bool, brief: bool = False) -> tuple[str, Request]:
+    def _ask(
+        self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
+    ) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
         self._check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
-        return what, self._connection.request(WaitFor(0, point, self._origin, blocking, brief), wants_answer=True)
+        header = WaitFor(0, point, self._origin, blocking, brief)
+        return what, self._connection.request(header, wants_answer=True, is_awaited=is_awaited)
 
     def kill(self, why: str = "", *, delay: float = 0, after: Point | None = None, scope: Scope = Scope.TASK) -> bool:
         """End the task and everything under it; *delay* seconds from now, or after a point. Handlers that run are told,
-        and not interrupted. Another *scope* ends only what is under it, or its siblings (TDL: TERMINATE AT, IN, AFTER).
+        and woken from what they wait for, and else not interrupted. Another *scope* ends only what is under it, or its
+        siblings (TDL: TERMINATE AT, IN, AFTER).
 
         False if the task had ended; one that was killed, and whose handler still runs, has not.
         """

@@ -29,7 +29,11 @@ class TaskRef(TaskHandle, Generic[R]):
 
         Raises TaskFailed or TaskKilled if it ended so, Timeout if it has not ended in time.
         """
-        return self._result(*self._ended(timeout))
+        is_new = self._end is None
+        answer, body = self._ended(timeout)
+        if is_new and answer.outcome is not Outcome.DONE:
+            self._connection.tell()
+        return self._result(answer, body)
 
     def __await__(self) -> Generator[Any, None, R]:
         if self._end is None:

@@ -22,9 +22,9 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record, Tick
 from tca_central.invariants import check_invariants
 from tca_module.transport import Waker
-from tca_wire.codec import pack_item, unpack_to_central
+from tca_wire.codec import pack_item, packets, unpack_to_central
 from tca_wire.facts import Entry, Fact
-from tca_wire.headers import Closing
+from tca_wire.headers import Closing, ToModule
 
 
 class LocalCentral:
@@ -115,11 +115,15 @@ class LocalCentral:
                 self._handle(ConnectionLost(time.monotonic() - self._began, connection))
 
     def _handle(self, event: Event) -> None:
+        told: dict[LocalTransport, list[tuple[ToModule, bytes]]] = {}
         for effect in self.core.handle(event):
             if isinstance(effect, Record):
                 self.entries.append(effect.entry)
             elif transport := self._connections.get(effect.connection):
-                transport.arrive(pack_item(effect.header, effect.body))
+                told.setdefault(transport, []).append((effect.header, effect.body))
+        for transport, items in told.items():
+            for _, packet in packets(items):
+                transport.arrive(packet)
         self._due.notify()  # something may be due sooner than before
         if self._is_checked:
             check_invariants(self.core)

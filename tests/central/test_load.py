@@ -199,3 +199,21 @@ def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all
     assert (len(told["held"]), len(told["suspended"])) == (SHOWN_WAITS, SHOWN_WAITS)
     assert told["totals"] == {"waits": 1, "held": SHOWN_WAITS + 19, "suspended": SHOWN_WAITS + 10}
     assert told["looked_at"] == told["tasks"]
+
+
+def test_killed_tasks_whose_handlers_still_run_say_what_these_wait_for() -> None:
+    robot = Player()
+    robot.module("planner", "goal walk")
+    robot.module("user")
+    walk = robot.task("user", "walk")
+    robot.declare("planner/1", "query where", "multi-query heights")
+    robot.send("planner/1", "where", origin=walk)
+    assert load(robot.central)["killed"] == []
+    robot.receive("user", headers.Kill(robot.number("user"), TaskId(walk), "enough"))
+    told = {"task": walk, "what": f"'walk' {{{walk}}}", "why": "enough", "module": "planner"}
+    asked = f"the reply to 'where' {{{walk + 1}}}"
+    assert load(robot.central)["killed"] == [{**told, "for": asked}]
+    robot.receive("planner/1", headers.WaitUntilHandled(robot.number("planner/1"), ["where"]))
+    assert load(robot.central)["killed"] == [{**told, "for": "modules that handle 'where'"}]
+    robot.reply("planner/1")
+    assert load(robot.central)["killed"] == []

@@ -43,6 +43,11 @@ class RealCentral:
         """All facts of a kind so far."""
         return [fact for fact in self._central.recorded[:] if isinstance(fact, kind)]
 
+    def asked_by(self, module: str) -> list[Any]:
+        """What the handlers of a module wait for now."""
+        connections = list(self._central.registry.connections.values())
+        return [due for one in connections if one.module.name == module for due in list(one.outstanding.values())]
+
     def close(self) -> None:
         if self._thread.is_alive():
             self.server.stop("the test ends")

@@ -1,0 +1,149 @@
+"""Handlers at work: what has made the work of each void, and whether it knows that.
+
+Theory of operation. A handler is woken once because its task was killed, or is to be handled again, and once because
+its module ends: by the wait that it is in, or else by its next one. It has also been woken when it was told otherwise:
+it read ``task.cancelled`` as true. From then on its waits are as ever, so that it can clean up. Which handler waits is
+known from the context: of a nested handler that is the inner one, and of what an ``async def`` handler has started,
+that handler.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from tca_module.errors import Stopped, TaskKilled
+
+KILLED = "its task has been killed"
+ENDS = "its module ends"
+
+
+class Attendance:
+    """That a delivery is handled, or about to be."""
+
+    __slots__ = ("is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner")
+
+    def __init__(self, owner: "Attending", *, is_suspended: bool = False) -> None:
+        self.owner = owner
+        self.name = ""  #: what it handles, for people
+        self.is_killed = False  #: its task; or the task is to be handled again, or forgotten
+        self.is_suspended = is_suspended  #: its task
+        self.is_told_of_kill = False  #: the handler knows it
+        self.is_told_of_end = False  #: the handler knows that the module ends
+
+
+class Attending:
+    """What one connection has been given to handle."""
+
+    def __init__(self) -> None:
+        self.is_ending: Callable[[], bool] = lambda: False  #: whether the module ends, and handlers are to be told
+        self._known: dict[int, Attendance] = {}  #: by delivery; one that came directly (< 0) from its beginning
+
+    def __contains__(self, delivery: int) -> bool:
+        return delivery in self._known
+
+    def __bool__(self) -> bool:
+        return bool(self._known)
+
+    # --- what central says -----------------------------------------------------------------------------------------
+
+    def came(self, delivery: int, *, is_suspended: bool) -> None:
+        """A message is to be handled."""
+        self._known[delivery] = Attendance(self, is_suspended=is_suspended)
+
+    def kill(self, delivery: int) -> None:
+        """The task of a delivery was killed, or is to be handled again."""
+        if (one := self._known.get(delivery)) is not None:
+            one.is_killed = True
+
+    def suspend(self, delivery: int, *, is_suspended: bool) -> None:
+        """The task of a delivery was suspended or resumed."""
+        if (one := self._known.get(delivery)) is not None:
+            one.is_suspended = is_suspended
+
+    def forget(self) -> None:
+        """Central was restarted and knows nothing of them: a new one may use the same numbers again."""
+        for delivery, one in self._known.items():
+            one.is_killed = delivery > 0
+        self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
+
+    # --- handlers --------------------------------------------------------------------------------------------------
+
+    def begin(self, delivery: int, name: str) -> Attendance:
+        """A handler begins with a delivery."""
+        one = self._known.setdefault(delivery, Attendance(self))
+        one.name = name
+        return one
+
+    def end(self, delivery: int) -> bool:
+        """It has been handled; False if central has forgotten that delivery."""
+        return self._known.pop(delivery, None) is not None
+
+    def is_killed(self, delivery: int) -> bool:
+        """Whether the task of a delivery was killed while it was handled, or forgotten; of direct ones (< 0) never."""
+        one = self._known.get(delivery)
+        return one.is_killed if one is not None else delivery > 0
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether a delivery's handler is to clean up and return: its task was killed, or the module ends."""
+        return self.is_killed(delivery) or self.is_ending()
+
+    def is_suspended(self, delivery: int) -> bool:
+        """Whether the task of a delivery that is handled is suspended; one that was killed is to end, not to hold."""
+        one = self._known.get(delivery)
+        return one is not None and one.is_suspended and not self.is_cancelled(delivery)
+
+    def was_told_to_end(self, delivery: int) -> bool:
+        """Whether a delivery's handler was told to return because the module ends, and so may have done half of it."""
+        one = self._known.get(delivery)
+        return one is not None and one.is_told_of_end and not one.is_killed
+
+    # --- who is woken ----------------------------------------------------------------------------------------------
+
+    def due(self, one: Attendance | None) -> str:
+        """Why a handler is to be woken: KILLED, ENDS, "" for no reason. A callback (None) that waits is woken each time
+        when the module ends.
+        """
+        if one is not None and one.is_killed and not one.is_told_of_kill:
+            return KILLED
+        return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""
+
+    def tell(self, one: Attendance | None) -> None:
+        """A handler knows all by now."""
+        if one is not None:
+            one.is_told_of_kill = one.is_killed
+            one.is_told_of_end = self.is_ending()
+
+    def tell_of(self, delivery: int) -> None:
+        """The handler of a delivery knows all by now."""
+        self.tell(self._known.get(delivery))
+
+    def who_waits(self) -> Attendance | None:
+        """Whose wait this is; None: that of a callback, or of whoever is no handler here."""
+        one = _at_work.get()
+        return one if one is not None and one.owner is self else None
+
+
+def is_void() -> bool:
+    """Whether the task of the handler that calls this was killed."""
+    one = _at_work.get()
+    return one is not None and one.is_killed
+
+
+_at_work: ContextVar[Attendance | None] = ContextVar("at_work", default=None)
+
+
+@contextmanager
+def at_work(one: Attendance | None) -> Iterator[None]:
+    """What is called within is the work of that handler; None: of none."""
+    token = _at_work.set(one)
+    try:
+        yield
+    finally:
+        _at_work.reset(token)
+
+
+def woken(one: Attendance | None, why: str, module: str, what: str) -> TaskKilled | Stopped:
+    """The error that wakes a handler or callback from the wait for *what*."""
+    if why == KILLED and one is not None:
+        return TaskKilled(one.name, f"{what} is not waited for any more")
+    return Stopped(f"module '{module}' ends: {what} is not waited for any more")

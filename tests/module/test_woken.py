@@ -1,0 +1,356 @@
+"""A handler whose work is void is woken from whatever it waits for, once, and may then clean up: on real sockets."""
+
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from module.real_central import RealCentral, until
+
+from tca_module import (
+    Client,
+    Command,
+    Goal,
+    Module,
+    MultiQuery,
+    Outcome,
+    Query,
+    Stopped,
+    Task,
+    TaskFailed,
+    TaskKilled,
+    connect,
+)
+from tca_wire.facts import Dropped, Failed, WaitEnded
+
+SOON = 10.0
+
+ASK = Goal("ask", str)
+NEVER, NOBODY = Command("never"), Query("nobody", reply=int)
+BUSY, DIRECT = Query("busy", reply=int), Query("direct", reply=int)
+BIDS = MultiQuery("bids", reply=int)
+HERE = Query("here", reply=str)
+
+WAITS: dict[str, Callable[[Task], object]] = {
+    "query": lambda task: task.query(NOBODY, timeout=None),
+    "query with its usual timeout": lambda task: task.query(NOBODY, timeout=1000),
+    "direct query": lambda task: task.query(DIRECT, timeout=None),
+    "receive": lambda task: task.query_send(NOBODY).receive(None),
+    "multi-query": lambda task: task.multi_query(BIDS, timeout=None),
+    "multi-query, one by one": lambda task: next(task.multi_query_send(BIDS, timeout=None)),
+    "execute": lambda task: task.execute(BUSY),
+    "execute if handled": lambda task: task.execute_if_handled(BUSY),
+    "a stranger's task": lambda task: task.tasks(NEVER)[0].wait(),
+    "a stranger's point": lambda task: task.tasks(NEVER)[0].wait_for(task.tasks(NEVER)[0].handling.end),
+    "subtask": lambda task: task.command(NEVER).wait(),
+    "result": lambda task: task.command(NEVER).result(),
+    "lock": lambda task: task.lock("arm"),
+    "reserve": lambda task: task.reserve("arm", timeout=1000),
+    "until handled": lambda task: task.wait_until_handled(NEVER),
+    "callback": lambda task: task.query_notify(NOBODY, None, lambda *_: None).wait(),
+}
+
+
+class Robot:
+    """A handler that waits in each of these ways, and modules that let it wait. *seen*: what its wait raised, and what
+    was answered when it then asked where it is.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.central = RealCentral(f"ipc://{folder}/central.sock")
+        self.legs, self.slow = Module("legs", self.central.address), Module("slow", self.central.address)
+        self.seen = queue.Queue[tuple[type[BaseException] | None, str]]()
+        self.asked = threading.Event()
+        self.go_on = threading.Event()
+        self.slow.resource("arm")
+        self.slow.resource("here")
+        for number, message in enumerate((BUSY, DIRECT, BIDS)):
+            self.slow.handles(message, resource=f"slow {number}", direct=message is DIRECT)(self.hang)
+        self.slow.handles(Command("hold"), resource="arm")(lambda _: None)
+        self.slow.handles(HERE, resource="here")(lambda _: "at home")
+        self.legs.handles(ASK)(self.ask)
+
+    def hang(self, _: Task) -> int:
+        self.asked.set()
+        assert self.go_on.wait(SOON)
+        return 1
+
+    def ask(self, task: Task, how: str) -> None:
+        try:
+            WAITS[how](task)
+        except (TaskKilled, Stopped) as error:
+            self.seen.put((type(error), task.query(HERE)))
+            raise
+        self.seen.put((None, ""))
+
+    @contextmanager
+    def running(self) -> Iterator[Client]:
+        with ExitStack() as stack:
+            stack.callback(self.central.close)
+            user = stack.enter_context(connect("user", self.central.address))
+            stack.enter_context(self.slow.running())
+            stack.callback(self.go_on.set)
+            stack.enter_context(connect("other", self.central.address)).lock("arm")
+            user.command(NEVER, sequential=False)
+            yield user
+
+    def waits(self, how: str) -> None:
+        """Until the handler does."""
+        if "direct" in how:
+            assert self.asked.wait(SOON)
+        else:
+            until(lambda: self.central.asked_by("legs"), "the handler waits")
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Robot:
+    return Robot(tmp_path)
+
+
+@pytest.mark.parametrize("how", WAITS)
+def test_a_kill_wakes_a_handler_and_what_it_asked_is_given_up(
+    robot: Robot, how: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with robot.running() as user, robot.legs.running():
+        if "direct" in how:  # the first goes through central
+            robot.go_on.set()
+            user.query(DIRECT, timeout=SOON)
+            robot.go_on.clear()
+            robot.asked.clear()
+        asking = user.goal(ASK, how, sequential=False)
+        robot.waits(how)
+        asking.kill("enough")
+        assert asking.wait(SOON) is Outcome.KILLED
+        assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
+        if how != "callback":  # the query goes on: its function is called when the reply comes
+            until(lambda: not robot.central.asked_by("legs"), "nothing is left of it")
+    assert not robot.central.facts(Failed)
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
+
+
+@pytest.mark.parametrize("how", WAITS)
+def test_a_deadline_wakes_a_handler(robot: Robot, how: str) -> None:
+    with robot.running() as user, robot.legs.running():
+        asking = user.goal(ASK, how, sequential=False, deadline=0.2)
+        assert asking.wait(SOON) is Outcome.FAILED
+        assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
+
+
+@pytest.mark.parametrize("how", WAITS)
+def test_the_end_of_its_module_wakes_a_handler(robot: Robot, how: str) -> None:
+    with robot.running() as user:
+        with robot.legs.running():
+            asking = user.goal(ASK, how, sequential=False)
+            robot.waits(how)
+        assert robot.seen.get(timeout=SOON) == (Stopped, "at home")
+        with pytest.raises(TaskFailed, match="module lost"):
+            asking.result(SOON)
+
+
+@pytest.mark.parametrize("how", ["query", "lock", "a stranger's task", "until handled"])
+def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -> None:
+    with robot.running() as user, robot.legs.running():
+        asking = user.goal(ASK, how, sequential=False)
+        for _ in range(2):
+            robot.waits(how)
+            asking.retry()
+            assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
+            until(lambda: (info := asking.info()) is not None and info.module, "it is handled again")
+        robot.waits(how)
+        asking.kill()
+        assert asking.wait(SOON) is Outcome.KILLED
+
+
+def test_the_story_tells_what_was_given_up(robot: Robot) -> None:
+    with robot.running() as user, robot.legs.running():
+        for how in ("query", "a stranger's task"):
+            asking = user.goal(ASK, how, sequential=False)
+            robot.waits(how)
+            asking.kill()
+            asking.wait(SOON)
+    assert [fact.why for fact in robot.central.facts(Dropped)] == ["its sender gave up: nobody handled it"]
+    assert "legs" in [fact.module for fact in robot.central.facts(WaitEnded)]
+
+
+# --- once ---------------------------------------------------------------------------------------------------------------
+
+
+def test_who_does_not_wait_is_woken_from_the_next_wait(robot: Robot) -> None:
+    begun, killed = threading.Event(), threading.Event()
+    works = Command("work")
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        begun.set()
+        assert killed.wait(SOON)
+        robot.ask(task, "query")
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        assert begun.wait(SOON)
+        working.kill()
+        killed.set()
+        assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
+
+
+def test_who_has_seen_it_is_not_woken(robot: Robot) -> None:
+    begun = threading.Event()
+    works = Command("work")
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        begun.set()
+        while not task.cancelled:
+            pass
+        robot.seen.put((None, task.query(HERE)))
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        assert begun.wait(SOON)
+        working.kill()
+        assert robot.seen.get(timeout=SOON) == (None, "at home")
+
+
+def test_who_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot, caplog: pytest.LogCaptureFixture) -> None:
+    """The module's end is another reason, and wakes the handler once more; it was killed, and has not failed."""
+    works = Command("work")
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        try:
+            task.query(NOBODY, timeout=None)
+        except TaskKilled:
+            robot.seen.put((TaskKilled, ""))
+            task.wait_until_handled(NEVER)
+
+    with robot.running() as user:
+        with robot.legs.running():
+            working = user.command(works, sequential=False)
+            robot.waits("query")
+            working.kill()
+            assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
+            robot.waits("until handled")
+        assert working.wait(SOON) is Outcome.KILLED
+    assert not robot.central.facts(Failed)
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
+
+
+def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None:
+    works, said = Command("work"), queue.Queue[object]()
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        pending, bids = task.query_send(NOBODY), task.multi_query_send(BIDS, timeout=None)
+        with pytest.raises(TaskKilled):
+            next(bids)
+        said.put(list(bids))
+        said.put(task.cancelled)
+        pending.cancel()
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        assert robot.asked.wait(SOON)
+        working.kill()
+        assert (said.get(timeout=SOON), said.get(timeout=SOON)) == ([], True)
+
+
+# --- who else waits -----------------------------------------------------------------------------------------------------
+
+
+def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
+    """A killed handler asks its own resource: who answers there works for itself, and only then the first is woken."""
+    works, inner, told = Command("work"), Query("inner", reply=str), queue.Queue[str]()
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        try:
+            task.query(inner, timeout=None)
+        except TaskKilled as error:
+            told.put(str(error))
+            raise
+
+    @robot.legs.handles(inner, resource="wheels")
+    def answer(task: Task) -> str:
+        assert task.query(BUSY, timeout=SOON) == 1
+        told.put("answered")
+        return ""
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        assert robot.asked.wait(SOON)
+        working.kill()
+        robot.go_on.set()
+        assert told.get(timeout=SOON) == "answered"
+        assert working.wait(SOON) is Outcome.KILLED
+
+
+def asked(robot: Robot, module: str) -> list[str]:
+    return [due.message.name for due in robot.central.asked_by(module)]
+
+
+def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
+    works, told = Command("work"), queue.Queue[int]()
+
+    def elsewhere() -> None:
+        with connect("thread", robot.central.address) as client:
+            told.put(client.query(BUSY, timeout=SOON))
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        threading.Thread(target=elsewhere).start()
+        task.query_notify(HERE, None, lambda sender, _: told.put(sender.query(BUSY, timeout=SOON)))
+        task.query(NOBODY, timeout=None)
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        for module in ("legs", "thread"):
+            until(lambda module=module: BUSY.name in asked(robot, module), "it waits")  # type: ignore[misc]
+        working.kill()
+        robot.go_on.set()
+        assert [told.get(timeout=SOON) for _ in range(2)] == [1, 1]
+        assert working.wait(SOON) is Outcome.KILLED
+
+
+@pytest.mark.parametrize("waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")])
+def test_a_coroutine_that_blocks_is_woken_as_well(robot: Robot, waits: Callable[[Task], Any]) -> None:
+    """And is then not cancelled: it was told."""
+    works = Command("work")
+
+    @robot.legs.handles(works, resource="wheels")
+    async def work(task: Task) -> None:
+        try:
+            waits(task)
+        except TaskKilled:
+            robot.seen.put((TaskKilled, await task.query_send(HERE)))
+            raise
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        robot.waits("")
+        working.kill()
+        assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
+        assert working.wait(SOON) is Outcome.KILLED
+
+
+def test_a_coroutine_that_waits_on_after_a_kill_does_not_keep_its_module(robot: Robot) -> None:
+    works = Command("work")
+
+    @robot.legs.handles(works, resource="wheels")
+    async def work(task: Task) -> None:
+        try:
+            await task.query_send(NOBODY)
+        finally:
+            robot.seen.put((None, ""))
+            await task.query_send(BUSY)
+
+    with robot.running() as user:
+        with robot.legs.running():
+            working = user.command(works, sequential=False)
+            robot.waits("")
+            working.kill()
+            robot.seen.get(timeout=SOON)
+            assert robot.asked.wait(SOON)
+        assert working.wait(SOON) is Outcome.KILLED
