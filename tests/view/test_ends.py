@@ -28,7 +28,7 @@ def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Pat
     expect(page.locator("#task .lead.end")).to_have_text(END)
     page.set_viewport_size({"width": 1300, "height": 860})
     expect(why[6]).to_have_text("until drill {5} is achieved; in the end for calibrate {3}, for 3.00 s")
-    expect(why[2]).to_have_text("until calibrate {3} is achieved, which no module handles, for 3.00 s")
+    expect(why[2]).to_have_text("for calibrate {3}, which no module handles, for 3.00 s")
     page.locator("#task .lead.end button").click()
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
 
@@ -50,7 +50,7 @@ def test_100_000_that_wait_are_told_what_for(look: Look, tmp_path: Path) -> None
     page.keyboard.press("ArrowLeft")
     expect(page.locator("#causes")).to_contain_text("wait for 1 thing")
     page.keyboard.press("End")
-    expect(page.locator(".row .why").nth(1)).to_contain_text("in the end for calibrate {3}")
+    expect(page.locator(".row .why").nth(1)).to_contain_text("calibrate {3} is achieved, which no module handles")
 
 
 def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None:

@@ -57,7 +57,10 @@ export function withEnd(text, end, between, room, widthOf) {
   const hasRoom = (one) => widthOf(one) <= room, bare = text.replace(/^waits /, ""), whole = [text + between + end, bare + between + end];
   const [, named, which, others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
   const isNext = /\{\d+\}/.exec(named)?.[0] === (text.match(/\{\d+\}/g) ?? []).join(); // the note names it, and nothing else
-  if (isNext && which) return [...whole, text + which + (others ?? ""), bare + which, text].find(hasRoom) ?? abridged(text, room, widthOf);
+  if (isNext && which) {
+    const told = / s after /.test(text) ? text : end.replace(/^in the end /, ""); // a delay is nowhere else in the row
+    return [...whole, text + which + (others ?? ""), bare + which, told].find(hasRoom) ?? abridged(text, room, widthOf);
+  }
   const found = [...whole, text + between + brief, bare + between + brief].find(hasRoom), left = room - widthOf(between + brief);
   if (found) return found;
   if (left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + brief;
