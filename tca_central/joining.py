@@ -31,6 +31,8 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
     ):
         raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
+    if len(header.pulse) > Limit.NAME:
+        raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
     if header.entrance is not None:
         direct.check_entrance(header.entrance)
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
@@ -47,6 +49,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection = Connection(connection_id, session, module)
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
+    connection.pulse = header.pulse
     on_hello_again(central, connection, header, b"")
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
         central.tell(connection, Cancelled(orphan))

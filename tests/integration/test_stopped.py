@@ -1,0 +1,170 @@
+"""Processes that stand still and are not dead: modules, which count as lost, and central, which blames nobody."""
+
+import signal
+import subprocess
+import threading
+from pathlib import Path
+
+import pytest
+from integration.programs import central, program, run
+
+from tca_module import CentralLost, Command, Module, Outcome, Query, Task, TaskFailed, Timeout, connect
+from tca_tools.logs import open_log
+from tca_wire import facts
+
+STEP, LOOK, LOAD = Command("step"), Query("look", reply=str), Command("load", float)
+SOON = 30.0
+
+LEGS = """
+    import time
+    from tca_module import Command, Module, Task
+    legs = Module("legs")
+
+    @legs.handles(Command("step"))
+    def step(task: Task) -> None:
+        with task.lock("camera"):
+            print("steps", flush=True)
+            while not task.cancelled:
+                time.sleep(0.02)
+        print("was told", flush=True)
+
+    legs.run()
+"""
+CLIENT = """
+    import sys
+    from tca_module import connect
+    user = connect("user")
+    user.lock("camera")
+    print("has it", flush=True)
+    sys.stdin.read()
+"""
+LOADER = """
+    import ctypes
+    from tca_module import Command, Module, Task
+    planner = Module("planner")
+
+    @planner.handles(Command("load", float))
+    def load(_: Task, seconds: float) -> None:
+        ctypes.PyDLL(None).sleep(int(seconds))  # a PyDLL keeps Python's lock, as loading a model may
+
+    planner.run()
+"""
+
+
+def hear(running: "subprocess.Popen[str]", line: str) -> None:
+    assert running.stdout
+    assert running.stdout.readline() == f"{line}\n"
+
+
+def eyes_at(address: str) -> Module:
+    eyes = Module("eyes", address)
+    eyes.resource("camera")
+    eyes.handles(LOOK)(lambda _: "clear")
+    eyes.handles(Command("photo"), resource="camera")(lambda _: None)
+    return eyes
+
+
+def left(journal: Path) -> list[tuple[str, str]]:
+    """Which modules have left, and why, by the journal."""
+    found = [fact for entry in open_log(journal) for fact in entry.facts if isinstance(fact, facts.ModuleLeft)]
+    return [(fact.module, fact.why) for fact in found if "goodbye" not in fact.why]
+
+
+def stop_and_go_on(folder: Path, seconds: int, *options: str) -> None:
+    """A module is stopped while it handles a command, is lost, and serves again once it goes on."""
+    why = f"its process was silent for {seconds} s"
+    with central(folder, *options) as daemon, eyes_at(daemon.address).running():
+        with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
+            user.wait_until_handled(STEP, timeout=SOON)
+            step = user.command(STEP)
+            hear(legs, "steps")
+            legs.send_signal(signal.SIGSTOP)
+            with pytest.raises(TaskFailed, match=f"module lost: module 'legs' was lost: {why}"):
+                step.result(timeout=SOON)
+            user.lock("camera", timeout=SOON).release()
+            assert user.query(LOOK, timeout=SOON) == "clear"
+            assert {module.name for module in user.modules()} == {"user", "eyes"}
+            legs.send_signal(signal.SIGCONT)
+            hear(legs, "was told")
+            user.wait_until_handled(STEP, timeout=SOON)
+            step = user.command(STEP)
+            hear(legs, "steps")
+            step.kill()
+            hear(legs, "was told")
+            assert step.wait(timeout=SOON) is Outcome.KILLED
+        daemon.stop()
+        assert ("legs", why) in left(daemon.journal)
+
+
+def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_path: Path) -> None:
+    stop_and_go_on(tmp_path, 3, "--lost-after", "3")
+
+
+@pytest.mark.slow
+def test_five_seconds_are_too_many(tmp_path: Path) -> None:
+    stop_and_go_on(tmp_path, 5)
+
+
+def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
+    with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
+        with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
+            hear(script, "has it")
+            script.send_signal(signal.SIGSTOP)
+            other.lock("camera", timeout=SOON).release()
+
+
+@pytest.mark.slow
+def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon:
+        with program(LOADER, daemon.address), connect("user", daemon.address) as user:
+            user.wait_until_handled(LOAD, timeout=SOON)
+            assert user.command(LOAD, 8.0).wait(timeout=SOON) is Outcome.DONE
+        daemon.stop()
+        assert left(daemon.journal) == [("planner", "its connection closed")]  # at the end of the test
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bind", ["", "tcp://127.0.0.1:*"])
+def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> None:
+    with central(tmp_path, "--lost-after", "2", bind=bind) as daemon:
+        address = bind and f"tcp{daemon.first_line.rpartition('tcp')[2]}"
+        with eyes_at(address or daemon.address).running(), program(LEGS, address or daemon.address) as legs:
+            with connect("user", address or daemon.address, patience=1.0) as user:
+                user.wait_until_handled(STEP, timeout=SOON)
+                step = user.command(STEP)
+                hear(legs, "steps")
+                daemon.signal(signal.SIGSTOP)
+                with pytest.raises(CentralLost):
+                    user.query(LOOK)
+                threading.Event().wait(8)
+                daemon.signal(signal.SIGCONT)
+                assert user.query(LOOK, timeout=SOON) == "clear"
+                with pytest.raises(Timeout):
+                    step.wait(timeout=4.5)
+                step.kill()
+                assert step.wait(timeout=SOON) is Outcome.KILLED
+        daemon.stop()
+        assert left(daemon.journal) == [("legs", "its connection closed")]
+
+
+@pytest.mark.slow
+def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> None:
+    with central(tmp_path, "--lost-after", "0") as daemon, eyes_at(daemon.address).running():
+        with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
+            user.wait_until_handled(STEP, timeout=SOON)
+            step = user.command(STEP)
+            hear(legs, "steps")
+            legs.send_signal(signal.SIGSTOP)
+            with pytest.raises(Timeout):
+                step.wait(timeout=7)
+            legs.send_signal(signal.SIGCONT)
+            step.kill()
+            hear(legs, "was told")
+            assert step.wait(timeout=SOON) is Outcome.KILLED
+
+
+def test_a_second_is_no_silence(tmp_path: Path) -> None:
+    refused = run("tca_central", "--bind", f"ipc://{tmp_path}/central.sock", "--lost-after", "1")
+    assert (refused.returncode, refused.stderr.splitlines()[-1]) == (
+        2, "Error: --lost-after 1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never",
+    )  # fmt: skip
