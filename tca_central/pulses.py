@@ -1,7 +1,7 @@
 """Which processes still go on: each has a pulse, a connection on which it sends back central's beats.
 
-A client that names none is not watched. Silence is counted in beats, not in seconds: a central that stood still has sent
-none meanwhile, so it blames nobody for its own lateness.
+A client that names none is not watched. Silence is counted in beats, not in seconds: a central that stood still has
+sent none meanwhile, so it blames nobody for its own lateness.
 """
 
 from collections.abc import Iterable

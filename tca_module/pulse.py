@@ -1,7 +1,7 @@
-"""The pulse of this process: a socket that sends back what central sends, so that central sees that the process goes on.
+"""The pulse of this process: a socket that sends back what central sends, so that central sees that it goes on.
 
 ZeroMQ's own C code does that, in a thread that needs nothing of Python: a handler may keep Python's lock for as long as
-it likes (docs/decisions/0063-the-pulse-of-a-process.md).
+it likes (docs/decisions/0063-the-pulse-of-a-process.md). With transport.py and direct_sockets.py the only ZeroMQ.
 """
 
 import contextlib

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from integration.programs import central, program, run
 
-from tca_module import CentralLost, Command, Module, Outcome, Query, Task, TaskFailed, Timeout, connect
+from tca_module import CentralLost, Command, Module, Outcome, Query, TaskFailed, Timeout, connect
 from tca_tools.logs import open_log
 from tca_wire import facts
 
@@ -129,18 +129,18 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
     with central(tmp_path, "--lost-after", "2", bind=bind) as daemon:
         address = bind and f"tcp{daemon.first_line.rpartition('tcp')[2]}"
         with eyes_at(address or daemon.address).running(), program(LEGS, address or daemon.address) as legs:
-            with connect("user", address or daemon.address, patience=1.0) as user:
+            with connect("user", address or daemon.address, patience=3.0) as user:
                 user.wait_until_handled(STEP, timeout=SOON)
                 step = user.command(STEP)
                 hear(legs, "steps")
                 daemon.signal(signal.SIGSTOP)
                 with pytest.raises(CentralLost):
                     user.query(LOOK)
-                threading.Event().wait(8)
+                threading.Event().wait(6)
                 daemon.signal(signal.SIGCONT)
                 assert user.query(LOOK, timeout=SOON) == "clear"
                 with pytest.raises(Timeout):
-                    step.wait(timeout=4.5)
+                    step.wait(timeout=4.5)  # in which a silence would be noticed
                 step.kill()
                 assert step.wait(timeout=SOON) is Outcome.KILLED
         daemon.stop()
