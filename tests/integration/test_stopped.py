@@ -1,5 +1,6 @@
 """Processes that stand still and are not dead: modules, which count as lost, and central, which blames nobody."""
 
+import os
 import signal
 import subprocess
 import threading
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from integration.programs import Central, central, program, run
+from module.real_central import until
 
 from tca_module import CentralLost, Command, Module, Outcome, Query, TaskFailed, Timeout, connect
 from tca_tools.logs import open_log
@@ -50,6 +52,16 @@ LOADER = """
         ctypes.PyDLL(None).sleep(int(seconds))  # a PyDLL keeps Python's lock, as loading a model may
 
     planner.run()
+"""
+PARENT = """
+    import os, time
+    from tca_module import Module
+    with Module("parent").running():
+        if (child := os.fork()) == 0:
+            time.sleep(60)
+            os._exit(0)
+        print(child, flush=True)
+        time.sleep(60)
 """
 
 
@@ -173,6 +185,22 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
             step.kill()
             hear(legs, "was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
+
+
+@pytest.mark.slow
+def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
+    """The kernel closes them only when the last process that has them ends; a child has no pulse."""
+    with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
+        with program(PARENT, daemon.address) as parent:
+            assert parent.stdout
+            child = int(parent.stdout.readline())
+            try:
+                parent.kill()
+                until(lambda: {module.name for module in user.modules()} == {"user"}, "the parent is lost")
+            finally:
+                os.kill(child, signal.SIGKILL)
+        daemon.stop()
+        assert silent(daemon.journal) == ["parent"]
 
 
 def test_a_second_is_no_silence(tmp_path: Path) -> None:
