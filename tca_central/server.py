@@ -49,7 +49,7 @@ _OPTIONS = (
 _BEAT = codec.pack_item(Beat())
 BEAT_PERIOD = 1.0
 LOST_AFTER = 5
-"""Beats without a word from a process that answered them before: it stands still, and counts as lost."""
+"""Beats without a word from a process that has a pulse: it stands still, and counts as lost."""
 PACKETS_PER_TURN = 256
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 OUTBOX_BYTES = 64 << 20

@@ -18,7 +18,7 @@ class Pulse:
 
     def __init__(self, address: str) -> None:
         self.users = 0
-        # A name that is set is safe here: it is used once, and all that a lost line could lose is a beat.
+        # A routing id of one's own is safe here: nobody else has it, and a line that it shuts out is only not watched.
         self.name = b"pulse " + token_hex(8).encode()  #: its routing id
         self._key = _key(address)
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
