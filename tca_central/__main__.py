@@ -14,7 +14,7 @@ import click
 from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.journal_writer import JournalWriter, Sync
-from tca_central.server import Server
+from tca_central.server import LOST_AFTER, Server
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals
 
 LONGEST_PATH = 100
@@ -69,19 +69,25 @@ def _remember(journal: Path) -> None:
 @click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
               help="When the journal is safe: 'always' on the disk before anything leaves, 'batch' with the kernel \
 before and on the disk within a second, 'none' when convenient.")  # fmt: skip
+@click.option("--lost-after", type=click.IntRange(min=0), default=LOST_AFTER, show_default=True, metavar="SECONDS",
+              help="Silence after which a program whose process stands still (stopped, paused) counts as lost; 0: \
+never.")  # fmt: skip
 @click.option("--insecure", is_flag=True, help="Allow addresses that other machines can reach.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
 def central(
-    bind: str | None, journal: Path | None, sync: str, *, no_journal: bool, insecure: bool, quiet: bool
+    bind: str | None, journal: Path | None, sync: str, *, lost_after: int, no_journal: bool, insecure: bool, quiet: bool
 ) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
     logging.basicConfig(level=logging.WARNING if quiet else logging.INFO, format="central: %(message)s")
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
+    if lost_after == 1:
+        msg = "--lost-after 1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never"
+        raise click.UsageError(msg)
     epoch = token_hex(8)
     folder = journal or _new_journal_folder()
     try:
-        server = Server(Central(epoch), None, endpoint)
+        server = Server(Central(epoch), None, endpoint, lost_after=lost_after)
     except CentralError as error:
         raise click.ClickException(str(error)) from None
     try:

@@ -25,15 +25,7 @@ from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
 def hello(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
     """A connection introduces itself, for the first time or after a reconnect."""
     registry = central.registry
-    if header.version != PROTOCOL_VERSION:
-        text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
-        raise RequestError(Refusal.PROTOCOL, text)
-    if not all(
-        name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
-    ):
-        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
-    if header.entrance is not None:
-        direct.check_entrance(header.entrance)
+    _check(header)
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process))
@@ -48,6 +40,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection = Connection(connection_id, session, module)
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
+    connection.pulse = header.pulse
     on_hello_again(central, connection, header, b"")
     _tell_again(central, connection)
 
@@ -62,6 +55,21 @@ def _tell_again(central: State, connection: Connection) -> None:
             central.tell(connection, deliver(delivery), delivery.body)
             if isinstance(delivery, Task) and (delivery.killed or delivery.again):
                 central.tell(connection, Cancelled(delivery.given_as))
+
+
+def _check(header: headers.Hello) -> None:
+    """Raises RequestError if central can't do with it."""
+    if header.version != PROTOCOL_VERSION:
+        text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if not all(
+        name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
+    ):
+        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
+    if len(header.pulse) > Limit.NAME:
+        raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
+    if header.entrance is not None:
+        direct.check_entrance(header.entrance)
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:

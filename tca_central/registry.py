@@ -46,12 +46,13 @@ class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
     __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "orphans", "outstanding", "pauses",
-                 "resource", "routes", "session", "waits", "watchers", "watches")  # fmt: skip
+                 "pulse", "resource", "routes", "session", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
         self.session = session  #: names it across reconnects
         self.module = module
+        self.pulse = b""  #: of its process, for the server
         self.resource: ModuleResource | None = None
         self.outstanding: dict[int, Any] = {}  #: requests whose answer is due -> the delivery or wait behind it
         self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first

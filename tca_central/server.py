@@ -22,6 +22,7 @@ from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
 from tca_central.journal_writer import JournalWriter
+from tca_central.pulses import Pulses
 from tca_wire import codec, facts
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
@@ -41,11 +42,14 @@ _OPTIONS = (
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.LINGER, 1000),
     (zmq.HANDSHAKE_IVL, 2000),
-    # No HEARTBEAT_IVL: docs/decisions/0063-zeromqs-heartbeats-are-off.md
+    # No HEARTBEAT_IVL: docs/decisions/0063-the-pulse-of-a-process.md
     (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing, and central's beats are always on the way
 )
 
+_BEAT = codec.pack_item(Beat())
 BEAT_PERIOD = 1.0
+LOST_AFTER = 5
+"""Beats without a word from a process that has a pulse: it stands still, and counts as lost."""
 PACKETS_PER_TURN = 256
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
 OUTBOX_BYTES = 64 << 20
@@ -66,7 +70,10 @@ class Outbox:
 class Server:
     """Central as a daemon: the core, its journal and its socket."""
 
-    def __init__(self, central: Central, journal: JournalWriter | None, endpoint: str) -> None:
+    def __init__(
+        self, central: Central, journal: JournalWriter | None, endpoint: str, *, lost_after: int = LOST_AFTER
+    ) -> None:
+        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many."""
         self.central = central
         self.journal = journal
         self.stopping = ""  #: why the loop shall end
@@ -75,7 +82,9 @@ class Server:
         self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
         self._too_slow: dict[ConnectionId, str] = {}
         self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
-        self._next_beat = BEAT_PERIOD
+        self._next_beat = self._next_pulse = BEAT_PERIOD
+        self._lost_after = lost_after
+        self._pulses = Pulses(lost_after)
         self._context = zmq.Context()
         self._lock = _lock_of(endpoint)
         self.socket = self._bind(endpoint)
@@ -127,6 +136,8 @@ class Server:
             yield from self._received()
         if self._monitor in ready or self.now() >= self._next_beat:
             yield from self._lost()
+        if self.now() >= self._next_pulse:
+            yield from self._silent()
         due = self.central.clock.next
         if due is not None and due <= self.now():
             yield Tick(self.now())
@@ -178,7 +189,9 @@ class Server:
         if self._dirty:
             return 10
         due = self.central.clock.next
-        until = self._next_beat if due is None else min(due, self._next_beat)
+        until = min(self._next_beat, self._next_pulse)
+        if due is not None:
+            until = min(due, until)
         return max(0, int((until - self.now()) * 1000) + 1)
 
     # --- receiving -------------------------------------------------------------------------------------------------
@@ -189,10 +202,13 @@ class Server:
                 return
             routing_id, *frames = self.socket.recv_multipart(_DONTWAIT)
             connection, now = ConnectionId(routing_id), self.now()
+            self._pulses.heard.add(routing_id)
             try:
                 if len(frames) != 1:
                     msg = f"{len(frames)} frames; a packet is one"
                     raise ProtocolError(msg)  # noqa: TRY301
+                if frames[0] == _BEAT:  # sent back by a pulse
+                    continue
                 items = codec.unpack_to_central(frames[0])
             except ProtocolError as error:
                 yield BadBytes(now, connection, str(error))
@@ -208,10 +224,10 @@ class Server:
         for connection, why in self._too_slow.items():
             yield ConnectionLost(self.now(), connection, why)
         self._too_slow.clear()
-        beat, gone = codec.pack_item(Beat()), []
+        gone = []
         for connection in list(self.central.registry.connections):
             try:
-                self.socket.send_multipart((connection, beat), zmq.DONTWAIT)
+                self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
             except zmq.Again:
                 continue
             except zmq.ZMQError:
@@ -222,6 +238,27 @@ class Server:
             yield ConnectionLost(self.now(), connection)
         for stranger in [known for known in self._outboxes if known not in self.central.registry.connections]:
             self._forget(stranger)
+
+    def _silent(self) -> Iterator[Event]:
+        """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
+        self._next_pulse = self.now() + BEAT_PERIOD
+        known, pulses = self.central.registry.connections, self._pulses
+        beating = pulses.beat(known.values()) if self._lost_after else set()
+        if pulses.silent():
+            yield from self._last_words()  # their sign of life may have come, and not been read
+            pulses.listen(known.values())
+        silent = pulses.silent()
+        for connection in [one for one in known.values() if one.pulse in silent]:
+            yield ConnectionLost(self.now(), connection.id, f"its process was silent for {self._lost_after} s")
+        for pulse in beating - silent:
+            try:
+                self.socket.send_multipart((pulse, _BEAT), zmq.DONTWAIT)
+            except zmq.Again:
+                continue  # more than enough are on their way
+            except zmq.ZMQError:
+                pulses.gone(pulse)
+            else:
+                pulses.sent(pulse)
 
     def _last_words(self) -> Iterator[Event]:
         """What has arrived by now: a connection that is gone may have said goodbye before it went."""

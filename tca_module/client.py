@@ -62,6 +62,7 @@ def _connection_by_socket(
     address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]], attachments: Attachments | None
 ) -> Connection:
     transport, door = DealerTransport(address), None
+    hello = msgspec.structs.replace(hello, pulse=transport.pulse)
     if direct:
         try:
             door = Door(address, direct)

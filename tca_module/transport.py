@@ -1,6 +1,6 @@
 """How packets travel between one connection and central, and how to wait for them together with other things.
 
-With direct_sockets.py the only file of this package that knows ZeroMQ.
+With direct_sockets.py and pulse.py the only file of this package that knows ZeroMQ.
 """
 
 import contextlib
@@ -15,6 +15,7 @@ from typing import Protocol
 import zmq
 
 from tca_module.errors import MisuseError
+from tca_module.pulse import Pulse, pulse_to
 
 KEEPALIVE = (
     (zmq.TCP_KEEPALIVE, 1),
@@ -154,6 +155,8 @@ class DealerTransport:
             self._socket.close(linger=0)
             msg = f"{address!r} is no address of central ({error}): 'ipc:///path/of/socket' or 'tcp://host:port' is"
             raise MisuseError(msg) from None
+        self._pulse: Pulse | None = pulse_to(address)  #: None when closed
+        self.pulse = self._pulse.name
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send, waiting so long for central to be there and take it; whether it left."""
@@ -230,3 +233,6 @@ class DealerTransport:
         self._socket.close()
         if self._waker is not None:
             self._waker.close()
+        if self._pulse is not None:
+            self._pulse.release()
+            self._pulse = None

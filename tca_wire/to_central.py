@@ -35,6 +35,8 @@ class Hello(_Header, frozen=True, tag=1):
     """Where the module runs, for people: "host:pid"."""
     entrance: Entrance | None = None
     """Where this slot takes messages directly, if it does."""
+    pulse: bytes = b""
+    """Routing id of the socket on which this process sends back central's beats, if it has one."""
 
 
 class Register(_Header, frozen=True, tag=2):

@@ -37,7 +37,12 @@ MAY_IMPORT = {
 """Beside the package itself and the standard library."""
 
 ONLY_IN = {
-    "zmq": {"tca_central/server.py", "tca_module/transport.py", "tca_module/direct_sockets.py"},
+    "zmq": {
+        "tca_central/server.py",
+        "tca_module/transport.py",
+        "tca_module/direct_sockets.py",
+        "tca_module/pulse.py",
+    },
     "pybullet": {"robots/ambler_sim/physics.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
     "mcap": {"tca_tools/export/mcap_file.py"},
@@ -179,7 +184,8 @@ CENTRAL: dict[str, set[str]] = {
         "task_tree",
     },
     "journal_writer": {"errors"},
-    "server": {"core", "errors", "events", "journal_writer"},
+    "pulses": {"registry"},
+    "server": {"core", "errors", "events", "journal_writer", "pulses"},
     "__main__": {"core", "errors", "journal_writer", "server"},
     "invariants": {
         "availability",

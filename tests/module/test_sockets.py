@@ -14,7 +14,7 @@ import click
 import pytest
 from click.testing import CliRunner
 from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
-from module.real_central import RealCentral
+from module.real_central import RealCentral, until
 
 from tca_module import (
     Callback,
@@ -246,3 +246,30 @@ def test_without_central_the_answer_is_one_line(address: str) -> None:
     code, text = ask(commands.status, "--central", "somewhere")
     assert code == 2
     assert "'somewhere' is no address of central" in text
+
+
+def test_nothing_stays_of_a_pulse_when_its_last_connection_is_closed(address: str) -> None:
+    """All connections of a process to one central share one."""
+    with RealCentral(address), RealCentral(f"{address}-2") as other:
+        with connect("first", address):  # what ZeroMQ has once for a process is there from now on
+            pass
+        before = files_here()
+        first, second = connect("first", address), connect("second", address)
+        third = connect("third", other.address)
+        assert pulses_here() == 2
+        first.close()
+        assert pulses_here() == 2
+        second.close()
+        assert pulses_here() == 1
+        third.close()
+        third.close()
+        assert pulses_here() == 0
+        until(lambda: files_here() <= before, "every file is closed")
+
+
+def files_here() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def pulses_here() -> int:
+    return sum(thread.name == "pulse" for thread in threading.enumerate())

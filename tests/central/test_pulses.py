@@ -1,0 +1,92 @@
+"""Who stands still, as far as central can tell: by the beats that are not sent back."""
+
+from itertools import count
+
+import pytest
+from central.player import Player
+
+from tca_central.events import ConnectionId
+from tca_central.pulses import Pulses
+from tca_central.registry import Connection, Module
+from tca_wire.headers import Hello, Refused
+from tca_wire.vocabulary import Limit, Refusal
+
+NUMBERS = count(1)
+
+
+def connection_of(pulse: bytes) -> Connection:
+    number = next(NUMBERS)
+    module = Module("legs", "legs", "1", "here:1")
+    connection = Connection(ConnectionId(b"connection %d" % number), f"1/{number}", module)
+    connection.pulse = pulse
+    return connection
+
+
+def beat(pulses: Pulses, *connections: Connection) -> set[bytes]:
+    """A beat that every pulse takes; those that are silent for too long."""
+    beating = pulses.beat(connections)
+    silent = pulses.silent()
+    for pulse in beating - silent:
+        pulses.sent(pulse)
+    return silent
+
+
+def test_a_process_that_sends_no_beat_back_is_silent() -> None:
+    pulses, legs, eyes = Pulses(2), connection_of(b"legs"), connection_of(b"eyes")
+    for _ in range(3):
+        assert beat(pulses, legs, eyes) == set()
+        pulses.heard |= {b"legs", b"eyes"}
+    assert beat(pulses, legs, eyes) == set()
+    pulses.heard.add(b"eyes")
+    assert beat(pulses, legs, eyes) == set()
+    pulses.heard.add(b"eyes")
+    assert beat(pulses, legs, eyes) == {b"legs"}
+    pulses.heard.add(b"eyes")
+    assert beat(pulses, eyes) == set()  # the legs have been lost; now they come back
+    pulses.heard.add(b"eyes")
+    assert beat(pulses, legs, eyes) == set()
+    pulses.heard |= {b"legs", b"eyes"}
+    assert beat(pulses, legs, eyes) == set()
+
+
+def test_what_is_read_at_the_last_moment_counts() -> None:
+    pulses, legs = Pulses(1), connection_of(b"legs")
+    beat(pulses, legs)
+    assert beat(pulses, legs) == {b"legs"}
+    pulses.heard.add(b"legs")
+    pulses.listen([legs])
+    assert pulses.silent() == set()
+
+
+def test_any_word_of_a_process_is_a_sign_of_life() -> None:
+    pulses, legs, leg = Pulses(1), connection_of(b"legs"), connection_of(b"legs")
+    for _ in range(5):
+        assert beat(pulses, legs, leg) == set()
+        pulses.heard.add(leg.id)
+    assert beat(pulses, legs, leg) == set()
+    assert beat(pulses, legs, leg) == {b"legs"}
+
+
+def test_who_names_no_pulse_is_not_watched() -> None:
+    pulses, old = Pulses(1), connection_of(b"")
+    assert [beat(pulses, old) for _ in range(3)] == [set()] * 3
+
+
+def test_a_line_that_is_not_there_blames_nobody() -> None:
+    pulses, legs = Pulses(1), connection_of(b"legs")
+    for _ in range(3):
+        assert pulses.beat([legs]) == {b"legs"}
+        pulses.gone(b"legs")  # says the socket
+        assert pulses.silent() == set()
+    beat(pulses, legs)
+    assert beat(pulses, legs) == {b"legs"}
+
+
+@pytest.mark.parametrize("length", [Limit.NAME, Limit.NAME + 1])
+def test_a_pulse_is_named_by_so_many_bytes(length: int) -> None:
+    hello = Hello(1, 1, "legs", "1", pulse=bytes(length))
+    (answer, *_) = Player().receive("legs", hello)
+    if length > Limit.NAME:
+        assert answer == Refused(1, Refusal.PROTOCOL, "a pulse is named by at most 128 bytes")
+    else:
+        assert not isinstance(answer, Refused)

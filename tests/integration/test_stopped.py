@@ -1,0 +1,229 @@
+"""Processes that stand still and are not dead: modules, which count as lost, and central, which blames nobody."""
+
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from integration.programs import Central, central, program, run
+from module.real_central import until
+
+from tca_module import CentralLost, Command, Module, Outcome, Query, TaskFailed, Timeout, connect
+from tca_tools.logs import open_log
+from tca_wire import facts
+
+STEP, LOOK, LOAD = Command("step"), Query("look", reply=str), Command("load", float)
+SOON = 30.0
+
+LEGS = """
+    import time
+    from tca_module import Command, Module, Task
+    legs = Module("legs")
+
+    @legs.handles(Command("step"))
+    def step(task: Task) -> None:
+        with task.lock("camera"):
+            print("steps", flush=True)
+            while not task.cancelled:
+                time.sleep(0.02)
+        print("was told", flush=True)
+
+    legs.run()
+"""
+CLIENT = """
+    import sys
+    from tca_module import connect
+    user = connect("user")
+    user.lock("camera")
+    print("has it", flush=True)
+    sys.stdin.read()
+"""
+LOADER = """
+    import ctypes
+    from tca_module import Command, Module, Task
+    planner = Module("planner")
+
+    @planner.handles(Command("load", float))
+    def load(_: Task, seconds: float) -> None:
+        ctypes.PyDLL(None).sleep(int(seconds))  # a PyDLL keeps Python's lock, as loading a model may
+
+    planner.run()
+"""
+PARENT = """
+    import os, time
+    from tca_module import Module
+    with Module("parent").running():
+        if (child := os.fork()) == 0:
+            time.sleep(60)
+            os._exit(0)
+        print(child, flush=True)
+        time.sleep(60)
+"""
+
+
+def hear(running: "subprocess.Popen[str]", line: str) -> None:
+    assert running.stdout
+    assert running.stdout.readline() == f"{line}\n"
+
+
+def eyes_at(address: str) -> Module:
+    eyes = Module("eyes", address)
+    eyes.resource("camera")
+    eyes.handles(LOOK)(lambda _: "clear")
+    eyes.handles(Command("photo"), resource="camera")(lambda _: None)
+    return eyes
+
+
+def silent(journal: Path) -> list[str]:
+    """Which modules were lost for their silence, by the journal."""
+    found = [fact for entry in open_log(journal) for fact in entry.facts if isinstance(fact, facts.ModuleLeft)]
+    return [fact.module for fact in found if "silent" in fact.why]
+
+
+TCP = "tcp://127.0.0.1:*"
+
+
+@contextmanager
+def running(folder: Path, *options: str, bind: str = "") -> Iterator[tuple[Central, str]]:
+    """A central, and where it listens."""
+    with central(folder, *options, bind=bind) as daemon:
+        yield daemon, daemon.first_line.removeprefix("central: listening on ")
+
+
+def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") -> None:
+    """A module is stopped while it handles a command, is lost, and serves again once it goes on."""
+    why = f"its process was silent for {seconds} s"
+    with running(folder, *options, bind=bind) as (daemon, address), eyes_at(address).running():
+        with program(LEGS, address) as legs, connect("user", address) as user:
+            user.wait_until_handled(STEP, timeout=SOON)
+            step = user.command(STEP)
+            hear(legs, "steps")
+            legs.send_signal(signal.SIGSTOP)
+            with pytest.raises(TaskFailed, match=f"module lost: module 'legs' was lost: {why}"):
+                step.result(timeout=SOON)
+            user.lock("camera", timeout=SOON).release()
+            assert user.query(LOOK, timeout=SOON) == "clear"
+            assert {module.name for module in user.modules()} == {"user", "eyes"}
+            legs.send_signal(signal.SIGCONT)
+            hear(legs, "was told")
+            user.wait_until_handled(STEP, timeout=SOON)
+            step = user.command(STEP)
+            hear(legs, "steps")
+            step.kill()
+            hear(legs, "was told")
+            assert step.wait(timeout=SOON) is Outcome.KILLED
+        daemon.stop()
+        assert silent(daemon.journal) == ["legs"]
+
+
+def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_path: Path) -> None:
+    stop_and_go_on(tmp_path, 3, "--lost-after", "3")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bind", ["", TCP])
+def test_five_seconds_are_too_many(tmp_path: Path, bind: str) -> None:
+    stop_and_go_on(tmp_path, 5, bind=bind)
+
+
+def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
+    with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
+        with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
+            hear(script, "has it")
+            script.send_signal(signal.SIGSTOP)
+            other.lock("camera", timeout=SOON).release()
+
+
+@pytest.mark.slow
+def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon:
+        with program(LOADER, daemon.address), connect("user", daemon.address) as user:
+            user.wait_until_handled(LOAD, timeout=SOON)
+            assert user.command(LOAD, 8.0).wait(timeout=SOON) is Outcome.DONE
+        daemon.stop()
+        assert silent(daemon.journal) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bind", ["", TCP])
+def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> None:
+    with running(tmp_path, "--lost-after", "2", bind=bind) as (daemon, address):
+        with eyes_at(address).running(), program(LEGS, address) as legs:
+            with connect("user", address, patience=3.0) as user:
+                user.wait_until_handled(STEP, timeout=SOON)
+                step = user.command(STEP)
+                hear(legs, "steps")
+                daemon.signal(signal.SIGSTOP)
+                with pytest.raises(CentralLost):
+                    user.query(LOOK)
+                threading.Event().wait(6)
+                daemon.signal(signal.SIGCONT)
+                assert user.query(LOOK, timeout=SOON) == "clear"
+                with pytest.raises(Timeout):
+                    step.wait(timeout=4.5)  # in which a silence would be noticed
+                step.kill()
+                assert step.wait(timeout=SOON) is Outcome.KILLED
+        daemon.stop()
+        assert silent(daemon.journal) == []
+
+
+@pytest.mark.slow
+def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> None:
+    with central(tmp_path, "--lost-after", "0") as daemon, eyes_at(daemon.address).running():
+        with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
+            user.wait_until_handled(STEP, timeout=SOON)
+            step = user.command(STEP)
+            hear(legs, "steps")
+            legs.send_signal(signal.SIGSTOP)
+            with pytest.raises(Timeout):
+                step.wait(timeout=7)
+            legs.send_signal(signal.SIGCONT)
+            step.kill()
+            hear(legs, "was told")
+            assert step.wait(timeout=SOON) is Outcome.KILLED
+
+
+@pytest.mark.slow
+def test_a_restarted_central_watches_as_the_one_before(tmp_path: Path) -> None:
+    with central(tmp_path) as first, program(LEGS, first.address) as legs:
+        with connect("user", first.address) as user:
+            user.wait_until_handled(STEP, timeout=SOON)
+        first.signal(signal.SIGKILL)
+        first.process.wait()
+        (tmp_path / "again").mkdir()
+        with central(tmp_path / "again", "--lost-after", "3", bind=first.address) as second:
+            with connect("user", first.address) as user:
+                user.wait_until_handled(STEP, timeout=SOON)
+                step = user.command(STEP)
+                hear(legs, "steps")
+                legs.send_signal(signal.SIGSTOP)
+                assert step.wait(timeout=SOON) is Outcome.FAILED
+            second.stop()
+            assert silent(second.journal) == ["legs"]
+
+
+@pytest.mark.slow
+def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
+    """The kernel closes them only when the last process that has them ends; a child has no pulse."""
+    with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
+        with program(PARENT, daemon.address) as parent:
+            assert parent.stdout
+            child = int(parent.stdout.readline())
+            try:
+                parent.kill()
+                until(lambda: {module.name for module in user.modules()} == {"user"}, "the parent is lost")
+            finally:
+                os.kill(child, signal.SIGKILL)
+        daemon.stop()
+        assert silent(daemon.journal) == ["parent"]
+
+
+def test_a_second_is_no_silence(tmp_path: Path) -> None:
+    refused = run("tca_central", "--bind", f"ipc://{tmp_path}/central.sock", "--lost-after", "1")
+    assert (refused.returncode, refused.stderr.splitlines()[-1]) == (
+        2, "Error: --lost-after 1 is too short to tell a stopped process from a busy computer: 2 or more, or 0 for never",
+    )  # fmt: skip
