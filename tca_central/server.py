@@ -34,6 +34,17 @@ log = logging.getLogger("tca.central")
 _EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)
 _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
 
+_OPTIONS = (
+    (zmq.ROUTER_MANDATORY, 1),
+    (zmq.SNDHWM, 1000),
+    (zmq.RCVHWM, 1000),
+    (zmq.MAXMSGSIZE, int(Limit.PACKET)),
+    (zmq.LINGER, 1000),
+    (zmq.HANDSHAKE_IVL, 2000),
+    # No HEARTBEAT_IVL: docs/decisions/0062-zeromqs-heartbeats-are-off.md
+    (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing, and central's beats are always on the way
+)
+
 BEAT_PERIOD = 1.0
 PACKETS_PER_TURN = 256
 TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
@@ -262,14 +273,8 @@ class Server:
 
     def _bind(self, endpoint: str) -> zmq.Socket[bytes]:
         socket = self._context.socket(zmq.ROUTER)
-        socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
-        socket.setsockopt(zmq.SNDHWM, 1000)
-        socket.setsockopt(zmq.RCVHWM, 1000)
-        socket.setsockopt(zmq.MAXMSGSIZE, Limit.PACKET)
-        socket.setsockopt(zmq.LINGER, 1000)
-        socket.setsockopt(zmq.HANDSHAKE_IVL, 2000)
-        socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)
-        socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 5000)
+        for option, value in _OPTIONS:
+            socket.setsockopt(option, value)
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:

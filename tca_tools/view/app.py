@@ -67,16 +67,17 @@ async def _page(_request: Request) -> Response:
 
 
 async def _frame(reading: Reading, request: Request) -> Response:
-    """What is new since the page last asked; waits for it a while if the page has all there is."""
+    """What is new since the page last asked; waits for it a while if the page has all there is (not with ``wait=0``)."""
     since = _lengths(request.query_params.get("since", "{}"))
-    frame = await run_in_threadpool(_next_frame, reading, since)
+    patience = 0.0 if request.query_params.get("wait") == "0" else _PATIENCE
+    frame = await run_in_threadpool(_next_frame, reading, since, patience)
     return Response(frame, media_type="application/octet-stream")
 
 
-def _next_frame(reading: Reading, since: dict[str, int]) -> bytes:
+def _next_frame(reading: Reading, since: dict[str, int], patience: float) -> bytes:
     with reading:
         if since:  # a page that has nothing yet gets what there is
-            reading.wait_for_more(since.get("entry", 0), _PATIENCE)
+            reading.wait_for_more(since.get("entry", 0), patience)
         history = reading.feed.history
         told = {
             "name": reading.log.name,

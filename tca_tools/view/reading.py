@@ -23,6 +23,10 @@ _WHO_WRITES = 1.0
 """Seconds between two looks whether central still has the journal open."""
 
 
+class _Stopped(Exception):
+    """Nobody wants to know more."""
+
+
 class Reading:
     """What has been read of a journal. Look at it only inside of ``with reading:``."""
 
@@ -136,10 +140,12 @@ class Reading:
                 if len(self._pending) >= _AT_ONCE:
                     self._take()
                 if self._stopped.is_set():
-                    return
+                    raise _Stopped  # noqa: TRY301
             self._take()
             self.log.check()
             self._catch_up()
+        except _Stopped:
+            gc.enable()
         except ToolError as error:
             self._take()
             self._catch_up(error.message)
@@ -153,7 +159,8 @@ class Reading:
         if not self.caught_up:
             self._catch_up()
         self._look_who_writes()
-        self._stopped.wait(_POLL_SECONDS)
+        if self._stopped.wait(_POLL_SECONDS):
+            raise _Stopped
 
     def _look_who_writes(self) -> None:
         """Counts only when what was written until now has been read: central's last word may be among it."""

@@ -1,5 +1,6 @@
 """Folders in which more lies than one run, or less: every tool shows one run, and says what else there is."""
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -189,6 +190,18 @@ def test_the_page_of_such_a_file_says_so(joined: tuple[Path, int]) -> None:
         assert "another run begins here" in reading.remark
         assert (reading.problem, reading.entries) == ("", len(walking().entries))
     reading.stop()
+
+
+def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
+    """The thread looked for news as fast as it could, for as long as the process lived."""
+    reading = Reading(open_log(two))
+    reading.start()
+    with reading:
+        assert reading._grown.wait_for(lambda: reading.caught_up, 30)
+    reading.stop()
+    reading._thread.join(30)
+    assert not reading._thread.is_alive()
+    assert gc.isenabled()
 
 
 def test_the_segments_of_one_run_may_stand_in_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -177,9 +177,10 @@ function showStatus(away = "") {
 }
 
 async function follow() {
-  for (;;) {
+  for (let isAway = false; ;) {
     try {
-      await store.more();
+      await store.more(isAway); // whether it is back is wanted at once
+      isAway = false;
       showStatus();
       draw();
       if (!recalled && store.head.caughtUp) {
@@ -188,6 +189,7 @@ async function follow() {
       }
       if (store.head.problem) await pause(5000);
     } catch (error) {
+      isAway = true;
       store.stand();
       showStatus(`The server does not answer (${error.message}); what was read before is shown. Start 'tca view' again.`);
       await pause(2000);

@@ -80,9 +80,10 @@ export class Store {
   // Nobody says any more that it goes on.
   stand() { if (this.head) this.head.now = null; }
 
-  // Ask the server for what is new; waits there while nothing is.
-  async more() {
-    const answer = await fetch(`api/frame?since=${encodeURIComponent(JSON.stringify(this.lengths))}`);
+  // Ask the server for what is new; waits there while nothing is, unless the answer is wanted at once.
+  async more(atOnce = false) {
+    const since = encodeURIComponent(JSON.stringify(this.lengths));
+    const answer = await fetch(`api/frame?since=${since}${atOnce ? "&wait=0" : ""}`);
     if (!answer.ok) throw new Error(`the server says ${answer.status}`);
     const buffer = await answer.arrayBuffer();
     this.heard = performance.now();
