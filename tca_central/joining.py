@@ -48,9 +48,16 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
         connection.entrance = header.entrance if header.resource else None
         _join(central, connection, header.resource)
     on_hello_again(central, connection, header, b"")
+    _tell_again(central, connection)
+
+
+def _tell_again(central: State, connection: Connection) -> None:
+    """What a connection that came back may not have heard."""
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
         central.tell(connection, Cancelled(orphan))
     connection.orphans = []
+    for number, taken in connection.taken.items():
+        central.tell(connection, headers.Taken(number, taken.text))
     for delivery in list(central.dispatcher.attended.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
@@ -60,7 +67,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
-        connection.orphans = before.orphans
+        connection.orphans, connection.taken = before.orphans, before.taken
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:

@@ -34,6 +34,14 @@ class ModuleResource(Resource["Connection", "Delivery"]):
         self.busy = 0.0  #: seconds in which they were handled, added up over its slots
 
 
+class Taken(NamedTuple):
+    """That a lock or reservation was taken away."""
+
+    holder: "Delivery | None"  #: whose handler had it (None: no handler's)
+    resource: str
+    text: str  #: by whom, or why
+
+
 class Blocking(NamedTuple):
     """That a connection does nothing until the answer to its request is there."""
 
@@ -46,7 +54,7 @@ class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
     __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "orphans", "outstanding", "resource",
-                 "routes", "session", "waits", "watchers", "watches")  # fmt: skip
+                 "routes", "session", "taken", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
@@ -59,6 +67,7 @@ class Connection:
         self.handling: dict[Delivery, int] = {}  #: what it handles, and the event in which it got that; oldest first
         self.orphans: list[int] = []  #: what it handled when it was lost
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
+        self.taken: dict[int, Taken] = {}  #: what was taken from it, and it does not know yet, by number of the Lock
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of

@@ -10,7 +10,7 @@ import msgspec
 from tca_central import status
 from tca_central.attaching import attach, check_attachments
 from tca_central.availability import HandledWait
-from tca_central.claims import end_with, give_up_claim, outlive
+from tca_central.claims import end_with, give_up_claim, outlive, taken_from
 from tca_central.clock import checked_seconds
 from tca_central.control import check_parting, keep_for_termination, set_deadline
 from tca_central.direct import tell_sender
@@ -24,6 +24,7 @@ from tca_central.monitors import tested
 from tca_central.registry import Connection, Delivery, MessageType
 from tca_central.resources import Claim
 from tca_central.state import Collector, Failure, State
+from tca_central.taking import warn_if_taken
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.waits import Wait
@@ -238,6 +239,8 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
         delivery.result = b"" if body == NIL else body
         central.agenda.returned(delivery)
         outlive(central, delivery)
+        warn_if_taken(central, connection, delivery)
+    taken_from(connection, delivery)
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
@@ -253,6 +256,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     central.dispatcher.complete(delivery)
     happened(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     end_with(central, delivery, "its handler failed")
+    taken_from(connection, delivery)
     if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))
     elif delivery.again and not delivery.killed:
@@ -332,8 +336,13 @@ def on_constrain(central: State, connection: Connection, header: headers.Constra
 
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
-    """The sender no longer waits for an answer."""
+    """The sender no longer waits for an answer, or does not need any longer what it has got."""
+    connection.taken.pop(header.request, None)
+    claim = central.claims.get((connection, header.request))
+    had = claim.id if claim is not None and claim.is_granted else 0
     give_up(central, connection, header.request)
+    if header.number:
+        central.send(connection, header.number, Accepted(header.number, had))
 
 
 def give_up(central: State, connection: Connection, number: int, why: str = "its sender gave up") -> None:

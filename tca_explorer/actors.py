@@ -20,6 +20,7 @@ class Request:
         self.header = header
         self.unread: deque[Got] = deque()
         self.is_over = False  #: nothing more comes
+        self.taken = ""  #: of a lock that was granted: how it was lost
 
 
 class Actor:

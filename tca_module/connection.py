@@ -12,10 +12,10 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from tca_module.arguments import check_message, check_timeout
+from tca_module.arguments import check_message, check_timeout, name_of
 from tca_module.direct import Direct
-from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused, Stopped, Timeout
-from tca_module.request import Request, refers_to_tasks
+from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
+from tca_module.request import Request, check_over, fate, refers_to_tasks
 from tca_module.session import Session
 from tca_module.transport import Transport
 from tca_wire.codec import packets, unpack_to_module
@@ -23,7 +23,6 @@ from tca_wire.declarations import Message
 from tca_wire.errors import ProtocolError
 from tca_wire.headers import Bye, Deliver, GiveUp, Register, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
-from tca_wire.vocabulary import Refusal
 
 PATIENCE = 10.0
 """Seconds without a word from central after which a wait ends with CentralLost."""
@@ -40,7 +39,6 @@ STALL = 2.0
 _SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _FOR_EVER = float("inf")
-_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
 
 
 class Connection:
@@ -112,7 +110,7 @@ class Connection:
         if not new and not handled:
             return
         formats = [message.format for message in new]
-        self.call(Register(0, formats, handled), f"declaring {_names(new or messages)}")
+        self.call(Register(0, formats, handled), f"declaring {', '.join(map(name_of, new or messages))}")
         self.session.declared(formats, handled)
         self._declared.update({message.name: message for message in new})
 
@@ -128,7 +126,7 @@ class Connection:
             if not self.wait(request, within, what):
                 self.abandon(request)
                 msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
-is alive: it is overloaded; {what} {self._fate(request)}"
+is alive: it is overloaded; {what} {fate(request, self.session)}"
                 raise Timeout(msg)
             return request.accepted or 0
 
@@ -163,7 +161,7 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 came = self._wait(lambda: is_done() or session.is_interrupted(request), timeout)
             except CentralLost as error:
                 self.abandon(request)
-                raise CentralLost(f"{error}; {what} {self._fate(request)}") from None
+                raise CentralLost(f"{error}; {what} {fate(request, self.session)}") from None
             except BaseException:
                 self.abandon(request)
                 raise
@@ -171,14 +169,8 @@ is alive: it is overloaded; {what} {self._fate(request)}"
                 session.tell(getattr(request.header, "origin", 0))
                 session.abandon(request)
                 raise Stopped(f"module '{session.module}' ends: {what} is not waited for any more")
-            _check(request, what)
+            check_over(request, what)
             return came
-
-    def _fate(self, request: Request) -> str:
-        """What becomes of a request that was given up."""
-        if self.session.is_recalled(request.header):
-            return "is killed as soon as central answers, if it had heard of it"
-        return "may yet be done, if central had heard of it"
 
     def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
         """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
@@ -191,7 +183,7 @@ is alive: it is overloaded; {what} {self._fate(request)}"
         except BaseException:
             self.abandon(request)
             raise
-        _check(request, what)
+        check_over(request, what)
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
@@ -200,9 +192,27 @@ is alive: it is overloaded; {what} {self._fate(request)}"
             self.session.abandon(request)
             self._flush()
 
-    def release(self, request: Request) -> None:
-        """Want no longer what a request, whose answer is there, has got."""
-        self.post(GiveUp(request.header.number), b"")
+    def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
+        """Want no longer the lock that a request has got; whether it was had until now. *at_once*: central is told, and
+        not waited for. Else raises CentralLost if it does not answer; it is told as soon as it does.
+        """
+        if self.is_taken(request) or at_once:
+            self.session.request(GiveUp(request.header.number))
+            self._flush()
+            return not request.taken
+        try:
+            return bool(self.call(GiveUp(request.header.number), f"releasing {what}"))
+        except CentralLost:
+            if not request.taken:
+                raise
+            return False
+
+    def is_taken(self, request: Request) -> bool:
+        """Whether the lock that a request has got was taken away, as far as is known here. Never waits."""
+        self._check_thread()
+        with self._lock:
+            self._catch_up()
+            return bool(request.taken)
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
@@ -384,16 +394,3 @@ it listens"
 '{threading.current_thread().name}', but belongs to the one that \
 opened it: a handler sends with its task, other threads open a connection of their own with connect()"
             raise MisuseError(msg)
-
-
-def _check(request: Request, what: str) -> None:
-    if request.refused is not None:
-        kind = _KINDS.get(request.refused.refusal, Refused)
-        raise kind(what, request.refused.refusal, request.refused.text)
-    if request.lost:
-        msg = f"{what} is lost: {request.lost}; ask again"
-        raise CentralLost(msg)
-
-
-def _names(messages: Iterable[Message[Any, Any]]) -> str:
-    return ", ".join(f"{message.message_class} '{message.name}'" for message in messages)

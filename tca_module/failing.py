@@ -6,9 +6,9 @@ from types import TracebackType
 
 import msgspec
 
-from tca_module.errors import Deadlock, QueryFailed, Stopped, TaskFailed, Timeout
+from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, Timeout
 from tca_wire.declarations import FailureRaised
-from tca_wire.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, MODULE_LOST, TIMEOUT
+from tca_wire.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, LOCK_LOST, MODULE_LOST, TIMEOUT
 from tca_wire.headers import Fail
 
 _TRACEBACK_LIMIT = 8000  # characters
@@ -26,6 +26,7 @@ _NAMED = (
     (Misfit, BAD_DATA),
     (Deadlock, DEADLOCK),
     (Timeout, TIMEOUT),
+    (LockLost, LOCK_LOST),
     (Stopped, MODULE_LOST),
     (asyncio.CancelledError, CANCELLED),
 )

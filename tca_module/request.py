@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_module.attachments import is_lasting
-from tca_module.errors import MisuseError
+from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
 from tca_wire import headers
 from tca_wire.codec import misfit
 from tca_wire.headers import Register, Send, SetVariable, ToCentral
+from tca_wire.vocabulary import Refusal
 
 _HARMLESS = headers.WaitFor | headers.Ask | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
 """What changes nothing that a second time could change again."""
@@ -30,6 +31,8 @@ _WITHOUT_TASKS = (
 )
 """What any central understands, whatever it remembers."""
 
+_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
+
 
 class Request:
     """A numbered request and what has come back.
@@ -39,8 +42,8 @@ class Request:
     was to be sent only if somebody handles it, and nobody does.
     """
 
-    __slots__ = ("accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path", "refused",
-                 "repeated", "settled", "wants_answer", "was_sent")  # fmt: skip
+    __slots__ = ("__weakref__", "accepted", "answers", "body", "header", "is_over", "lost", "notify", "number", "path",
+                 "refused", "repeated", "settled", "taken", "wants_answer", "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -53,6 +56,7 @@ class Request:
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""
+        self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
@@ -76,6 +80,23 @@ def refers_to_tasks(header: Any) -> bool:
     if isinstance(header, headers.Lock):
         return bool(header.origin)
     return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
+
+
+def check_over(request: Request, what: str) -> None:
+    """Raise Refused if central refused a request, CentralLost if it was lost. *what* names it."""
+    if request.refused is not None:
+        kind = _KINDS.get(request.refused.refusal, Refused)
+        raise kind(what, request.refused.refusal, request.refused.text)
+    if request.lost:
+        msg = f"{what} is lost: {request.lost}; ask again"
+        raise CentralLost(msg)
+
+
+def fate(request: Request, session: Any) -> str:
+    """What becomes of a request that was given up, in words."""
+    if session.is_recalled(request.header):
+        return "is killed as soon as central answers, if it had heard of it"
+    return "may yet be done, if central had heard of it"
 
 
 def check_fields(header: ToCentral) -> None:

@@ -45,6 +45,7 @@ from tca_wire.to_module import (
     Deliver,
     Refused,
     Suspended,
+    Taken,
     ToModule,
     Unknown,
     Welcome,
@@ -56,6 +57,6 @@ __all__ = [
     "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Beat", "Bye", "Cancelled", "Closing", "Constrain",
     "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello", "Inspect", "Keep", "Kill",
     "Lock", "Raise", "Refused", "Register", "Remove", "Reply", "Retry", "Send", "SetVariable", "Suspend",
-    "Suspended", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock", "Unregister", "WaitFor", "WaitUntilHandled",
-    "Welcome",
+    "Suspended", "Taken", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock", "Unregister", "WaitFor",
+    "WaitUntilHandled", "Welcome",
 ]  # fmt: skip

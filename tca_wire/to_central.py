@@ -118,9 +118,12 @@ class WaitFor(_Header, frozen=True, tag=8):
 
 
 class GiveUp(_Header, frozen=True, tag=9):
-    """The sender no longer waits for the answer to request *request*; if that was a Lock, what it got is released."""
+    """The sender no longer waits for the answer to request *request*; if that was a Lock, what it got is released. With
+    a *number* answered by Accepted: its id is 0 if there was nothing left to be released.
+    """
 
     request: int
+    number: int = 0
 
 
 class Kill(_Header, frozen=True, tag=10):
