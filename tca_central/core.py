@@ -255,6 +255,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.SetVariable: sharing.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,
     headers.Lock: claims.on_lock,
+    headers.Awaits: waits.on_awaits,
     headers.Unlock: taking.on_unlock,
     Noted: direct.on_noted,
     WatchEntrance: direct.on_watch_entrance,

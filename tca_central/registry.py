@@ -43,11 +43,12 @@ class Taken(NamedTuple):
 
 
 class Blocking(NamedTuple):
-    """That a connection does nothing until the answer to its request is there."""
+    """That a connection, or the coroutine of one of its handlers, does nothing until its request is answered."""
 
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which that began
     at: float  #: and its time
+    together: tuple[int, ...] = ()  #: of a coroutine: all that it awaits; it goes on when one of them is answered
 
 
 class Connection:

@@ -69,6 +69,7 @@ class Session:
         self.complaints: list[str] = []  #: what central said that answers no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
         self.is_welcome = False
+        self.breaks = 0  #: how often the connection has broken
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
@@ -203,6 +204,7 @@ class Session:
 
     def break_off(self) -> None:
         """The connection broke, or central no longer knows it: begin with Hello again."""
+        self.breaks += 1
         self.is_welcome = False
         self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
         for header, _ in self.outgoing:

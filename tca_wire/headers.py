@@ -8,6 +8,7 @@ imperative are sent by a module, the others by central.
 from tca_wire.to_central import (
     Ask,
     Attach,
+    Awaits,
     Bye,
     Constrain,
     Deadline,
@@ -54,9 +55,9 @@ from tca_wire.to_module import (
 PROTOCOL_VERSION = 1
 
 __all__ = [
-    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Beat", "Bye", "Cancelled", "Closing", "Constrain",
-    "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello", "Inspect", "Keep", "Kill",
-    "Lock", "Raise", "Refused", "Register", "Remove", "Reply", "Retry", "Send", "SetVariable", "Suspend",
-    "Suspended", "Taken", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock", "Unregister", "WaitFor",
+    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Awaits", "Beat", "Bye", "Cancelled", "Closing",
+    "Constrain", "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello", "Inspect",
+    "Keep", "Kill", "Lock", "Raise", "Refused", "Register", "Remove", "Reply", "Retry", "Send", "SetVariable",
+    "Suspend", "Suspended", "Taken", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock", "Unregister", "WaitFor",
     "WaitUntilHandled", "Welcome",
 ]  # fmt: skip

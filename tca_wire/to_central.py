@@ -284,6 +284,15 @@ class Keep(_Header, frozen=True, tag=25):
     release: bool = False
 
 
+class Awaits(_Header, frozen=True, tag=26):
+    """The handler of a delivery, a coroutine, does nothing until one of these requests is answered; it was said before
+    what it awaited, and that is no longer so. With no requests: it may go on.
+    """
+
+    delivery: int
+    requests: list[int]
+
+
 class GetVariable(_Header, frozen=True, tag=20):
     """What is the value of a variable? The body of the Answer is; it is empty if the variable was never set."""
 
@@ -310,5 +319,5 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Noted | WatchEntrance
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Awaits | Noted | WatchEntrance
 )  # fmt: skip

@@ -1,0 +1,151 @@
+"""What the coroutine of a handler can't go on without: told to central, so that circles through ``await`` are seen.
+
+Theory of operation. A handler *stands* when each of its asyncio tasks (its own, and those begun in it) is suspended
+either in an ``await`` of something of central's, or in one of asyncio's for others of these asyncio tasks alone. Then
+nothing but an answer of central's lets any of them go on, and central may treat the handler as one that waits for the
+first of these answers. Whatever else is awaited, a timer or a device, may bring it on by itself: central is told
+nothing then. It is told when the handler has stood so for a second; a shorter ``asyncio.timeout`` is a probe. When
+that ends an await, the request is given up, and central knows that the handler goes on.
+"""
+
+import asyncio
+import inspect
+from collections.abc import Collection, Coroutine, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary, WeakSet
+
+from tca_module.arguments import BRIEF
+from tca_module.connection import Connection
+from tca_module.request import Request
+from tca_wire.headers import Awaits
+
+T = TypeVar("T")
+
+MOST_AWAITED = 1000
+"""Answers; a handler that awaits more at a time is not looked at."""
+
+HANDLED: ContextVar[int] = ContextVar("the delivery that is handled", default=0)
+
+_Standing = tuple[int, ...]
+
+
+class Awaiting:
+    """The asyncio tasks of the handlers of one event loop, and what these await."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection) -> None:
+        self._connection = connection
+        self._loop = loop
+        self._begun: dict[int, WeakSet[asyncio.Task[Any]]] = {}  #: by delivery: all in its handler
+        self._suspended: WeakKeyDictionary[asyncio.Task[Any], tuple[Request, asyncio.Future[None]]] = (
+            WeakKeyDictionary()
+        )  #: those in an await of central's
+        self._seen: dict[int, tuple[_Standing, float]] = {}  #: by delivery: the requests that it stands at, since when
+        self._told: dict[int, int] = {}  #: deliveries that central takes to stand -> breaks of the connection before
+        self._factory = self._make
+        loop.set_task_factory(self._factory)
+
+    def begin(self, delivery: int, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+        """An asyncio task for the handler of a delivery."""
+        self._begun[delivery] = WeakSet()
+        before = HANDLED.set(delivery)
+        try:
+            task = self._loop.create_task(coroutine)
+        finally:
+            HANDLED.reset(before)
+        task.add_done_callback(lambda _: self._end(delivery))
+        return task
+
+    def _make(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
+        task = asyncio.Task(coroutine, loop=loop, **options)
+        context = options.get("context")
+        delivery = HANDLED.get() if context is None else context.get(HANDLED, 0)
+        if (begun := self._begun.get(delivery)) is not None:
+            begun.add(task)
+            self._goes_on(delivery)
+        return task
+
+    def _end(self, delivery: int) -> None:
+        for known in (self._begun, self._seen, self._told):
+            known.pop(delivery, None)
+
+    @contextmanager
+    def suspended(self, request: Request, future: "asyncio.Future[None]") -> Iterator[None]:
+        """While the asyncio task that calls awaits news of a request."""
+        task = asyncio.current_task()
+        assert task is not None
+        self._suspended[task] = request, future
+        self._goes_on(HANDLED.get())
+        try:
+            yield
+        finally:
+            self._suspended.pop(task, None)
+
+    def look(self, now: float) -> None:
+        """Tell central of handlers that have stood for a while. To be called from time to time."""
+        session = self._connection.session
+        for delivery in list(self._begun):
+            standing = self._standing(delivery)
+            before, since = self._seen.get(delivery, ((), now))
+            if standing != before or not standing:
+                self._seen[delivery] = standing, now
+                self._goes_on(delivery)
+            elif now - since >= BRIEF and session.is_welcome and self._told.get(delivery) != session.breaks:
+                self._told[delivery] = session.breaks
+                self._connection.post(Awaits(delivery, list(standing)), b"")
+
+    def _goes_on(self, delivery: int) -> None:
+        if self._told.pop(delivery, None) is not None:
+            self._connection.post(Awaits(delivery, []), b"")
+
+    def _standing(self, delivery: int) -> _Standing:
+        """The requests of which the next to be answered lets a handler go on; none if anything else may."""
+        if self._loop.get_task_factory() != self._factory:
+            return ()  # somebody makes asyncio tasks of which nothing is known here
+        tasks = {task for task in self._begun[delivery] if not task.done()}
+        requests = []
+        for task in tasks:
+            request, future = self._suspended.get(task, (None, None))
+            if request is None or future is None:
+                members = _members(task)
+                if not members or not tasks.issuperset(members):
+                    return ()
+            elif future.done() or request.is_over or request.path is not None:
+                return ()
+            else:
+                requests.append(request)
+        numbers = sorted({request.header.number for request in requests})
+        return tuple(numbers) if len(numbers) <= MOST_AWAITED else ()
+
+
+def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
+    """The asyncio tasks without whose end this one does not go on: those that it awaits, with gather(), wait() or in a
+    TaskGroup. None where it awaits anything else, or where this Python does not tell.
+    """
+    future = getattr(task, "_fut_waiter", None)
+    if future is None or future.done():
+        return ()
+    if isinstance(future, asyncio.Task):
+        return (future,)
+    members = getattr(future, "_children", None) or _members_of_frame(task)
+    return [member for member in members if not member.done()]
+
+
+def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
+    """The same, of the function of asyncio in which a task is suspended."""
+    inner: Any = task.get_coro()
+    while inspect.iscoroutine(inner) and inspect.iscoroutine(inner.cr_await):
+        inner = inner.cr_await
+    if not inspect.iscoroutine(inner) or inner.cr_frame is None or not _is_of_asyncio(inner.cr_frame.f_globals):
+        return ()
+    known = inner.cr_frame.f_locals
+    if inner.cr_code.co_name == "_wait" and known.get("timeout_handle") is None:
+        return tuple(known.get("fs", ()))
+    if inner.cr_code.co_name in ("__aexit__", "_aexit") and isinstance(known.get("self"), asyncio.TaskGroup):
+        return tuple(getattr(known["self"], "_tasks", ()))
+    return ()
+
+
+def _is_of_asyncio(namespace: dict[str, Any]) -> bool:
+    return namespace.get("__name__") in ("asyncio.tasks", "asyncio.taskgroups")
