@@ -57,11 +57,11 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 
 def _sole(error: BaseException) -> BaseException:
-    """The failure that is alone in its group: asyncio.TaskGroup puts everything into groups."""
+    """The failure, or deadlock, that is alone in its group: asyncio.TaskGroup puts everything into groups."""
     inner = error
     while isinstance(inner, BaseExceptionGroup) and len(inner.exceptions) == 1:
         inner = inner.exceptions[0]
-    return inner if isinstance(inner, FailureRaised) else error
+    return inner if isinstance(inner, FailureRaised | Deadlock) else error
 
 
 def _describe(error: BaseException) -> str:
