@@ -76,27 +76,29 @@ class Blocking(Player):
             header = headers.WaitFor(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
             self.receive(who, header)
         elif what in ("await", "give up"):
-            self._await(what, b)
+            self._await(what, b, c)
         elif what == "lock":
             resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
             self.receive(who, headers.Lock(self.number(who), resource, "", reserve, origin, blocking=True))
         else:
             self._steer(what, a, b, c)
 
-    def _await(self, what: str, b: int) -> None:
-        """A coroutine awaits some of what it has asked for; or its timeout is over, and it awaits one of them no more."""
+    def _await(self, what: str, b: int, c: int) -> None:
+        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one answer less is awaited."""
         coroutines = [one for one in self.central.dispatcher.attended.values() if is_coroutine(one)]
         if not coroutines:
             return
         delivery = coroutines[b % len(coroutines)]
         assert delivery.slot
-        who, asked = delivery.slot.id.decode(), list(delivery.slot.outstanding)
+        who, waits = delivery.slot.id.decode(), delivery.slot.waits
         if what == "give up":
-            awaited = [number for number, wait in delivery.slot.waits.items() if wait.together]
-            for number in awaited[:1]:
+            for number in [number for number, wait in waits.items() if wait.together][:1]:
                 self.receive(who, headers.GiveUp(number))
         elif not waits_in(delivery.slot, delivery):
-            self.receive(who, headers.Awaits(delivery.given_as, asked[: 1 + b % 3]))
+            for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
+                self.send(who, name, origin=delivery.given_as)
+            asked = [number for number in delivery.slot.outstanding if number not in waits]
+            self.receive(who, headers.Awaits(delivery.given_as, asked[-1 - c % 3 :]))
 
     def _steer(self, what: str, a: int, b: int, c: int) -> None:
         """The operator does something; he never waits."""
