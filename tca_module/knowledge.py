@@ -112,11 +112,11 @@ class Knowledge:
                 ...
 
         It is released by ``release()`` or at the end of a ``with`` block, which raise LockLost if it was taken away
-        before; ``held`` of what this returns says whether one has it still. Else it is released when the task being handled has ended
-        with all under it, and in any case when this module is gone. *module* is needed where several have a resource of
-        that name. It waits in the queue of the resource's messages, where *priority* counts. Raises Timeout if it takes
-        longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for itself, Refused if there
-        is no such resource.
+        before; ``held`` of what this returns says whether one has it still. Else it is released when the task being
+        handled has ended with all under it, and in any case when this module is gone. *module* is needed where several
+        have a resource of that name. It waits in the queue of the resource's messages, where *priority* counts. Raises
+        Timeout if it takes longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for
+        itself, Refused if there is no such resource.
         """
         return self._claim(resource, module, timeout, priority, reserve=False)
 
