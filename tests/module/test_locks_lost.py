@@ -199,8 +199,10 @@ def test_central_was_restarted_inside_the_block(user: Client, central: LocalCent
     """A client learns it when it next says something: at the end of the block at the latest."""
     with pytest.raises(LockLost, match="central was restarted and has forgotten it"), user.lock("legs"):
         central.restart("afresh")
-    with connect("other", central) as other, other.lock("legs") as claim:
-        assert claim.held
+    with connect("other", central) as other:
+        other.wait_until_handled(MOVE, timeout=SOON)
+        with other.lock("legs", timeout=SOON) as claim:
+            assert claim.held
 
 
 def test_real_sockets_and_a_central_that_was_restarted(tmp_path: Path) -> None:
