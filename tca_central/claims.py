@@ -9,13 +9,13 @@ is *kept* when the handler that made it has returned: others wait then for the e
 from tca_central.clock import Due, checked_seconds
 from tca_central.direct import review_resource
 from tca_central.errors import RequestError
-from tca_central.registry import Connection, Delivery, Module, ModuleResource
+from tca_central.registry import Connection, Delivery, Module, ModuleResource, Taken
 from tca_central.resources import Claim, Resource
 from tca_central.state import State
 from tca_central.whereabouts import kept_busy
 from tca_wire import facts, headers
 from tca_wire.failures import TIMEOUT
-from tca_wire.headers import Accepted, Answer, Refused, ToModule
+from tca_wire.headers import Answer, Refused, ToModule
 from tca_wire.vocabulary import Outcome, Refusal
 
 MOST_CLAIMS = 1000
@@ -29,7 +29,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
         raise RequestError(Refusal.PROTOCOL, f"{what} of '{header.resource}' needs a request number")
     if header.timeout >= 0 or header.timeout != header.timeout:
         checked_seconds(header.timeout, f"{what} of '{header.resource}' with a timeout")
-    resource = _find(central, header.resource, header.module)
+    resource = find_resource(central, header.resource, header.module)
     claim = Claim(resource, connection, connection.module, admits_owner=header.reserve)
     claim.holder = _holder(central, connection, header.origin)
     _check(resource, claim)
@@ -48,8 +48,8 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
         central.block(connection, header.number, header.origin, brief=header.brief)
 
 
-def _find(central: State, name: str, module: str) -> ModuleResource:
-    """The resource of that name, of that module if one is named."""
+def find_resource(central: State, name: str, module: str) -> ModuleResource:
+    """The resource of that name, of that module if one is named. Raises RequestError if it is not clear which."""
     modules = [one for one in central.registry.modules.values() if name in one.resources]
     found = {_base(one): one.resources[name] for one in modules if module in ("", one.name, _base(one))}
     found |= {_base(one): one.resources[name] for one in modules if module == one.name}
@@ -97,14 +97,6 @@ def granted(central: State, claim: Claim[Connection]) -> None:
 
 
 # --- ends ------------------------------------------------------------------------------------------------------------
-
-
-def on_unlock(central: State, connection: Connection, header: headers.Unlock, _: bytes) -> None:
-    """Somebody frees a resource, whoever has it."""
-    held_by = _find(central, header.resource, header.module).held_by
-    if held_by is not None:
-        _end(central, held_by, f"by module '{connection.module.name}'")
-    central.send(connection, header.number, Accepted(header.number, held_by.id if held_by is not None else 0))
 
 
 def on_time_out(central: State, claim: Claim[Connection]) -> None:
@@ -158,9 +150,28 @@ def killed(central: State, task: Delivery) -> None:
             _end(central, claim, f"{task.message.message_class} '{task.message.name}' was killed")
 
 
-def take_away(central: State, claim: Claim[Connection], why: str) -> None:
-    """Others need what somebody has."""
+def take(central: State, claim: Claim[Connection], why: str, text: str) -> None:
+    """Somebody has it no longer. If a handler that runs, or a client, counts on it, that is told; again when it comes
+    back, as long as it does not know.
+    """
     _end(central, claim, why)
+    if claim.holder is None or claim.holder.slot is not None:
+        _note_taken(claim.slot, claim, text)
+        central.tell(claim.slot, headers.Taken(claim.number, text))
+
+
+def _note_taken(slot: Connection, claim: Claim[Connection], text: str) -> None:
+    slot.taken[claim.number] = Taken(claim.holder, claim.resource.name, text)
+    if len(slot.taken) > MOST_CLAIMS:
+        del slot.taken[next(iter(slot.taken))]
+
+
+def taken_from(slot: Connection, delivery: Delivery) -> str:
+    """What a handler that has ended had lost, and never learned of, in words ("": nothing)."""
+    if not slot.taken:
+        return ""
+    lost = [slot.taken.pop(number) for number, one in list(slot.taken.items()) if one.holder is delivery]
+    return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
 
 
 def outlive(central: State, delivery: Delivery) -> None:
@@ -172,6 +183,8 @@ def outlive(central: State, delivery: Delivery) -> None:
 def end_of_connection(central: State, connection: Connection) -> None:
     """A connection is gone: so is what it had."""
     for claim in [one for one in central.claims.values() if one.slot is connection]:
+        if claim.is_granted:
+            _note_taken(connection, claim, "the connection to central was lost")
         _end(central, claim, f"module '{connection.module.name}' has gone")
 
 
@@ -180,7 +193,7 @@ def end_on_module(central: State, module: Module, why: str) -> None:
     for claim in [one for one in central.claims.values() if module.resources.get(one.resource.name) is one.resource]:
         text = f"module '{module.name}' has gone: {why}"
         if claim.is_granted:
-            _end(central, claim, text)
+            take(central, claim, text, text)
         else:
             refuse_claim(central, claim, Refusal.UNKNOWN, text)
 

@@ -27,6 +27,7 @@ from tca_central import (
     monitors,
     requests,
     sharing,
+    taking,
     taps,
     waits,
 )
@@ -238,6 +239,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.WaitFor: waits.on_wait_for,
     headers.Await: giving_up.on_await,
     headers.GiveUp: giving_up.on_give_up,
+    headers.Release: giving_up.on_release,
     headers.Kill: control.on_kill,
     headers.Ask: requests.on_ask,
     headers.Attach: attaching.on_attach,
@@ -256,7 +258,8 @@ HANDLERS: dict[type, Callable[[Central, Connection, Any, bytes], None]] = {
     headers.SetVariable: sharing.on_set_variable,
     headers.WaitUntilHandled: availability.on_wait_until_handled,
     headers.Lock: claims.on_lock,
-    headers.Unlock: claims.on_unlock,
+    headers.AwaitAny: waits.on_await_any,
+    headers.Unlock: taking.on_unlock,
     Noted: direct.on_noted,
     WatchEntrance: direct.on_watch_entrance,
 }

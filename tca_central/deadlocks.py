@@ -13,7 +13,7 @@ more patience.
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
-from tca_central.claims import take_away
+from tca_central.claims import take
 from tca_central.clock import Due
 from tca_central.cycles import Place
 from tca_central.failures import raise_failure
@@ -22,6 +22,7 @@ from tca_central.needs import Granting, Node, Releasing, Returning, Turn, TurnAt
 from tca_central.registry import Connection, Delivery
 from tca_central.resources import Claim
 from tca_central.state import Failure, State
+from tca_central.taking import is_kept, take_away
 from tca_central.task_tree import Task
 from tca_wire import facts
 from tca_wire.failures import DEADLOCK
@@ -150,7 +151,7 @@ def _resolve(central: State, circle: list[Node], stuck: Stuck) -> bool:
     """End a wait or a claim of a circle, or raise a failure for it; False if what was raised is being seen to."""
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
-    kept = [node.claim for node in circle if isinstance(node, Releasing) and _is_kept(node.claim)]
+    kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
     goes_first = _of_recovery(central, circle)
     if kept and goes_first:
         _take_from_others(central, kept, text)
@@ -171,23 +172,14 @@ def _raise_or_take(central: State, kept: list[Claim[Connection]], stuck: Stuck, 
     if told is not None:
         raise_failure(central, told, Failure(DEADLOCK, text))
     else:
-        take_away(central, kept[0], f"{DEADLOCK}: {text}")
+        take(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
     return True
 
 
 def _take_from_others(central: State, kept: list[Claim[Connection]], text: str) -> None:
     """Recovery and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
     claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
-    holder = claim.holder
-    take_away(central, claim, f"{DEADLOCK}: {text}")
-    knows = holder.failure is not None and not holder.is_dealt_with
-    if not (knows or holder.again):
-        raise_failure(central, holder, Failure(DEADLOCK, f"'{claim.resource.name}' was taken from it: {text}"))
-
-
-def _is_kept(claim: Claim[Connection]) -> bool:
-    """Whether only the end of a task ends it: the handler that made it has returned."""
-    return isinstance(claim.holder, Task) and claim.holder.slot is None
+    take_away(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
 
 
 def _was_told(task: Task) -> bool:

@@ -22,7 +22,7 @@ from tca_central.task_tree import Task
 from tca_central.watching import stop
 from tca_wire import facts, headers
 from tca_wire.failures import NOT_BY_CHOICE
-from tca_wire.headers import Accepted, Cancelled
+from tca_wire.headers import Accepted
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
@@ -240,7 +240,7 @@ def kill(central: State, task: Task, why: str, by: str = CENTRAL) -> None:
     for one in killed:
         happened(central, one, KILLED)
         if one.slot is not None:
-            central.tell(one.slot, Cancelled(one.given_as))
+            central.cancel(one.slot, one)
         if one.suspended:
             one.suspended = False
             central.tree.suspended.pop(one.id, None)
@@ -369,7 +369,7 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
             task.more.asking[asking] = None
             asking.more.asked.append(task)
         if task.slot is not None:
-            central.tell(task.slot, Cancelled(task.given_as))
+            central.cancel(task.slot, task)
         central.agenda.retry(task)
     else:
         central.agenda.begin_anew(task)

@@ -8,7 +8,7 @@ from tca_central.state import Collector, State
 from tca_central.waits import Wait
 from tca_central.whereabouts import why_not_reached, why_unanswered
 from tca_wire import facts, headers
-from tca_wire.headers import Answer
+from tca_wire.headers import Accepted, Answer
 from tca_wire.wording import GAVE_UP
 
 
@@ -26,10 +26,20 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
     """The sender no longer waits for an answer."""
+    connection.taken.pop(header.request, None)
     why = _why_open(central, connection.outstanding.get(header.request))
     give_up(central, connection, header.request, f"{GAVE_UP}: {why}" if why else GAVE_UP)
     if header.number:
         central.send(connection, header.number, Answer(header.number, text=why))
+
+
+def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
+    """The sender no longer needs what it has locked or reserved."""
+    connection.taken.pop(header.request, None)
+    claim = central.claims.get((connection, header.request))
+    had = claim.id if claim is not None and claim.is_granted else 0
+    give_up(central, connection, header.request)
+    central.send(connection, header.number, Accepted(header.number, had))
 
 
 def _why_open(central: State, due: object) -> str:

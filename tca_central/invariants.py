@@ -52,9 +52,21 @@ def check_invariants(central: State) -> None:
         assert is_there, f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
     _check_what_lies_ahead(central)
     _check_connections(central)
+    _check_waits(central)
     _check_variables(central)
     _check_kept(central)
     _check_routes(central)
+
+
+def _check_waits(central: State) -> None:
+    """Who blocks has asked something that is open; what a coroutine awaits is awaited as a whole."""
+    connections = central.registry.connections.values()
+    assert {one for one in connections if one.waits} == set(central.blocked), "who blocks is not who waits"
+    for connection in central.blocked:
+        for number, wait in connection.waits.items():
+            assert number in connection.outstanding, f"{connection.session} blocks for {number}, which is answered"
+            others = {connection.waits.get(other) for other in wait.together}
+            assert others <= {wait}, f"{connection.session} awaits {wait.together}, of which some are answered"
 
 
 def _check_watches(central: State) -> None:

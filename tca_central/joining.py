@@ -46,10 +46,12 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
 
 
 def _tell_again(central: State, connection: Connection) -> None:
-    """Say what may have been lost with the line before this one."""
+    """Say what a connection that came back may not have heard."""
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
         central.tell(connection, Cancelled(orphan))
     connection.orphans = []
+    for number, taken in connection.taken.items():
+        central.tell(connection, headers.Taken(number, taken.text))
     for delivery in list(central.dispatcher.attended.values()):
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
@@ -76,7 +78,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
-        connection.orphans = before.orphans
+        connection.orphans, connection.taken = before.orphans, before.taken
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:

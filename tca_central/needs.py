@@ -80,11 +80,20 @@ def _of_wait(central: State, node: Waiting) -> Groups:
 
 
 def _of_handler(_: State, node: Returning) -> Groups:
-    """A handler returns after it has got all that it, or whatever is handled within its waits, waits for."""
+    """A handler returns after it has got all that it, or whatever is handled within its waits, waits for. A coroutine
+    goes on when it has got any of what it awaits.
+    """
     slot = node.delivery.slot
     if slot is not None:
         given = slot.handling[node.delivery]
-        yield from ([Waiting(slot, number)] for number, wait in slot.waits.items() if wait.since > given)
+        awaited: tuple[int, ...] = ()
+        for number, wait in slot.waits.items():
+            if wait.together:
+                awaited = wait.together if wait.origin == node.delivery.given_as else awaited
+            elif wait.since > given:
+                yield [Waiting(slot, number)]
+        if awaited:
+            yield [Waiting(slot, number) for number in awaited]
 
 
 def _of_turn(_: State, node: Turn) -> Groups:
@@ -124,7 +133,8 @@ def _of_release(central: State, node: Releasing) -> Groups:
     claim = node.claim
     holder = claim.holder
     if holder is None:
-        yield from ([Waiting(claim.slot, number)] for number in claim.slot.waits)
+        groups = dict.fromkeys(wait.together or (number,) for number, wait in claim.slot.waits.items())
+        yield from ([Waiting(claim.slot, number) for number in group] for group in groups)
     elif holder.slot is not None:
         yield [Returning(holder)]
     elif isinstance(holder, Task) and holder.again:

@@ -34,19 +34,28 @@ class ModuleResource(Resource["Connection", "Delivery"]):
         self.busy = 0.0  #: seconds in which they were handled, added up over its slots
 
 
+class Taken(NamedTuple):
+    """That a lock or reservation was taken away."""
+
+    holder: "Delivery | None"  #: whose handler had it (None: no handler's)
+    resource: str
+    text: str  #: by whom, or why
+
+
 class Blocking(NamedTuple):
-    """That a connection does nothing until the answer to its request is there."""
+    """That a connection, or the coroutine of one of its handlers, does nothing until its request is answered."""
 
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which that began
     at: float  #: and its time
+    together: tuple[int, ...] = ()  #: of a coroutine: all that it awaits; it goes on when one of them is answered
 
 
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
     __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "orphans", "outstanding", "pauses",
-                 "pulse", "resource", "routes", "session", "waits", "watchers", "watches")  # fmt: skip
+                 "pulse", "resource", "routes", "session", "taken", "waits", "watchers", "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
@@ -61,6 +70,7 @@ class Connection:
         self.orphans: list[int] = []  #: what it handled when it was lost
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
         self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
+        self.taken: dict[int, Taken] = {}  #: what was taken from it, and it does not know yet, by number of the Lock
         self.entrance: Entrance | None = None  #: where this slot takes messages directly
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is told
         self.watches: dict[Connection, None] = {}  #: slots whose end it is told of

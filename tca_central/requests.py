@@ -9,7 +9,7 @@ import msgspec
 
 from tca_central import status
 from tca_central.attaching import attach, check_attachments
-from tca_central.claims import end_with, outlive
+from tca_central.claims import end_with, outlive, taken_from
 from tca_central.clock import checked_seconds
 from tca_central.control import check_parting, keep_for_termination, set_deadline
 from tca_central.direct import tell_sender
@@ -22,6 +22,7 @@ from tca_central.making import at_birth
 from tca_central.monitors import tested
 from tca_central.registry import Connection, Delivery, MessageType
 from tca_central.state import Collector, Failure, State
+from tca_central.taking import warn_if_taken
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.watching import become_monitor, check_options, ends_by_itself, enlist, is_put_by_others
@@ -237,6 +238,8 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
         delivery.result = b"" if body == NIL else body
         central.agenda.returned(delivery)
         outlive(central, delivery)
+        warn_if_taken(central, connection, delivery)
+    taken_from(connection, delivery)
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
@@ -252,6 +255,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     central.dispatcher.complete(delivery)
     happened(central, delivery, RETURNED | (0 if header.reissue else FAILURE))
     end_with(central, delivery, "its handler failed")
+    taken_from(connection, delivery)
     if not (header.reissue and isinstance(delivery, Task)):
         fail_delivery(central, delivery, failure_of(header, body))
     elif delivery.again and not delivery.killed:

@@ -178,12 +178,34 @@ class State:
         self.blocked[connection] = None
         self.suspects.append((connection, number))
 
+    def block_coroutine(self, connection: Connection, numbers: tuple[int, ...], delivery: int) -> None:
+        """The handler of a delivery does nothing until one of these answers is there; its connection does."""
+        blocking = Blocking(delivery, self.events, self.clock.now, numbers)
+        connection.waits.update(dict.fromkeys(numbers, blocking))
+        self.blocked[connection] = None
+        self.suspects.append((connection, numbers[0]))  # if that will be there, the handler goes on
+
     def unblock(self, connection: Connection, number: int) -> None:
         """That answer is there, or nobody waits for it any more."""
         if connection.pauses.pop(number, None) is not None:
             return
-        if connection.waits.pop(number, None) is not None and not connection.waits:
-            del self.blocked[connection]
+        if (wait := connection.waits.pop(number, None)) is not None:
+            for other in wait.together:
+                connection.waits.pop(other, None)
+            if not connection.waits:
+                del self.blocked[connection]
+
+    def unblock_coroutine(self, connection: Connection, delivery: int) -> None:
+        """The handler of a delivery may go on."""
+        waits = connection.waits.items()
+        found = next((number for number, wait in waits if wait.together and wait.origin == delivery), None)
+        if found is not None:
+            self.unblock(connection, found)
+
+    def cancel(self, slot: Connection, delivery: Delivery) -> None:
+        """A handler that runs is told to clean up and return; its coroutine awaits nothing any more."""
+        self.unblock_coroutine(slot, delivery.given_as)
+        self.tell(slot, headers.Cancelled(delivery.given_as))
 
     def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is no final answer."""

@@ -2,7 +2,7 @@
 
 from tca_central.errors import RequestError
 from tca_central.intervals import SINGLE_MOMENTS
-from tca_central.registry import Connection
+from tca_central.registry import Connection, Delivery
 from tca_central.state import State
 from tca_central.task_tree import Task
 from tca_wire import facts, headers
@@ -44,6 +44,19 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
         central.agenda.wait(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
+
+
+def on_await_any(central: State, connection: Connection, header: headers.AwaitAny, _: bytes) -> None:
+    """The coroutine of a handler can't go on until one of these is answered. Where one has been, it does already."""
+    central.unblock_coroutine(connection, header.delivery)
+    numbers, delivery = tuple(dict.fromkeys(header.requests)), central.dispatcher.attended.get(header.delivery)
+    is_handled = delivery is not None and delivery.slot is connection
+    if numbers and is_handled and all(_is_awaited(connection, number) for number in numbers):
+        central.block_coroutine(connection, numbers, header.delivery)
+
+
+def _is_awaited(connection: Connection, number: int) -> bool:
+    return isinstance(connection.outstanding.get(number), Delivery | Wait) and number not in connection.waits
 
 
 def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:

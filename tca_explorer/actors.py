@@ -24,6 +24,7 @@ class Request:
         self.wants_answer = True
         self.unread: deque[Got] = deque()
         self.is_over = False  #: nothing more comes
+        self.taken = ""  #: of a lock that was granted: how it was lost
 
 
 class Actor:

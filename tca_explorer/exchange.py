@@ -158,7 +158,7 @@ class Exchange:
 
     def _give_up(self, line: Line, actor: Actor, step: GiveUp) -> None:
         request = actor.requests.pop(step.request)
-        actor.get(Got(step.kind))
+        actor.get(Got(step.kind, text=request.taken))
         self.receive(line.name, headers.GiveUp(request.number))
 
     def _return(self, line: Line, actor: Actor, step: Return) -> None:
@@ -229,6 +229,12 @@ class Exchange:
                 if actor.suspended[-1]:  # it is to end, not to hold
                     actor.suspended = (*actor.suspended, False)
 
+    def _get_taken(self, line: Line, header: headers.Taken, _: bytes) -> None:
+        for actor in line.actors:
+            for request in actor.requests.values():
+                if request.number == header.number:
+                    request.taken = without_ids(header.text)
+
     def _get_suspended(self, line: Line, header: headers.Suspended, _: bytes) -> None:
         for actor in line.actors:
             if actor.delivery == header.delivery:
@@ -262,4 +268,5 @@ _GET: dict[type, Callable[[Exchange, Line, Any, bytes], None]] = {
     headers.Answer: Exchange._get_answer,
     headers.Cancelled: Exchange._get_cancelled,
     headers.Suspended: Exchange._get_suspended,
+    headers.Taken: Exchange._get_taken,
 }

@@ -52,7 +52,7 @@ IGNORED = {
     },
     "Connection": {
         "id", "session", "answers", "last_number", "orphans",  # addresses; scripts repeat nothing
-        "handling", "waits", "pauses",  # met as what is handled and asked
+        "handling", "waits", "pauses", "taken",  # met as what is handled and asked
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same

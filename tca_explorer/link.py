@@ -30,6 +30,7 @@ MOST_DECISIONS = 100
 _NOT_EXPLORED = {
     headers.Ask: "modules(), handlers() and status()",
     "transport": "reply_later()",
+    "is_taken": "held",
     "until_over": "await",
     "callbacks": "query_notify()",
     "listen": "query_notify()",
@@ -59,6 +60,7 @@ class Asked:
         self.place = place
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.accepted: int | None = None
+        self.taken = ""
         self.is_over = False
         self._link = link
 
@@ -197,9 +199,11 @@ class Link:
         self.abandon(request)
         return ""
 
-    def release(self, request: Asked) -> None:
-        """Want no longer what a request has got."""
-        self.do(GiveUp(request.place))
+    def release(self, request: Asked, what: str, *, at_once: bool = False) -> bool:
+        """Want no longer the lock that a request has got; whether it was had until now."""
+        del what, at_once
+        request.taken = self.do(GiveUp(request.place)).text
+        return not request.taken
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether the script has been told that its task was killed; once told, it stays so."""

@@ -12,7 +12,7 @@ from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
 from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
 from tca_module.connection import Connection
-from tca_module.errors import QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
+from tca_module.errors import LockLost, QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.failing import Reissued, failed
 from tca_module.sender import Sender
 from tca_module.task import Task as ModuleTask
@@ -25,7 +25,7 @@ from tca_wire.vocabulary import Refusal
 
 T = TypeVar("T")
 
-_OF_THE_WORLD = (QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
+_OF_THE_WORLD = (LockLost, QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
 _BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)

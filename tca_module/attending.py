@@ -9,7 +9,7 @@ that handler.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import Context, ContextVar
 
 from tca_module.errors import Stopped, TaskKilled
 
@@ -20,10 +20,11 @@ ENDS = "its module ends"
 class Attendance:
     """That a delivery is handled, or about to be."""
 
-    __slots__ = ("is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner")
+    __slots__ = ("delivery", "is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner")
 
-    def __init__(self, owner: "Attending", *, is_suspended: bool = False) -> None:
+    def __init__(self, owner: "Attending", delivery: int, *, is_suspended: bool = False) -> None:
         self.owner = owner
+        self.delivery = delivery
         self.name = ""  #: what it handles, for people
         self.is_killed = False  #: its task; or the task is to be handled again, or forgotten
         self.is_suspended = is_suspended  #: its task
@@ -48,7 +49,7 @@ class Attending:
 
     def came(self, delivery: int, *, is_suspended: bool) -> None:
         """A message is to be handled."""
-        self._known[delivery] = Attendance(self, is_suspended=is_suspended)
+        self._known[delivery] = Attendance(self, delivery, is_suspended=is_suspended)
 
     def kill(self, delivery: int) -> None:
         """The task of a delivery was killed, or is to be handled again."""
@@ -70,7 +71,7 @@ class Attending:
 
     def begin(self, delivery: int, name: str) -> Attendance:
         """A handler begins with a delivery."""
-        one = self._known.setdefault(delivery, Attendance(self))
+        one = self._known.setdefault(delivery, Attendance(self, delivery))
         one.name = name
         return one
 
@@ -127,6 +128,11 @@ def is_void() -> bool:
     """Whether the task of the handler that calls this was killed."""
     one = _at_work.get()
     return one is not None and one.is_killed
+
+
+def working(context: Context | None = None) -> Attendance | None:
+    """The handler in which the caller works, or what runs in a *context* does."""
+    return _at_work.get() if context is None else context.get(_at_work, None)
 
 
 _at_work: ContextVar[Attendance | None] = ContextVar("at_work", default=None)

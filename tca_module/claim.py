@@ -4,13 +4,15 @@ from types import TracebackType
 from typing import Self
 
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.errors import Timeout
+from tca_module.errors import LockLost, Timeout
 from tca_wire.headers import Lock
 from tca_wire.vocabulary import Outcome
 
 
 class Claim:
-    """A lock or reservation of a resource. A ``with`` block releases it at its end."""
+    """A lock or reservation of a resource. A ``with`` block releases it at its end, and raises LockLost there if it had
+    been taken away, unless another error leaves the block.
+    """
 
     def __init__(self, connection: Connection, header: Lock) -> None:
         self._connection = connection
@@ -38,11 +40,26 @@ class Claim:
             msg = f"{self._what} was not granted within {timeout:g} s: {answer.text}"
             raise Timeout(msg)
 
+    @property
+    def held(self) -> bool:
+        """Whether one has it still, as far as is known here: not after ``release()``, nor once it was taken away or
+        central was restarted. Never waits: long work looks at it before each step that counts on the lock.
+        """
+        return not (self._is_over or self._connection.is_taken(self._request))
+
     def release(self) -> None:
-        """Let others in again. Does nothing if it was released, or taken away."""
+        """Let others in again. Does nothing if it was released, or has ended with its task. Raises LockLost if it had
+        been taken away, CentralLost if central, who would know, does not answer; it is released when it does.
+        """
         if not self._is_over:
             self._is_over = True
-            self._connection.release(self._request)
+            self._connection.release(self._request, self._what)
+            if self._request.taken:
+                raise self._lost()
+
+    def _lost(self) -> LockLost:
+        how = self._request.taken or "central does not know it any more: the connection was broken"
+        return LockLost(f"{self._what} was lost before it was released: {how}; others may have been let in")
 
     def __enter__(self) -> Self:
         return self
@@ -50,4 +67,8 @@ class Claim:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.release()
+        if not self._is_over:
+            self._is_over = True
+            has_failed = error is not None
+            if not self._connection.release(self._request, self._what, at_once=has_failed) and not has_failed:
+                raise self._lost()

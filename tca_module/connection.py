@@ -21,7 +21,7 @@ from tca_module.request import Request, refers_to_tasks, waits_for_others
 from tca_module.session import Session
 from tca_module.transport import Transport
 from tca_wire.declarations import Message
-from tca_wire.headers import Await, Bye, Deliver, GiveUp, Register, ToCentral, Unregister
+from tca_wire.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
 from tca_wire.parts import HandlerFormat
 
 PATIENCE = 10.0
@@ -58,7 +58,7 @@ class Connection:
         self.patience = patience
         self._clock = clock
         self._is_calling_back = False
-        self._line = Line(session, transport, self.direct, clock)
+        self.line = Line(session, transport, self.direct, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner = threading.get_ident()
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
@@ -93,7 +93,7 @@ class Connection:
         with self._lock:
             self.direct.shut()
             if self.session.post(Bye()):
-                self._line.flush()
+                self.line.flush()
             self.drop()
 
     def drop(self) -> None:
@@ -139,14 +139,14 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         self._check_thread()
         with self._lock:
             epoch = self.session.epoch
-            self._line.catch_up()
+            self.line.catch_up()
             if self.session.epoch != epoch and refers_to_tasks(header):
                 msg = "central was restarted meanwhile and has forgotten its tasks: begin anew"
                 raise CentralLost(msg)
             if wants_answer and (asked := self.direct.ask(header, body)) is not None:
                 return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
-            self._line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
+            self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
 
     def wait(
@@ -211,17 +211,17 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Tell central, where it does not know, that the answer to a question is waited for from now on."""
         with self._lock:
             if request.is_unannounced:
-                self._line.catch_up()
+                self.line.catch_up()
             if request.is_unannounced:
                 request.is_announced = self.session.post(Await(request.header.number, blocking))
-                self._line.flush()
+                self.line.flush()
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
         self._check_thread()
         with self._lock:
             self.session.abandon(request)
-            self._line.flush(0.0, is_patient=True)
+            self.line.flush(0.0, is_patient=True)
 
     def give_up(self, request: Request) -> str:
         """Abandon a request that took too long; why it did, if that can be said at once ("": it can't)."""
@@ -236,20 +236,39 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             self.abandon(asked)
             return asked.answers[-1][0].text if asked.answers else ""
 
-    def release(self, request: Request) -> None:
-        """Want no longer what a request, whose answer is there, has got."""
-        self.post(GiveUp(request.header.number), b"")
+    def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
+        """Want no longer the lock that a request has got; whether it was had until now. *at_once*: central is told, and
+        not waited for. Else raises CentralLost if it does not answer; it is told as soon as it does.
+        """
+        header = Release(0, request.header.number)
+        if self.is_taken(request) or at_once:
+            self.session.request(header)
+            self.line.flush()
+            return not request.taken
+        try:
+            return bool(self.call(header, f"releasing {what}"))
+        except CentralLost:
+            if not request.taken:
+                raise
+            return False
+
+    def is_taken(self, request: Request) -> bool:
+        """Whether the lock that a request has got was taken away, as far as is known here. Never waits."""
+        self._check_thread()
+        with self._lock:
+            self.line.catch_up()
+            return bool(request.taken)
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
         self._check_thread()
         with self._lock:
-            self._line.catch_up()
+            self.line.catch_up()
             if self.direct.tell(header, body):
                 return
             dropped = self.session.dropped
             self.session.post(header, body)
-            self._line.flush()
+            self.line.flush()
             if self.session.dropped > dropped == 0:
                 self._log.warning("central at %s is not there: informs and broadcasts are lost", self.address)
 
@@ -260,13 +279,13 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 self.session.attending.end(header.delivery)
             else:
                 self.session.reply(header, body)
-                self._line.flush()
+                self.line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether a delivery's handler is to clean up and return; it knows then."""
         self._check_thread()
         with self._lock:
-            self._line.catch_up()
+            self.line.catch_up()
             attending = self.session.attending
             if is_cancelled := attending.is_cancelled(delivery):
                 attending.tell_of(delivery)
@@ -276,7 +295,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Whether the task of a delivery that is being handled is suspended."""
         self._check_thread()
         with self._lock:
-            self._line.catch_up()
+            self.line.catch_up()
             return self.session.attending.is_suspended(delivery)
 
     # --- waiting ---------------------------------------------------------------------------------------------------
@@ -292,18 +311,9 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
 
     def tend(self, since: float, within: float = STEP) -> float:
-        """Keep the connection alive while its own thread does something else; for how long central has been silent.
-
-        *within*: seconds that a central which does not know us, or all of us, yet is waited for.
-        """
+        """Keep the connection alive while its own thread does something else; for how long central has been silent."""
         with self._lock:
-            self._line.catch_up()
-            self.session.tend(self._clock(), since)
-            self._line.flush(wait_seconds=0)
-            until = self._clock() + within
-            while not self.session.is_known and self._line.listen(max(0.0, until - self._clock())):
-                self._line.flush(wait_seconds=0)
-            return self._clock() - max(self.session.heard, since)
+            return self.line.tend(since, within)
 
     def now(self) -> float:
         """Seconds on a clock that never jumps."""
@@ -358,9 +368,10 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
                 continue
             session.tend(now, since)
             left = max(0.0, deadline - now)
-            self._line.flush(min(self._send_wait, left), is_patient=left < min(self._send_wait, STEP))
+            send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
+            self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
             step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
-            self._line.listen(0.0 if idle is not None and idle(step) else step)
+            self.line.listen(0.0 if idle is not None and idle(step) else step)
             if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
                 self.attend(*message)  # one at a time, and central is heard in between
             before, now = now, self._clock()
@@ -369,23 +380,13 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             if now >= deadline:
                 return is_over()
             if now - max(session.heard, since) > patience:
-                raise self.lost()
+                raise self.line.lost()
         return True
-
-    @property
-    def _send_wait(self) -> float:
-        if self.session.is_welcome:
-            return SEND_WAIT
-        return 0.0 if self.direct.is_used and self.session.epoch else STEP
 
     @property
     def silence(self) -> str:
         """That central is silent, for errors; "" if all is well."""
-        return self._line.silence
-
-    def lost(self) -> CentralLost:
-        """The error that says that central does not answer."""
-        return self._line.lost()
+        return self.line.silence
 
     def _check_thread(self) -> None:
         """Before the lock is taken: a thread that serves keeps it for ever."""

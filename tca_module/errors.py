@@ -6,6 +6,7 @@ TcaError             do not raise this one; it groups the others
 │   ├── FormatRefused    others use a message of that name with another format or class
 │   └── Deadlock         whoever asked would wait for ever: what he waits for waits for him
 ├── CentralLost      central does not answer, or was restarted and has forgotten what was asked
+├── LockLost         a lock or reservation was taken away while somebody counted on it
 ├── Stopped          the module ends: what was waited for is not waited for any more
 ├── NotDeclared      nobody has declared a message of that name (also a LookupError)
 ├── VariableNotSet   a variable has no value yet (also a LookupError)
@@ -71,6 +72,13 @@ class Stopped(TcaError):
     """The module was told to end: before central had welcomed it, or while a handler waited for others. Such a handler
     may clean up, and wait for that. If it lets this pass, it is the failure "module lost" of its task, unless that was
     killed.
+    """
+
+
+class LockLost(TcaError):
+    """A lock or reservation is one no longer: it was taken away, or central was restarted, before it was released. The
+    text says by whom, or why; others may have been let in meanwhile. If a handler lets it pass, it is the failure
+    "lock lost" of its task.
     """
 
 
@@ -144,6 +152,7 @@ __all__ = [
     "CentralLost",
     "Deadlock",
     "FormatRefused",
+    "LockLost",
     "MisuseError",
     "NoCentral",
     "NotDeclared",

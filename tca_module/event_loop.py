@@ -10,7 +10,8 @@ from collections.abc import Callable, Collection, Coroutine, Generator
 from functools import partial
 from typing import Any, TypeVar
 
-from tca_module.attending import Attendance, at_work
+from tca_module.attending import Attendance
+from tca_module.awaiting import Awaiting
 from tca_module.connection import STALL, STEP, Connection
 from tca_module.request import Request
 from tca_wire.headers import Deliver
@@ -35,6 +36,7 @@ class EventLoop:
         selector = _Selector(files[0], self._has_news)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
+        self._awaiting = Awaiting(self._loop, connection)
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
@@ -56,8 +58,7 @@ class EventLoop:
 
     def start(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Let the coroutine of a handler run beside the one that is being run."""
-        with at_work(attendance):
-            task = self._loop.create_task(coroutine)
+        task = self._awaiting.begin(attendance, coroutine)
         self._handled[attendance] = task
         task.add_done_callback(lambda _: self._handled.pop(attendance, None))
         return task
@@ -137,14 +138,16 @@ class EventLoop:
             self._since = self._turned
         if self._listen() > self._connection.patience:
             for request in list(self._waiting):
-                self._heard(request, self._connection.lost())
+                self._heard(request, self._connection.line.lost())
+        self._awaiting.look(self._turned)
 
     def _hear(self, request: Request) -> Generator[Any, None, None]:
         """Await news of a request."""
         future = self._loop.create_future()
         self._waiting.setdefault(request, []).append(future)
         request.notify = partial(self._heard, request)
-        yield from future
+        with self._awaiting.suspended(request, future):
+            yield from future
 
     def _heard(self, request: Request, error: Exception | None = None) -> None:
         for future in self._waiting.pop(request, []):

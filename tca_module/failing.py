@@ -6,9 +6,9 @@ from types import TracebackType
 
 import msgspec
 
-from tca_module.errors import Deadlock, QueryFailed, Stopped, TaskFailed, Timeout
+from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, Timeout
 from tca_wire.declarations import FailureRaised
-from tca_wire.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, MODULE_LOST, TIMEOUT
+from tca_wire.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, LOCK_LOST, MODULE_LOST, TIMEOUT
 from tca_wire.headers import Fail
 
 _TRACEBACK_LIMIT = 8000  # characters
@@ -26,6 +26,7 @@ _NAMED = (
     (Misfit, BAD_DATA),
     (Deadlock, DEADLOCK),
     (Timeout, TIMEOUT),
+    (LockLost, LOCK_LOST),
     (Stopped, MODULE_LOST),
     (asyncio.CancelledError, CANCELLED),
 )
@@ -56,11 +57,11 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 
 def _sole(error: BaseException) -> BaseException:
-    """The failure that is alone in its group: asyncio.TaskGroup puts everything into groups."""
+    """The failure, or deadlock, that is alone in its group: asyncio.TaskGroup puts everything into groups."""
     inner = error
     while isinstance(inner, BaseExceptionGroup) and len(inner.exceptions) == 1:
         inner = inner.exceptions[0]
-    return inner if isinstance(inner, FailureRaised) else error
+    return inner if isinstance(inner, FailureRaised | Deadlock) else error
 
 
 def _describe(error: BaseException) -> str:

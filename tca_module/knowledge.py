@@ -111,11 +111,12 @@ class Knowledge:
             with task.lock("sensors"):
                 ...
 
-        It is released by ``release()`` or at the end of a ``with`` block; else, when the task being handled has ended
-        with all under it, and in any case when this module is gone. *module* is needed where several have a resource of
-        that name. It waits in the queue of the resource's messages, where *priority* counts. Raises Timeout if it takes
-        longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for itself, Refused if there
-        is no such resource.
+        It is released by ``release()`` or at the end of a ``with`` block, which raise LockLost if it was taken away
+        before; ``held`` of what this returns says whether one has it still. Else it is released when the task being
+        handled has ended with all under it, and in any case when this module is gone. *module* is needed where several
+        have a resource of that name. It waits in the queue of the resource's messages, where *priority* counts. Raises
+        Timeout if it takes longer than *timeout* seconds (0: unless it is free now), Deadlock if it would wait for
+        itself, Refused if there is no such resource.
         """
         return self._claim(resource, module, timeout, priority, reserve=False)
 
@@ -128,7 +129,8 @@ class Knowledge:
     def unlock(self, resource: str, module: str | None = None) -> bool:
         """Take a lock or reservation of a resource from whoever has it; whether anybody had it.
 
-        For operators: a handler releases what it has itself. Who had it is not told (TCA 8.5: ``unlock``).
+        For operators: a handler releases what it has itself. Who had it is told: LockLost where a handler or client
+        counts on it, else the failure "lock lost" of the task that keeps it (TCA 8.5: ``unlock``).
         """
         whose = name_or_none("unlock()", module=module)
         checked_name("resource", resource)

@@ -48,6 +48,18 @@ to where it listens"
         if self._session.outgoing:
             self.flush(wait_seconds=0)
 
+    def tend(self, since: float, within: float) -> float:
+        """Keep the line alive; for how long central has been silent, at most since then. *within*: seconds that a
+        central which does not know us, or all of us, yet is waited for.
+        """
+        self.catch_up()
+        self._session.tend(self._clock(), since)
+        self.flush(wait_seconds=0)
+        until = self._clock() + within
+        while not self._session.is_known and self.listen(max(0.0, until - self._clock())):
+            self.flush(wait_seconds=0)
+        return self._clock() - max(self._session.heard, since)
+
     def listen(self, timeout: float) -> bool:
         """Take in what arrives next; False if nothing does in time."""
         packet = self._transport.receive(timeout)

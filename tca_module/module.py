@@ -310,7 +310,7 @@ class Module(Sender):
         while not self._stop.wait(_TEND_PERIOD):
             silence = link.tend(since)
             if silence > patience and not reconnect:
-                self._error = link.lost()
+                self._error = link.line.lost()
                 self._stop.set()
             elif silence > patience and not warned:
                 self._log.warning("central at %s does not answer; trying to reach it again", link.address)

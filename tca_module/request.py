@@ -33,6 +33,8 @@ _WITHOUT_TASKS = (
 )
 """What any central understands, whatever it remembers."""
 
+_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
+
 
 class Request:
     """A numbered request and what has come back.
@@ -42,8 +44,8 @@ class Request:
     was to be sent only if somebody handles it, and nobody does.
     """
 
-    __slots__ = ("accepted", "answers", "body", "header", "is_announced", "is_over", "lost", "notify", "number", "path",
-                 "refused", "repeated", "settled", "wants_answer", "was_sent")  # fmt: skip
+    __slots__ = ("__weakref__", "accepted", "answers", "body", "header", "is_announced", "is_over", "lost", "notify",
+                 "number", "path", "refused", "repeated", "settled", "taken", "wants_answer", "was_sent")  # fmt: skip
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
@@ -57,6 +59,7 @@ class Request:
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
         self.lost = ""
+        self.taken = ""  #: of a lock that was granted: how it was lost
         self.path: Any = None  #: the way that it went directly, under that way's *number*
         self.number = 0
         self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over

@@ -12,6 +12,7 @@ Knows no socket, clock or thread.
 from collections import deque
 from collections.abc import Callable
 from typing import Any, ClassVar
+from weakref import WeakValueDictionary
 
 import msgspec
 
@@ -24,7 +25,7 @@ from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, To
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import ROOT
 from tca_wire.routes import EntranceGone, Route
-from tca_wire.vocabulary import Refusal
+from tca_wire.vocabulary import Outcome, Refusal
 
 HELLO_NUMBER = 1
 """A connection's first request is its Hello; said again it keeps its number."""
@@ -55,6 +56,7 @@ class Session:
         self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
         self.attending = Attending()  #: deliveries that are handled, or about to be
+        self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
         self._replies: list[Item] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
         self.heard = float("-inf")  #: when central last said anything
@@ -65,6 +67,7 @@ class Session:
         self.complaints: list[str] = []  #: what central said that answers no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
         self.is_welcome = False
+        self.breaks = 0  #: how often the connection has broken
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
@@ -130,6 +133,8 @@ class Session:
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
         number = request.header.number
+        if isinstance(request.header, headers.Release):
+            return  # it is to be heard, if nobody waits for that either
         if request.path is not None:
             request.path.abandon(request)
         elif self._requests.pop(number, None) is not None and request.wants_answer:
@@ -177,6 +182,7 @@ class Session:
 
     def break_off(self) -> None:
         """The connection broke, or central no longer knows it: begin with Hello again."""
+        self.breaks += 1
         self.is_welcome = False
         self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
         for header, _ in self.outgoing:
@@ -234,6 +240,9 @@ class Session:
             is_new_to_it = not request.was_sent or isinstance(request.header, headers.WaitUntilHandled)
             if not is_new_to_it or refers_to_tasks(request.header):
                 self._lose(request, "central was restarted meanwhile and has forgotten it")
+        for lock in self._locks.values():
+            lock.taken = "central was restarted and has forgotten it"
+        self._locks.clear()
         self._replies.clear()
         self.attending.forget()
         self.deliveries.clear()
@@ -278,6 +287,8 @@ class Session:
         if request is not None:
             request.answers.append((header, body))
             if not header.more:
+                if isinstance(request.header, headers.Lock) and header.outcome is Outcome.DONE:
+                    self._locks[header.number] = request
                 self._end(request)
             elif request.notify is not None:
                 self.news.append(request.notify)
@@ -308,6 +319,10 @@ class Session:
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
         self.attending.kill(header.delivery)
 
+    def _on_taken(self, header: headers.Taken, _: bytes) -> None:
+        if (lock := self._locks.pop(header.number, None)) is not None:
+            lock.taken = header.text
+
     def _on_routing(self, header: Route | EntranceGone, _: bytes) -> None:
         self.routing.append(header)
 
@@ -334,6 +349,7 @@ class Session:
         headers.Deliver: _on_deliver,
         headers.Cancelled: _on_cancelled,
         headers.Suspended: _on_suspended,
+        headers.Taken: _on_taken,
         headers.Beat: _on_beat,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,

@@ -13,8 +13,11 @@ TIMEOUT = "timeout"
 OVERLOAD = "overload"
 DEADLOCK = "deadlock"
 
+LOCK_LOST = "lock lost"
+"""A lock or reservation was taken away from a task that still counted on it."""
+
 CANCELLED = "cancelled"
 """An asynchronous handler was cancelled: a kind of "handler error"."""
 
-NOT_BY_CHOICE = frozenset((MODULE_LOST, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK))
+NOT_BY_CHOICE = frozenset((MODULE_LOST, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST))
 """An exception handler that fails with one of these, or a kind of them, has decided nothing."""

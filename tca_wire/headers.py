@@ -9,6 +9,7 @@ from tca_wire.to_central import (
     Ask,
     Attach,
     Await,
+    AwaitAny,
     Bye,
     Constrain,
     Deadline,
@@ -24,6 +25,7 @@ from tca_wire.to_central import (
     Lock,
     Raise,
     Register,
+    Release,
     Remove,
     Reply,
     Retry,
@@ -46,6 +48,7 @@ from tca_wire.to_module import (
     Deliver,
     Refused,
     Suspended,
+    Taken,
     ToModule,
     Unknown,
     Welcome,
@@ -54,10 +57,9 @@ from tca_wire.to_module import (
 PROTOCOL_VERSION = 1
 
 __all__ = [
-    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Await", "Beat", "Bye", "Cancelled", "Closing",
-    "Constrain",
-    "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello", "Inspect", "Keep", "Kill",
-    "Lock", "Raise", "Refused", "Register", "Remove", "Reply", "Retry", "Send", "SetVariable", "Suspend",
-    "Suspended", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock", "Unregister", "WaitFor", "WaitUntilHandled",
-    "Welcome",
+    "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Await", "AwaitAny", "Beat", "Bye", "Cancelled",
+    "Closing", "Constrain", "Deadline", "Deliver", "EndMonitor", "Fail", "Fire", "GetVariable", "GiveUp", "Hello",
+    "Inspect", "Keep", "Kill", "Lock", "Raise", "Refused", "Register", "Release", "Remove", "Reply", "Retry",
+    "Send", "SetVariable", "Suspend", "Suspended", "Taken", "Tap", "ToCentral", "ToModule", "Unknown", "Unlock",
+    "Unregister", "WaitFor", "WaitUntilHandled", "Welcome",
 ]  # fmt: skip

@@ -300,6 +300,22 @@ class Keep(_Header, frozen=True, tag=25):
     release: bool = False
 
 
+class AwaitAny(_Header, frozen=True, tag=27):
+    """The handler of a delivery, a coroutine, does nothing until one of these requests is answered; it was said before
+    what it awaited, and that is no longer so. With no requests: it may go on.
+    """
+
+    delivery: int
+    requests: list[int]
+
+
+class Release(_Header, frozen=True, tag=28):
+    """The sender no longer needs what Lock *request* has got. The id that Accepted names is 0 if it had lost that."""
+
+    number: int
+    request: int
+
+
 class GetVariable(_Header, frozen=True, tag=20):
     """What is the value of a variable? The body of the Answer is; it is empty if the variable was never set."""
 
@@ -326,6 +342,6 @@ class WaitUntilHandled(_Header, frozen=True, tag=22):
 ToCentral = (
     Hello | Register | Unregister | Send | Reply | Fail | Constrain | WaitFor | GiveUp | Kill | Ask | Bye
     | Attach | Remove | Raise | Retry | Suspend | Deadline | Inspect | Tap | Fire | EndMonitor
-    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | Noted
+    | GetVariable | SetVariable | WaitUntilHandled | Lock | Unlock | Keep | Await | AwaitAny | Release | Noted
     | WatchEntrance
 )  # fmt: skip

@@ -88,7 +88,14 @@ class Suspended(_Header, frozen=True, tag=42):
     is_suspended: bool
 
 
+class Taken(_Header, frozen=True, tag=43):
+    """What the Lock with this number got was taken away: *text* says by whom, or why."""
+
+    number: int
+    text: str
+
+
 ToModule = (
-    Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended | Route
+    Welcome | Accepted | Refused | Answer | Deliver | Cancelled | Beat | Unknown | Closing | Suspended | Taken | Route
     | EntranceGone
 )  # fmt: skip

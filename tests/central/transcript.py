@@ -14,6 +14,7 @@
     NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK [with ACTION] | end monitor TASK
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
+    NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
     NAME: await MESSAGE, ... | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     lose NAME | garbage NAME | pass SECONDS | tree
 
@@ -53,6 +54,7 @@ class Transcript:
         self.shown = 0
         self.declared: set[tuple[str, str]] = set()
         self.locked: dict[str, int] = {}
+        self.asked: dict[str, list[int]] = {}
 
     def play(self, command: str) -> str:
         """Do one command; what happened, a line each."""
@@ -99,7 +101,9 @@ class Transcript:
         if " again" in options:
             keywords["number"] = self.player.numbers[name]
         self.shown = len(self.player.entries)
-        return self.player.send(name, message, constraints=constraints(where[1]) if where else (), **keywords)
+        answers = self.player.send(name, message, constraints=constraints(where[1]) if where else (), **keywords)
+        self.asked.setdefault(name, []).append(self.player.numbers[name])
+        return answers
 
     def reply(self, name: str, delivery: str, value: str) -> list[Any]:
         return self.player.reply(name, int(delivery or 0), {"true": True, "false": False}.get(value, value))
@@ -194,6 +198,10 @@ class Transcript:
         header = headers.WaitFor(self.player.number(name), read_point(point), origin, blocking=bool(here))
         return self.player.receive(name, header)
 
+    def awaits(self, name: str, number: str) -> list[Any]:
+        requests = self.asked[name][-int(number) :] if int(number) else []
+        return self.player.receive(name, headers.AwaitAny(self.player.delivered(name)[-1], requests))
+
     def give_up(self, name: str) -> list[Any]:
         return self.player.receive(name, headers.GiveUp(self.player.numbers[name]))
 
@@ -247,6 +255,7 @@ NAME = r"(?P<name>[\w/#]+)"
 OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending (?P<pending>\d+))?(?: resource (?P<resource>\w+))?"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
+    (rf"{NAME}: await the last (?P<number>\d+)", Transcript.awaits),
     (rf"{NAME}: await (?P<messages>.*)", Transcript.await_),
     (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),

@@ -13,6 +13,7 @@ from tca_explorer import (
     Task,
     World,
     explore,
+    failed,
     never,
     never_stuck,
     report,
@@ -114,3 +115,28 @@ def test_a_lock_of_a_module_that_may_be_lost() -> None:
 def test_a_property_that_can_not_be_asked_is_a_mistake_in_the_scenario() -> None:
     with pytest.raises(ScenarioError, match="can't be asked: AttributeError"):
         explore(two_arms("legs", "arm", never(lambda world: world.taks)))  # type: ignore[attr-defined]
+
+
+def unlocked(*properties: Property) -> Result:
+    """An operator takes the legs from a planner, whether that has them just then or not."""
+    scenario = Scenario("an operator unlocks", *properties)
+    scenario.module("legs").handles(STEP)(lambda _: None)
+
+    @scenario.module("planner").handles(WALK)
+    def walk(task: Task) -> None:
+        with task.lock("legs"):
+            pass
+
+    scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
+    scenario.module("operator").does(lambda me: [me.unlock("legs")])
+    return explore(scenario)
+
+
+def test_a_handler_fails_that_has_lost_its_lock() -> None:
+    result = unlocked(never(failed(WALK)))
+    assert result.violation is not None
+    assert "lock lost" in report(result)
+
+
+def test_a_handler_that_has_lost_its_lock_comes_to_its_end() -> None:
+    assert unlocked(never_stuck()).ok

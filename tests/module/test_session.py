@@ -2,6 +2,7 @@
 
 import pytest
 
+from tca_module.request import Request
 from tca_module.session import HELLO_NUMBER, QUIET, Session
 from tca_wire import headers
 from tca_wire.headers import (
@@ -14,11 +15,14 @@ from tca_wire.headers import (
     Deliver,
     GiveUp,
     Hello,
+    Lock,
     Refused,
     Register,
+    Release,
     Reply,
     Send,
     Suspended,
+    Taken,
     ToCentral,
     ToModule,
     Unknown,
@@ -359,3 +363,38 @@ def test_a_suspended_task_that_is_killed_is_to_end(session: Session) -> None:
     assert session.attending.is_suspended(7)
     hear(session, Cancelled(7))
     assert not session.attending.is_suspended(7)
+
+
+# --- locks ----------------------------------------------------------------------------------------------------------
+
+
+def granted(session: Session) -> Request:
+    """A lock that the session has got."""
+    lock = session.request(Lock(0, "legs"), wants_answer=True)
+    hear(session, Answer(lock.header.number))
+    said(session)
+    return lock
+
+
+def test_a_lock_that_is_taken_away_is_known_by_its_number(session: Session) -> None:
+    lock, other = granted(session), granted(session)
+    hear(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
+    assert (lock.taken, other.taken) == ("unlocked", "")
+
+
+def test_a_restarted_central_has_forgotten_what_was_locked(session: Session) -> None:
+    lock = granted(session)
+    hear(session, Unknown(), welcome("two"))
+    assert lock.taken == "central was restarted and has forgotten it"
+
+
+def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(session: Session) -> None:
+    lock = granted(session)
+    release = session.request(Release(0, lock.header.number))
+    session.abandon(release)
+    said(session)
+    hear(session, Unknown(), welcome())
+    assert said(session) == [release.header]
+    hear(session, Accepted(release.header.number, 7))
+    hear(session, Unknown(), welcome())
+    assert said(session) == []

@@ -261,6 +261,7 @@ class Oracle:
             oracle_failures.retry(self.world, job)
         else:
             job.returned = True
+            oracle_locks.warn(self.world, job)
 
     def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
         job = self._returned(header.delivery)

@@ -9,7 +9,15 @@ from tca_wire import facts
 from tca_wire.vocabulary import Condition, Role, Scope
 
 MOST_NESTED = 8  # calls of one attachment inside one another
-FAILED_OTHERWISE = {"module lost", "handler error", "bad data", "timeout", "overload", "deadlock"}  # than by choice
+FAILED_OTHERWISE = {
+    "module lost",
+    "handler error",
+    "bad data",
+    "timeout",
+    "overload",
+    "deadlock",
+    "lock lost",
+}  # than by choice
 
 
 # --- kill ------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ does what it takes away, and a failure that it raises for one is raised by someb
 """
 
 from properties import oracle_failures, oracle_slots
-from properties.oracle_records import Claim, Job, Node, World, is_deadlock
+from properties.oracle_records import Claim, Job, Node, World, is_deadlock, is_lock_lost
 
 from tca_wire import facts, headers
 
@@ -95,11 +95,23 @@ def give_up(world: World, sender: str, number: int) -> None:
 def unlock(world: World, header: headers.Unlock) -> None:
     """Somebody takes a resource from whoever has it."""
     places = {header.module} if header.module else {module for module, _ in world.slots.values()}
-    world.claims = [
+    taken = [
         claim
         for claim in world.claims
-        if not (claim.granted and claim.resource[1] == header.resource and claim.resource[0] in places)
+        if claim.granted and claim.resource[1] == header.resource and claim.resource[0] in places
     ]
+    world.claims = [claim for claim in world.claims if claim not in taken]
+    for claim in taken:
+        if isinstance(claim.holder, Node) and not claim.holder.slot:
+            warn(world, claim.holder)
+
+
+def warn(world: World, node: Node) -> None:
+    """Central raises "lock lost" on a task that keeps what was taken away; not if it knows of a failure already."""
+    fact = world.seen.given[0][0] if world.seen.given else None
+    if is_lock_lost(fact) and fact.id == node.id:
+        del world.seen.given[0]
+        oracle_failures.raise_beside(world, node, ("lock lost",))
 
 
 def time_out(world: World) -> None:

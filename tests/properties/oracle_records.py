@@ -1,10 +1,11 @@
 """What the oracle knows: plain records and lists of them, and what was seen of central in the event at hand."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeGuard
 
 from tca_central.events import Effect, Record, Transmit
 from tca_wire import facts, headers
+from tca_wire.failures import LOCK_LOST
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 
@@ -245,9 +246,14 @@ def is_deadlock(fact: object) -> bool:
     return isinstance(fact, facts.RequestRefused) and fact.refusal is Refusal.DEADLOCK
 
 
+def is_lock_lost(fact: object) -> TypeGuard[facts.Failed]:
+    """Whether central tells a task of the loss of what it kept locked."""
+    return isinstance(fact, facts.Failed) and fact.failure == LOCK_LOST and fact.is_beside
+
+
 def is_turn(fact: object) -> bool:
-    """Whether somebody's turn has come, or has to come no more."""
-    return isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact)
+    """Whether somebody's turn has come, or has to come no more; or whether a task is told of what was taken."""
+    return isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact) or is_lock_lost(fact)
 
 
 class World:

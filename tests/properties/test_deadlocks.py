@@ -21,10 +21,13 @@ from tca_wire.vocabulary import Refusal
 
 HANDLED = {"a": ("goal walk", "query where"), "b": ("command move", "query look"), "c": ("goal step", "query pose")}
 DELAYED = Flags.DELAY_PLANNING | Flags.SEQ_ACH
+COROUTINES = "c"
+"""The module whose handlers may wait for several answers at a time."""
+
 numbers = st.integers(0, 50)
 steps = st.lists(
-    st.tuples(st.sampled_from(["send", "send", "ask", "ask", "wait", "lock", "constrain", "return", "kill", "suspend"]),
-              numbers, numbers, numbers), max_size=30,
+    st.tuples(st.sampled_from(["send", "send", "ask", "ask", "wait", "await", "await", "lock", "constrain", "return",
+                               "kill", "suspend", "give up"]), numbers, numbers, numbers), max_size=30,
 )  # fmt: skip
 
 
@@ -66,15 +69,36 @@ class Blocking(Player):
             constraints = (before(point(task.id, list(Moment)[c % 6]), point(-1, list(Moment)[a % 6])),) if task else ()
             self.send(who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0))
         elif what == "ask":
-            self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=True)
+            blocks = delivery is None or not is_coroutine(delivery)
+            self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
         elif what == "wait" and task:
-            header = headers.WaitFor(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=True)
+            blocks = delivery is None or not is_coroutine(delivery)
+            header = headers.WaitFor(self.number(who), point(task.id, list(Moment)[c % 6]), origin, blocking=blocks)
             self.receive(who, header)
+        elif what in ("await", "give up"):
+            self._await(what, b, c)
         elif what == "lock":
             resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
             self.receive(who, headers.Lock(self.number(who), resource, "", reserve, origin, blocking=True))
         else:
             self._steer(what, a, b, c)
+
+    def _await(self, what: str, b: int, c: int) -> None:
+        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one answer less is awaited."""
+        coroutines = [one for one in self.central.dispatcher.attended.values() if is_coroutine(one)]
+        if not coroutines:
+            return
+        delivery = coroutines[b % len(coroutines)]
+        assert delivery.slot
+        who, waits = delivery.slot.id.decode(), delivery.slot.waits
+        if what == "give up":
+            for number in [number for number, wait in waits.items() if wait.together][:1]:
+                self.receive(who, headers.GiveUp(number))
+        elif not waits_in(delivery.slot, delivery):
+            for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
+                self.send(who, name, origin=delivery.given_as)
+            asked = [number for number in delivery.slot.outstanding if number not in waits]
+            self.receive(who, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
 
     def _steer(self, what: str, a: int, b: int, c: int) -> None:
         """The operator does something; he never waits."""
@@ -108,14 +132,24 @@ class Blocking(Player):
             self.reply(free[0].slot.id.decode(), free[0].given_as)
 
 
+def is_coroutine(delivery: Delivery) -> bool:
+    return delivery.slot is not None and delivery.slot.module.name == COROUTINES
+
+
 def free_handlers(central: Central) -> list[Delivery]:
-    """What is handled by a handler that waits for nothing, the newest of its slot."""
-    newest = {delivery.slot: delivery for delivery in central.dispatcher.attended.values()}
-    return [delivery for slot, delivery in newest.items() if slot and not waits_in(slot, delivery)]
+    """What is handled by a handler that waits for nothing: the newest of its slot, and every coroutine."""
+    attended = central.dispatcher.attended.values()
+    newest = {delivery.slot: delivery for delivery in attended}
+    may_go_on = [one for one in attended if is_coroutine(one) or newest[one.slot] is one]
+    return [one for one in may_go_on if one.slot and not waits_in(one.slot, one)]
 
 
 def waits_in(slot: Connection, delivery: Delivery) -> bool:
-    return any(wait.since > slot.handling[delivery] for wait in slot.waits.values())
+    """Whether a handler waits: for an answer that its thread blocks for, or a coroutine for one of several."""
+    return any(
+        wait.origin == delivery.given_as if wait.together else wait.since > slot.handling[delivery]
+        for wait in slot.waits.values()
+    )
 
 
 @given(steps)

@@ -16,7 +16,21 @@ from tca_wire.vocabulary import Condition, Role, Scope
 
 MENDERS = {"b": ("exception handler mend",), "d": ("exception handler save", "command park")}
 FAILURES = ("slipped", "timeout", "deadlock", "")
-STEPS = ["send"] * 5 + ["ask", "wait", "lock", "lock", "constrain", "return", "return", "return", "kill", "suspend"]
+STEPS = ["send"] * 5 + [
+    "ask",
+    "ask",
+    "wait",
+    "await",
+    "await",
+    "lock",
+    "lock",
+    "constrain",
+    "return",
+    "return",
+    "return",
+    "kill",
+    "suspend",
+]
 STEPS += ["fail", "raise", "retry", "parting", "attach", "attach", "deadline", "kill others", "tap"]
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
 ROUNDS = 2_000

@@ -1,0 +1,224 @@
+"""A lock or reservation that was taken away: whoever counted on it is told by whom, or why."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from module.real_central import RealCentral
+
+from tca_module import (
+    Client,
+    Command,
+    ExceptionHandler,
+    Failure,
+    Goal,
+    LockLost,
+    Module,
+    Outcome,
+    Task,
+    TaskFailed,
+    connect,
+)
+from tca_module.testing import LocalCentral
+
+SCAN = Command("scan")
+MOVE = Command("move", int)
+TIDY = Goal("tidy")
+STEP = Command("step")
+MEND = ExceptionHandler("mend")
+LOST = Failure("lock lost")
+SOON = 10.0
+
+
+class Scans:
+    """Scans, for which the legs must stand still: each waits in its block until it may go on."""
+
+    def __init__(self, eyes: Module) -> None:
+        self.held: list[bool] = []
+        self._locked, self._go_on = threading.Event(), threading.Event()
+        eyes.handles(SCAN)(self._scan)
+
+    def _scan(self, task: Task) -> None:
+        with task.lock("legs", timeout=SOON) as claim:
+            self.held.append(claim.held)
+            self._locked.set()
+            assert self._go_on.wait(SOON)
+            self.held.append(claim.held)
+        self.held.append(claim.held)
+
+    @contextmanager
+    def under_way(self) -> Iterator[None]:
+        """While a scan has the legs."""
+        assert self._locked.wait(SOON)
+        try:
+            yield
+        finally:
+            self._go_on.set()
+
+
+@pytest.fixture
+def moving(legs: Module) -> Iterator[None]:
+    legs.handles(MOVE)(lambda *_: None)
+    with legs.running():
+        yield
+
+
+def taken_away(central: LocalCentral) -> None:
+    with connect("operator", central) as operator:
+        assert operator.unlock("legs")
+
+
+@pytest.mark.usefixtures("moving")
+def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(eyes: Module, user: Client) -> None:
+    scans = Scans(eyes)
+    with eyes.running():
+        scan = user.command(SCAN)
+        with scans.under_way():
+            assert user.unlock("legs")
+            assert user.command(MOVE, 1, sequential=False).wait(SOON) is Outcome.DONE
+        with pytest.raises(
+            TaskFailed, match=r"lock of resource 'legs' was lost .* unlocked by module 'user'"
+        ) as raised:
+            scan.result(SOON)
+    assert raised.value.failure == "lock lost"
+    assert scans.held == [True, False]
+
+
+@pytest.mark.usefixtures("moving")
+def test_a_lock_that_is_had_to_the_end_of_its_block_is_released_there(eyes: Module, user: Client) -> None:
+    scans = Scans(eyes)
+    with eyes.running():
+        scan = user.command(SCAN)
+        with scans.under_way():
+            pass
+        assert scan.wait(SOON) is Outcome.DONE
+    assert scans.held == [True, True, False]
+    assert not user.unlock("legs"), "nobody has it"
+
+
+@pytest.mark.usefixtures("moving")
+def test_an_error_that_leaves_the_block_is_not_replaced(eyes: Module, user: Client, central: LocalCentral) -> None:
+    @eyes.handles(SCAN)
+    def scan(task: Task) -> None:
+        with task.lock("legs"):
+            taken_away(central)
+            raise KeyError("dust")
+
+    with eyes.running(), pytest.raises(TaskFailed, match="dust"):
+        user.command(SCAN).result(SOON)
+
+
+@pytest.mark.usefixtures("moving")
+def test_who_releases_without_a_block_is_told_once(eyes: Module, user: Client, central: LocalCentral) -> None:
+    @eyes.handles(SCAN)
+    def scan(task: Task) -> None:
+        claim = task.reserve("legs")
+        taken_away(central)
+        with pytest.raises(LockLost, match="the reservation of resource 'legs' was lost before it was released"):
+            claim.release()
+        claim.release()
+
+    with eyes.running():
+        assert user.command(SCAN).wait(SOON) is Outcome.DONE
+
+
+@pytest.mark.usefixtures("moving")
+def test_a_task_that_was_to_keep_what_its_handler_lost_fails(eyes: Module, user: Client, central: LocalCentral) -> None:
+    """Its handler has returned, and has not asked: nobody but the task can be told."""
+
+    @eyes.handles(TIDY)
+    def tidy(task: Task) -> None:
+        task.reserve("legs")
+        taken_away(central)
+
+    with eyes.running():
+        tidying = user.goal(TIDY)
+        with pytest.raises(TaskFailed, match="unlocked by module 'operator'") as raised:
+            tidying.result(SOON)
+    assert raised.value.failure == "lock lost"
+
+
+@pytest.mark.usefixtures("moving")
+def test_an_exception_handler_may_see_to_what_a_task_has_lost(
+    eyes: Module, user: Client, central: LocalCentral
+) -> None:
+    told, stepping = [], threading.Event()
+    eyes.resource("mind")
+
+    @eyes.handles(TIDY, resource="mind")
+    def tidy(task: Task) -> None:
+        task.reserve("legs")
+        task.handle.on_failure(LOST, MEND)
+        task.command(STEP)
+
+    @eyes.handles(STEP)
+    def step(_: Task) -> None:
+        assert stepping.wait(SOON)
+
+    @eyes.handles(MEND, resource="mind")
+    def mend(task: Task) -> None:
+        told.append(task.trouble.text)
+
+    with eyes.running():
+        tidying = user.goal(TIDY)
+        tidying.wait_for(tidying.handling.end, SOON)
+        taken_away(central)
+        stepping.set()
+        assert tidying.wait(SOON) is Outcome.DONE
+    assert told == ["'legs' was taken from it: unlocked by module 'operator'"]
+
+
+@pytest.mark.usefixtures("moving")
+def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentral) -> None:
+    """Central frees what those had who are gone, if only for a moment: others have been let in."""
+    with connect("other", central) as other:
+        claim = other.lock("legs")
+        central.cut("other")
+        assert user.command(MOVE, 1).wait(SOON) is Outcome.DONE
+        other.modules()
+        assert not claim.held
+        with pytest.raises(LockLost, match="the connection to central was lost"):
+            claim.release()
+        with pytest.raises(LockLost, match="the connection to central was lost"), other.lock("legs"):
+            central.cut("other")
+
+
+def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
+    legs.handles(MOVE)(lambda *_: None)
+    with legs.running():
+        claim = user.lock("legs")
+    assert not claim.held
+    with pytest.raises(LockLost, match="module 'legs' has gone"), claim:
+        pass
+
+
+@pytest.mark.usefixtures("moving")
+def test_central_was_restarted_inside_the_block(user: Client, central: LocalCentral) -> None:
+    """A client learns it when it next says something: at the end of the block at the latest."""
+    with pytest.raises(LockLost, match="central was restarted and has forgotten it"), user.lock("legs"):
+        central.restart("afresh")
+    with connect("other", central) as other:
+        other.wait_until_handled(MOVE, timeout=SOON)
+        with other.lock("legs", timeout=SOON) as claim:
+            assert claim.held
+
+
+def test_real_sockets_and_a_central_that_was_restarted(tmp_path: Path) -> None:
+    """Who had the legs says nothing all the while, and others move them."""
+    address = f"ipc://{tmp_path}/central"
+    legs = Module("legs", address)
+    legs.handles(MOVE)(lambda *_: None)
+    with ExitStack() as stack:
+        first = stack.enter_context(RealCentral(address, "one"))
+        stack.enter_context(legs.running())
+        user = stack.enter_context(connect("user", address))
+        claim = user.lock("legs")
+        first.close()
+        stack.enter_context(RealCentral(address, "two"))
+        with connect("other", address) as other:
+            assert other.command(MOVE, 1).wait(SOON) is Outcome.DONE
+        with pytest.raises(LockLost, match="central was restarted and has forgotten it"), claim:
+            pass
+        user.close()
