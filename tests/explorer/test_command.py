@@ -65,6 +65,18 @@ def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words
     assert words in result.stderr
 
 
+def test_a_scenario_imports_the_robot_s_own_messages(tmp_path: Path) -> None:
+    """As ``python scenarios.py`` would: what lies beside it, wherever the command is called."""
+    (tmp_path / "stepping.py").write_text("from tca_wire.declarations import Command\nSTEP = Command('step')\n")
+    text = SCENARIO.replace('STEP = Command("step")', "from stepping import STEP").replace("never(handled(STEP))", "")
+    path = tmp_path / "scenarios.py"
+    path.write_text(text)
+    code = "from tca_explorer.command import explore_file; explore_file()"
+    ran = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=60, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "good one: good, 3 states" in ran.stdout
+
+
 def test_the_scenario_in_the_documentation_is_good(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
     code = page.partition("```python\n")[2].partition("```")[0]
