@@ -44,7 +44,9 @@ def properties_in(path: Path) -> list[Property]:
         names = names_of(path)
         found = [one for value in names.values() for one in _found(value)]
         texts = names.get("PROPERTIES")
-        found += [property_from(one) for one in texts if isinstance(one, str)] if isinstance(texts, list | tuple) else []
+        found += (
+            [property_from(one) for one in texts if isinstance(one, str)] if isinstance(texts, list | tuple) else []
+        )
     except CannotRun as error:
         raise click.UsageError(str(error)) from None
     except BadProperty as error:
