@@ -7,6 +7,7 @@ import msgspec
 
 from tca_central.invariants import check_invariants
 from tca_explorer import circles
+from tca_explorer.apart import apart, check_wanted
 from tca_explorer.checks import checked_number
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.existing import check_messages, check_modules, missing_in
@@ -48,7 +49,7 @@ def explore(
     while True:
         exploration = _Exploration(scenario, judged, limit, detail, watch)
         try:
-            return exploration.run()
+            return apart(exploration.run)
         except _MoreDetail as more:
             detail = more.detail
 
@@ -107,6 +108,7 @@ class _Exploration:
 
     def _leave(self, state: State) -> Violation | None:
         """Take every action that is possible in a state."""
+        check_wanted()
         play = self._play_of(state)
         actions = play.actions()
         if all(action.is_optional for action in actions):
