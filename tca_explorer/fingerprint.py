@@ -122,7 +122,8 @@ class _Walk:
 
     def add(self, value: Any) -> None:
         """Write down a value; an object by its number, and what it holds when its turn comes."""
-        if (kind := type(value)) in _PLAIN:
+        kind: type = type(value)
+        if kind in _PLAIN:
             self._out.append(value)
         else:
             _way_of(kind)(self, value)

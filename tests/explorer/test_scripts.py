@@ -165,7 +165,7 @@ def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
 def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves it."""
 
-    def walk(task: Task) -> None:
+    def walk(task: Task) -> object:
         while True:
             with contextlib.suppress(BaseException):
                 try:
@@ -192,7 +192,7 @@ def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> N
 
 
 def test_a_script_may_catch_everything_for_a_while() -> None:
-    def walk(task: Task) -> None:
+    def walk(task: Task) -> object:
         for _ in range(3):
             try:
                 return task.query(WHERE) and None
@@ -209,8 +209,7 @@ def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration()
 
     def watch(states: int, _: int) -> None:
         if states > 100:
-            assert threading.main_thread().ident is not None
-            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
     scenario = Scenario("long")
     for name in "abcdefgh":
