@@ -337,9 +337,7 @@ SPECIAL: dict[tuple[str, str], Write] = {
 
 @cache
 def _attributes(kind: type, names: tuple[str, ...]) -> tuple[Callable[[Any], Iterable[Any]], tuple[Write | None, ...]]:
-    """What fetches the attributes to look at, in slots and with these *names*, and how each is written down (None: as
-    it is).
-    """
+    """What fetches the attributes to look at, in slots and of these *names*, and how each is written down."""
     assert not issubclass(kind, _CONTAINERS), f"of a {kind.__name__} nothing but its class would be taken in"
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
