@@ -74,8 +74,8 @@ class PendingReply(Generic[R]):
 class PendingReplies(Iterator[R], Generic[R]):
     """The replies to a multi-query, in the order in which they come; each is waited for when it is asked for.
 
-    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If all who were asked
-    failed it ends with QueryFailed: the first failure.
+    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If all who were
+    asked failed it ends with QueryFailed: the first failure.
     """
 
     def __init__(
