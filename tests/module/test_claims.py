@@ -138,7 +138,7 @@ def test_who_dies_leaves_nothing_locked(central: LocalCentral, legs: Module, use
 def test_of_two_modules_of_one_name_each_has_a_name_of_its_own(central: LocalCentral, user: Client) -> None:
     first, second = Module("legs", central), Module("legs", central)
     for one in (first, second):
-        one.handles(MOVE)(lambda _, number: None)
+        one.handles(MOVE)(lambda _, __: None)
     with first.running(), second.running():
         for name in ("legs", "legs#2"):
             with user.lock("legs", module=name, timeout=5.0):
