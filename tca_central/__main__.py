@@ -48,14 +48,17 @@ def _number(text: str) -> int:
 
 
 def _remember(journal: Path) -> None:
-    """Let tools that are to show the newest run find this one, by a link beside the others; links to none go."""
+    """Let tools that are to show the newest run find this one, by a link beside the others; links to none go, and those
+    of earlier runs in the same folder.
+    """
     link = _new_journal_folder()
+    there = journal.resolve()
     with contextlib.suppress(OSError):
         link.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         for other in link.parent.iterdir():
-            if other.is_symlink() and not other.exists():
+            if other.is_symlink() and (not other.exists() or other.resolve() == there):
                 other.unlink()
-        link.symlink_to(journal.resolve(), target_is_directory=True)
+        link.symlink_to(there, target_is_directory=True)
 
 
 @click.command()
@@ -63,7 +66,7 @@ def _remember(journal: Path) -> None:
 @click.option(
     "--journal",
     type=click.Path(path_type=Path),
-    help="Folder for the journal [default: a new one per run]; tools find it, too.",
+    help="Folder for the journal [default: a new one per run]; tools find it, too. It may hold earlier runs.",
 )
 @click.option("--no-journal", is_flag=True, help="Keep no journal.")
 @click.option("--sync", type=click.Choice([str(sync) for sync in Sync]), default="batch", show_default=True,
@@ -99,7 +102,8 @@ def central(
             signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
         log = logging.getLogger("tca.central")
         log.info("listening on %s", server.endpoint)
-        log.info("no journal" if no_journal else f"journal in {folder}")
+        earlier = ", after earlier runs" if server.journal is not None and server.journal.before else ""
+        log.info("no journal" if no_journal else f"journal in {folder}{earlier}")
         server.serve()
     except CentralError as error:
         raise click.ClickException(str(error)) from None

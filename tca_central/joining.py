@@ -14,9 +14,10 @@ from tca_central.state import Failure, State, deliver
 from tca_central.taps import happened, listeners_come
 from tca_central.task_tree import Task, to_be_fired
 from tca_wire import facts, headers
+from tca_wire.declarations import D
 from tca_wire.failures import MODULE_LOST
 from tca_wire.headers import PROTOCOL_VERSION, Accepted, Cancelled
-from tca_wire.notices import MODULE_JOINED, MODULE_LEFT, Arrival, Departure
+from tca_wire.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, Notice
 from tca_wire.parts import HandlerFormat
 from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
@@ -29,7 +30,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
     module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
     if is_new:
         central.facts.append(facts.ModuleJoined(module.name, header.process))
-        notices.tell(central, MODULE_JOINED, Arrival(module.name, header.process))
+        _tell(central, module, MODULE_JOINED, Arrival(module.name, header.process))
     session = f"{header.incarnation}/{header.connection}"
     connection = module.connections.get(session)
     if connection is not None:  # the same one, reconnected before its loss was noticed
@@ -144,7 +145,15 @@ def _forget(central: State, module: Module, why: str) -> None:
     central.registry.forget_module(module)
     central.tree.forget_module(module.name)
     central.facts.append(facts.ModuleLeft(module.name, why))
-    notices.tell(central, MODULE_LEFT, Departure(module.name, why))
+    _tell(central, module, MODULE_LEFT, Departure(module.name, why))
+
+
+def _tell(central: State, module: Module, notice: Notice[D], data: D) -> None:
+    """Who comes and goes, but for commands that people type: who suspends the robot when a program leaves does not mean
+    these.
+    """
+    if not module.name.startswith(COMMANDS):
+        notices.tell(central, notice, data)
 
 
 def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:

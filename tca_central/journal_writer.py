@@ -31,7 +31,9 @@ class Sync(StrEnum):
 
 
 class JournalWriter:
-    """One journal: a folder of its own with segments 00000001.tcaj, 00000002.tcaj, ..."""
+    """One journal: a folder with segments 00000001.tcaj, 00000002.tcaj, ... Where earlier runs lie in the folder, as
+    after a crash of central, its segments have the next numbers; nothing is written to theirs.
+    """
 
     def __init__(self, folder: Path, *, epoch: str, version: str, sync: Sync = Sync.BATCH) -> None:
         self.folder = folder
@@ -40,17 +42,19 @@ class JournalWriter:
         self._pending: list[bytes] = []
         self._pending_bytes = 0
         self._segment = 0
+        self.before = 0  #: the last number of an earlier run's segments
         self._size = 0
         self._file = -1
+        self._folder = -1
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._unsynced = False
         self._error: OSError | None = None  #: of the thread that syncs
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if any(folder.glob(f"*{SEGMENT_SUFFIX}")):
-                msg = f"{folder} already holds a journal: name another folder, or move that one away"
-                raise CentralError(msg)
+            self._lock_folder()
+            numbers = [int(path.stem) for path in folder.glob(f"*{SEGMENT_SUFFIX}") if path.stem.isdecimal()]
+            self.before = max(numbers, default=0)
             self._next_segment(Entry(0, 0.0, []))
         except OSError as error:
             msg = f"journal {folder}: {error.strerror}: name a folder that can be written with --journal"
@@ -58,6 +62,19 @@ class JournalWriter:
         self._thread = threading.Thread(target=self._sync_each_second, name="journal", daemon=True)
         if sync is Sync.BATCH:
             self._thread.start()
+
+    def _lock_folder(self) -> None:
+        """Two centrals that run would mix their segments. A lock ends with its process, however that ends."""
+        self._folder = os.open(self.folder, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            fcntl.flock(self._folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            msg = (
+                f"{self.folder}: another central that runs writes its journal there: name another folder with --journal"
+            )
+            raise CentralError(msg) from None
+        except OSError:  # some file systems have no locks
+            pass
 
     def add(self, entry: Entry) -> None:
         """Take an entry; ``flush`` writes it."""
@@ -93,6 +110,7 @@ class JournalWriter:
             self._thread.join()
         self._fsync()
         os.close(self._file)
+        os.close(self._folder)
 
     def _write(self) -> None:
         data = memoryview(b"".join(self._pending))
@@ -115,7 +133,7 @@ class JournalWriter:
                 os.close(self._file)
             self._segment += 1
             self._size = 0
-            path = self.folder / f"{self._segment:08d}{SEGMENT_SUFFIX}"
+            path = self.folder / f"{self.before + self._segment:08d}{SEGMENT_SUFFIX}"
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o600)
             with contextlib.suppress(OSError):  # readers see by it that central lives; some file systems have no locks
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -305,7 +305,10 @@ def _collect(central: State, collector: Collector, delivery: Delivery, answer: A
     del collector.pending[delivery.id]
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
+        collector.end = Answer(collector.number), b""
         central.tell(collector.connection, Answer(collector.number, more=True), body)
+    elif collector.end is None:  # until somebody replies, the first failure tells why nobody has
+        collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
     _end_if_complete(central, collector)
 
 
@@ -313,7 +316,8 @@ def _end_if_complete(central: State, collector: Collector) -> None:
     is_complete = not collector.wanted or not collector.pending
     if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
         central.facts.append(facts.Answered(collector.id))
-        central.send(collector.connection, collector.number, Answer(collector.number))
+        answer, body = collector.end or (Answer(collector.number), b"")
+        central.send(collector.connection, collector.number, answer, body)
 
 
 # --- tasks: constraints, waits, kills --------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from tca_central.resources import Claim
 from tca_central.task_tree import Kept, Task, TaskTree, taps_of
 from tca_central.variables import Variables
 from tca_wire import facts, headers
-from tca_wire.headers import ToModule
+from tca_wire.headers import Answer, ToModule
 from tca_wire.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
@@ -22,12 +22,13 @@ from tca_wire.vocabulary import MessageClass, Outcome
 class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = ("connection", "id", "number", "origin", "pending", "wanted")
+    __slots__ = ("connection", "end", "id", "number", "origin", "pending", "wanted")
 
     def __init__(self, connection: Connection, number: int, message_id: int, wanted: int, origin: int) -> None:
         self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
         self.origin = origin  #: the delivery whose handler asks (0: none)
         self.pending: dict[int, Delivery] = {}
+        self.end: tuple[Answer, bytes] | None = None  #: what it ends with, once a reply or a failure has come
 
 
 class Failure(NamedTuple):

@@ -1,8 +1,6 @@
 """``tca explore``: explores the scenarios of a file."""
 
-import runpy
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +11,7 @@ from tca_explorer.errors import ScenarioError
 from tca_explorer.exploration import LIMIT, explore
 from tca_explorer.scenario import Scenario
 from tca_explorer.transcript import report
+from tca_wire.user_file import CannotRun, names_of
 
 
 @click.command("explore")
@@ -23,8 +22,9 @@ from tca_explorer.transcript import report
 def explore_file(context: click.Context, path: Path, limit: int) -> None:
     """Explore every interleaving of small scenarios.
 
-    FILE is a Python file; each Scenario at its top level is explored with its properties. Exit code 0 says that all of
-    them hold in all runs, 1 that one does not or is not known, 2 that one can't be explored; the others are.
+    FILE is a Python file, which may import what lies beside it; each Scenario at its top level is explored with its
+    properties. Exit code 0 says that all of them hold in all runs, 1 that one does not or is not known, 2 that one
+    can't be explored; the others are.
     """
     code = 0
     for scenario in _scenarios(path):
@@ -58,11 +58,9 @@ def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
 
 def _scenarios(path: Path) -> list[Scenario]:
     try:
-        names = runpy.run_path(str(path), run_name=path.stem)
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, the file is what is wrong
-        where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-        line = f", line {where[-1]}" if where else ""
-        raise click.UsageError(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from None
+        names = names_of(path)
+    except CannotRun as error:
+        raise click.UsageError(str(error)) from None
     found = [value for value in names.values() if isinstance(value, Scenario)]
     if not found:
         raise click.UsageError(f"{path} has no scenario: make a tca_explorer.Scenario at its top level")

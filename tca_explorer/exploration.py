@@ -7,6 +7,8 @@ import msgspec
 
 from tca_central.invariants import check_invariants
 from tca_explorer import circles
+from tca_explorer.apart import apart, check_wanted
+from tca_explorer.branching import Branching
 from tca_explorer.checks import checked_number
 from tca_explorer.errors import CentralFault, ScenarioError
 from tca_explorer.existing import check_messages, check_modules, missing_in
@@ -48,7 +50,7 @@ def explore(
     while True:
         exploration = _Exploration(scenario, judged, limit, detail, watch)
         try:
-            return exploration.run()
+            return apart(exploration.run)
         except _MoreDetail as more:
             detail = more.detail
 
@@ -73,6 +75,7 @@ class _Exploration:
         self.frontier: deque[State] = deque()
         self.steps = 0
         self.ends = 0
+        self.branching = Branching()
         self.saved = 0  #: bytes that snapshots hold
         self.snapshots = Snapshots()
         self.used = set(scenario.messages())  #: the messages that are handled, or were used so far
@@ -94,8 +97,9 @@ class _Exploration:
         if is_complete:
             check_messages(self.scenario, self.properties, self.used)
         vacuous = [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
+        said_nothing = tuple(f"'{one}': there never is '{one.case}'" for one in vacuous)
         return Result(self.scenario, len(self.known), self.steps, self.ends, longest, is_complete, violation,
-                      tuple(f"'{one}': there never is '{one.case}'" for one in vacuous))  # fmt: skip
+                      said_nothing, self.branching.most())  # fmt: skip
 
     def _go_round(self, states: list[State]) -> Violation | None:
         """Some runs go on for ever: judge what never happens in them."""
@@ -107,8 +111,10 @@ class _Exploration:
 
     def _leave(self, state: State) -> Violation | None:
         """Take every action that is possible in a state."""
+        check_wanted()
         play = self._play_of(state)
         actions = play.actions()
+        self.branching.add(play, actions)
         if all(action.is_optional for action in actions):
             self.ends += 1
             if violation := self._end(state, play):

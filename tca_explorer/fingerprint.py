@@ -8,12 +8,12 @@ To take in too much costs states that could have been one; to leave out too much
 taken relative to now, so that what comes round every so many seconds comes to the same state again.
 """
 
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Iterable
 from enum import Enum
 from functools import cache
 from hashlib import blake2b
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import msgspec
@@ -122,22 +122,11 @@ class _Walk:
 
     def add(self, value: Any) -> None:
         """Write down a value; an object by its number, and what it holds when its turn comes."""
-        kind = type(value)
+        kind: type = type(value)
         if kind in _PLAIN:
             self._out.append(value)
-        elif (write := _WRITE.get(kind)) is not None:
-            write(self, value)
-        elif isinstance(value, Enum):
-            self._out.append(value.value)
-        elif isinstance(value, Mark):
-            self._out += _NAME, self.number_of_name(value)
-        elif isinstance(value, msgspec.Struct):
-            self._out.append(type(value).__name__)
-            self.add(msgspec.structs.astuple(value))
-        elif isinstance(value, tuple):  # one with names
-            self.add_list(value)
         else:
-            self._out += _THING, self.number_of(value)
+            _way_of(kind)(self, value)
 
     def number_of_name(self, name: int) -> int:
         return self._names.setdefault((type(name), int(name)), len(self._names))
@@ -167,17 +156,34 @@ class _Walk:
 
     def _look_at(self, thing: Any) -> None:
         kind: type = type(thing)
-        self._out.append(kind.__name__)
-        for name, write in _attributes(kind, tuple(getattr(thing, "__dict__", ()))):
-            if write is None:
-                self.add(getattr(thing, name))
+        out, add = self._out, self.add
+        out.append(kind.__name__)
+        fetch, writes = _attributes(kind, tuple(getattr(thing, "__dict__", ())))
+        for value, write in zip(fetch(thing), writes, strict=True):
+            if write is not None:
+                write(self, thing, value)
+            elif type(value) in _PLAIN:  # most are: what add would do, without the call
+                out.append(value)
             else:
-                write(self, thing, getattr(thing, name))
+                add(value)
 
     # --- values ------------------------------------------------------------------------------------------------------
 
     def add_int(self, value: int) -> None:
         self._out.append(value if -(1 << 63) <= value < 1 << 63 else hex(value))  # MessagePack has no longer ones
+
+    def add_mark(self, name: int) -> None:
+        self._out += _NAME, self.number_of_name(name)
+
+    def add_enum(self, value: Enum) -> None:
+        self._out.append(value.value)
+
+    def add_struct(self, value: msgspec.Struct) -> None:
+        self._out.append(type(value).__name__)
+        self.add(msgspec.structs.astuple(value))
+
+    def add_thing(self, value: object) -> None:
+        self._out += _THING, self.number_of(value)
 
     def add_list(self, values: Any) -> None:
         self._out += _LIST, len(values)
@@ -282,11 +288,22 @@ _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for 
 _PLAIN = frozenset((str, bytes, bool, float, type(None)))
 _CONTAINERS = (list, tuple, dict, set, frozenset, deque)
 _DIGITS = 6  # of seconds: times that differ by less are the same but for rounding
-_WRITE: dict[type, Callable[[_Walk, Any], None]] = {
-    int: _Walk.add_int,
-    **dict.fromkeys((list, tuple, deque), _Walk.add_list),
-    **dict.fromkeys((dict, OrderedDict), _Walk.add_dict),
-}
+_WAYS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
+    ((Enum,), _Walk.add_enum),
+    ((Mark,), _Walk.add_mark),
+    ((int,), _Walk.add_int),
+    ((msgspec.Struct,), _Walk.add_struct),
+    ((list, tuple, deque), _Walk.add_list),
+    ((dict,), _Walk.add_dict),
+)
+"""How a value of one of those classes is written down: the first that fits. All else is a thing with a number."""
+
+
+@cache
+def _way_of(kind: type) -> Callable[[_Walk, Any], None]:
+    """How values of a class that is not plain are written down."""
+    return next((write for classes, write in _WAYS if issubclass(kind, classes)), _Walk.add_thing)
+
 
 Write = Callable[[_Walk, Any, Any], None]
 
@@ -319,14 +336,15 @@ SPECIAL: dict[tuple[str, str], Write] = {
 
 
 @cache
-def _attributes(kind: type, names: tuple[str, ...]) -> tuple[tuple[str, Write | None], ...]:
-    """The attributes to look at, in slots and with these *names*, and how each is written down (None: as it is)."""
+def _attributes(kind: type, names: tuple[str, ...]) -> tuple[Callable[[Any], Iterable[Any]], tuple[Write | None, ...]]:
+    """What fetches the attributes to look at, in slots and of these *names*, and how each is written down."""
     assert not issubclass(kind, _CONTAINERS), f"of a {kind.__name__} nothing but its class would be taken in"
     slots = [name for parent in reversed(kind.__mro__) for name in getattr(parent, "__slots__", ())]
     kinds = [parent.__name__ for parent in kind.__mro__]
     wanted = [name for name in (*slots, *names) if not any(name in IGNORED.get(one, ()) for one in kinds)]
     special = {name: write for (one, name), write in SPECIAL.items() if one in kinds}
-    return tuple((name, special.get(name)) for name in wanted)
+    fetch = attrgetter(*wanted) if len(wanted) > 1 else lambda thing: [getattr(thing, name) for name in wanted]
+    return fetch, tuple(special.get(name) for name in wanted)
 
 
 # --- the modules' side, and what properties see ----------------------------------------------------------------------

@@ -24,6 +24,9 @@ from tca_wire.vocabulary import Refusal
 CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
 """What a script may decide without central: the kinds of such a Got."""
 
+MOST_CAUGHT = 10_000
+"""How often a script may go on after a run of it was ended: more often only one does that catches this and all else."""
+
 MOST_DECISIONS = 100
 """Between two steps; a script that decides more often never takes one."""
 
@@ -76,16 +79,18 @@ class Asked:
 class Link:
     """One run of a script up to the end of what it has got."""
 
-    def __init__(self, history: History) -> None:
+    def __init__(self, history: History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None) -> None:
         attachments = SimpleNamespace(of=lambda _: None)  # central is never restarted here: nothing is kept for that
         self.session = SimpleNamespace(epoch="explored", module="explored", attachments=attachments)
         self.silence = ""  #: of central, which is never silent
         self.stopped: Pause | Fork | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: what can't be played
+        self._on_caught = on_caught  #: called if the script never lets it end
         self._history = history
         self._at = 0
         self._is_told = False  #: that its task was killed
         self._requests = 0
+        self._caught = 0  #: how often the script went on after its end
         self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
 
     def __getattr__(self, name: str) -> Any:
@@ -95,8 +100,7 @@ class Link:
 
     def refuse(self, call: str) -> NoReturn:
         """A script can't do that."""
-        self.error = ScenarioError(f"{call} is not explored: leave it out of the scenario, or model what it does")
-        raise self.error
+        self.end(ScenarioError(f"{call} is not explored: leave it out of the scenario, or model what it does"))
 
     # --- the run -----------------------------------------------------------------------------------------------------
 
@@ -106,7 +110,7 @@ class Link:
             return self._past(step.kind)
         if self.stopped is None:
             self.stopped = Pause(step)
-        raise self.stopped  # again, where code that cleans up goes on
+        raise self._over()
 
     def decide(self, kind: str, alternatives: Sequence[str]) -> int:
         """Which of these: each is explored."""
@@ -117,7 +121,7 @@ class Link:
             return got.choice
         if self.stopped is None:
             self.stopped = Fork(Got(kind, choice=i, words=words) for i, words in enumerate(alternatives))
-        raise self.stopped
+        raise self._over()
 
     def hang(self) -> NoReturn:
         """Never go on."""
@@ -132,8 +136,24 @@ class Link:
         return got
 
     def _refuse_change(self) -> NoReturn:
-        self.error = ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments")
-        raise self.error
+        self.end(ScenarioError("it does not do the same when it is run again: it may use nothing but its arguments"))
+
+    def end(self, error: ScenarioError) -> NoReturn:
+        """What the script does can't be played."""
+        self.error = error
+        self._check_caught()
+        raise error
+
+    def _over(self) -> Pause | Fork:
+        """What ends this run: once more, where code that cleans up goes on."""
+        assert self.stopped is not None
+        self._check_caught()
+        return self.stopped
+
+    def _check_caught(self) -> None:
+        self._caught += 1
+        if self._caught > MOST_CAUGHT and self._on_caught is not None:
+            self._on_caught(self.error)
 
     # --- what the module library calls: see tca_module/connection.py -------------------------------------------------
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from itertools import count
 from typing import Any, NoReturn, TypeVar, cast
 
+from tca_explorer.apart import leave_behind
 from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
 from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
@@ -41,7 +42,7 @@ class _Choices:
     def choose(self, *alternatives: T) -> T:
         """One of these: each is explored."""
         if not alternatives:
-            raise ScenarioError("choose() has nothing to choose from: give it the alternatives")
+            self._explored.end(ScenarioError("choose() has nothing to choose from: give it the alternatives"))
         return alternatives[self._explored.decide(CHOOSE, [_without_address(str(one)) for one in alternatives])]
 
     def hang(self) -> NoReturn:
@@ -100,7 +101,7 @@ class Program:
 
     def place(self, life: Life, branch: Branch) -> str:
         """Where in the script a branch comes to its step."""
-        link = Link(life.history() + branch.decisions)
+        link = Link(life.history() + branch.decisions, self._leave_behind)
         with suppress(Exception, Pause):
             self._called(link, life.given)
         return self._where(link.stopped)
@@ -110,12 +111,20 @@ class Program:
             text = f"{self.name} decides {MOST_DECISIONS} times without sending or asking anything in between"
             raise ScenarioError(f"the script of {text}: it would never go on")
         try:
-            step = self._run(Link(history + decisions), given)
+            step = self._run(Link(history + decisions, self._leave_behind), given)
         except Fork as fork:
             for decision in fork.decisions:
                 yield from self._explore(given, history, (*decisions, decision))
         else:
             yield Branch(decisions, step)
+
+    def _leave_behind(self, error: ScenarioError | None) -> NoReturn:
+        """The script catches what is to end a run of it, and goes on."""
+        text = "it catches what ends a run of it (all is run again after each answer) and goes on, for ever: write \
+'except Exception:' instead of 'except:' or 'except BaseException:'"
+        if error is not None:
+            text = f"{error}; it catches this, and goes on for ever"
+        leave_behind(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
 
     def _run(self, link: Link, given: Given) -> Step:
         """Run to the first step that is not past."""
@@ -161,8 +170,10 @@ class Program:
 
     def _where(self, error: BaseException | None) -> str:
         """The place in the script at which an error was raised."""
+        return self._place(traceback.extract_tb(error.__traceback__) if error is not None else [])
+
+    def _place(self, frames: Iterable[traceback.FrameSummary]) -> str:
         code = inspect.unwrap(self._function).__code__
-        frames = traceback.extract_tb(error.__traceback__) if error is not None else []
         lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
         return f"the script of {self.name} ({code.co_filename}, line {lines[-1] if lines else code.co_firstlineno})"
 

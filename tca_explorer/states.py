@@ -36,6 +36,8 @@ class Result(msgspec.Struct, frozen=True):
     violation: Violation | None = None
     vacuous: tuple[str, ...] = ()
     """Properties that hold because what they are about never was: "'a before b': there never is 'b'"."""
+    branching: tuple[str, ...] = ()
+    """What could happen beside something else, most often first, with the part of the states: "steps of arm (61 %)"."""
 
     @property
     def ok(self) -> bool:

@@ -17,7 +17,9 @@ def report(result: Result) -> str:
     if violation is not None:
         return "\n".join([f"{title}: NOT {violation.broken} (after {size})", *_story(result, violation)])
     if not result.is_complete:
-        return f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
+        line = f"{title}: not known, nothing wrong in the first {size}: make it smaller, or raise the limit"
+        most = ", ".join(result.branching)
+        return line + (f"\n  open beside other things: {most}; leave out what the question needs least" if most else "")
     longest = "some runs need not end" if result.longest is None else f"at most {result.longest} actions a run"
     return "\n".join([f"{title}: good, {size}, {longest}", *(f"  said nothing: {one}" for one in result.vacuous)])
 

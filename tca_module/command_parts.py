@@ -13,6 +13,7 @@ from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
+from tca_wire.notices import COMMANDS
 
 
 class _Seconds(click.FloatRange):
@@ -37,7 +38,7 @@ json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON."
 def talking(command: str, central: str | None) -> Iterator[Client]:
     """A client of central for one command. An error is wrong usage (exit code 2), or says that the answer is no (1)."""
     try:
-        with connect(f"tca {command}", central, patience=_PATIENCE) as client:
+        with connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
             yield client
     except (MisuseError, BadData, BadFormat) as error:
         raise click.UsageError(_in_one_line(error)) from None

@@ -79,7 +79,8 @@ class PendingReply(Generic[R]):
 class PendingReplies(Iterator[R], Generic[R]):
     """The replies to a multi-query, in the order in which they come; each is waited for when it is asked for.
 
-    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over.
+    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If all who were
+    asked failed it ends with QueryFailed: the first failure.
     """
 
     def __init__(
@@ -99,6 +100,9 @@ class PendingReplies(Iterator[R], Generic[R]):
             answer, body = self._request.answers.popleft()
             if answer.more:
                 return self._message.decode_reply(body)
+            if answer.outcome is not Outcome.DONE:
+                self.cancel()
+                raise QueryFailed(name_of(self._message), answer.failure or str(answer.outcome), answer.text, body)
         self.cancel()
         raise StopIteration
 

@@ -232,7 +232,8 @@ class Sender(Control):
         """Ask every module that handles the message; the replies in the order they came.
 
         Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
-        what has come until then. Handlers that fail are left out.
+        what has come until then. Handlers that fail are left out; raises QueryFailed, with the first failure, if all
+        did: an empty list says that nobody handles the message, or that nobody has answered in time.
         """
         return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 

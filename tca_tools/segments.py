@@ -28,11 +28,13 @@ class Folder:
         """The segments of the run that there are now, oldest first."""
         paths = segments_in(self.path)
         self._look_into(paths)
+        before = self._numbered_before()
         by_number: dict[tuple[float, str], Path] = {}
         for path in sorted(paths, key=_is_copy):
             opening = self._openings.get(path)
             if opening is None:
-                by_number.setdefault((_number_in(path), path.name), path)
+                if _number_in(path) > before:
+                    by_number.setdefault((_number_in(path) - before, path.name), path)
             elif opening.epoch == self._epoch:
                 by_number.setdefault((opening.segment, ""), path)
         return [by_number[number] for number in sorted(by_number)]
@@ -44,6 +46,11 @@ class Folder:
         for opening in sorted(self._openings.values(), key=lambda one: (one.began, one.segment)):
             first.setdefault(opening.epoch, opening)
         return list(first.values())
+
+    def _numbered_before(self) -> int:
+        """The last number of segments of earlier runs: central goes on with the next one."""
+        mine = [(path, one.segment) for path, one in self._openings.items() if one.epoch == self._epoch]
+        return max(0, min((int(path.stem) - number for path, number in mine if path.stem.isdecimal()), default=0))
 
     @property
     def others(self) -> list[str]:
@@ -67,8 +74,10 @@ class Folder:
     @property
     def missing(self) -> list[str]:
         """A line for segments of the run that are not there, though later ones are."""
+        before = self._numbered_before()
         numbers = {
-            self._openings[path].segment if path in self._openings else _number_in(path) for path in self.segments()
+            self._openings[path].segment if path in self._openings else _number_in(path) - before
+            for path in self.segments()
         }
         told, first = [], 1
         for number in sorted(int(one) for one in numbers if one < float("inf")):

@@ -8,6 +8,9 @@ from tca_wire.vocabulary import MessageClass
 PREFIX = "tca: "
 """Names of messages that begin so are central's own."""
 
+COMMANDS = "tca "
+"""Modules whose names begin so are commands that people type (``tca status``): notices do not tell of them."""
+
 
 class Notice(Message[D, None]):
     """A broadcast of central's. Nothing is sent or recorded while nobody listens."""
@@ -16,7 +19,7 @@ class Notice(Message[D, None]):
 
 
 class Arrival(msgspec.Struct, frozen=True):
-    """A module has joined."""
+    """A module has joined, or another program that is no command of people's."""
 
     module: str
     """Its name, unique among those connected."""
@@ -25,7 +28,7 @@ class Arrival(msgspec.Struct, frozen=True):
 
 
 class Departure(msgspec.Struct, frozen=True):
-    """A module has left."""
+    """A module has left, or another program that is no command of people's."""
 
     module: str
     why: str

@@ -44,7 +44,8 @@ class Answer(_Header, frozen=True, tag=36):
     failure: str = ""
     text: str = ""
     more: bool = False
-    """Of a multi-query: further answers follow; the one without *more* is the end and has no body."""
+    """Of a multi-query: further answers follow; the one without *more* is the end. It has no body and is *done*, or is
+    the first failure where all who were asked failed."""
 
 
 class Deliver(_Header, frozen=True, tag=37):

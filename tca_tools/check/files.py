@@ -1,7 +1,5 @@
 """Properties from Python files: those of the explorer as they are, and those made here."""
 
-import runpy
-import traceback
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from tca_tools.check.language import property_from
 from tca_tools.check.properties import Property, never_stuck, words_of
 from tca_tools.check.records import Item
 from tca_tools.check.world import World
+from tca_wire.user_file import CannotRun, names_of
 
 
 class Foreign(Property):
@@ -51,16 +50,16 @@ class Foreign(Property):
 def properties_in(path: Path) -> list[Property]:
     """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts in PROPERTIES."""
     try:
-        names = runpy.run_path(str(path), run_name=path.stem)
+        names = names_of(path)
         found = [one for value in names.values() for one in _found(value)]
-        texts = names.get("PROPERTIES", ())
-        found += [property_from(text) for text in texts if isinstance(text, str)]
+        texts = names.get("PROPERTIES")
+        found += (
+            [property_from(one) for one in texts if isinstance(one, str)] if isinstance(texts, list | tuple) else []
+        )
+    except CannotRun as error:
+        raise click.UsageError(str(error)) from None
     except BadProperty as error:
         raise click.UsageError(f"{path}: {error}") from None
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, the file is what is wrong
-        where = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-        line = f", line {where[-1]}" if where else ""
-        raise click.UsageError(f"{path}{line}: can't be run: {type(error).__name__}: {error}") from None
     if not found:
         raise click.UsageError(f"{path} has no property: put some at its top level, or texts into a list PROPERTIES")
     return found

@@ -3,7 +3,7 @@
 import pytest
 from central.player import ANY, Player, before, point
 
-from tca_central import dispatcher, keeping, registry
+from tca_central import claims, dispatcher, keeping, registry
 from tca_central.failures import LONGEST_TEXT
 from tca_central.invariants import check_invariants
 from tca_wire import headers
@@ -248,3 +248,17 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
     assert calls == 9 * number - 1
     assert player.facts(Killed)[-1].why == f"failure 'slip' of task {task} 'move' was not handled"
     check_invariants(player.central)
+
+
+def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
+    player = Player()
+    player.module("legs", "command move")
+    answers = []
+    for number in range(5):  # the first has it then
+        player.module(f"user{number}")
+        answers += player.receive(f"user{number}", headers.Lock(player.number(f"user{number}"), "legs"))
+    *others, last = answers
+    assert not any(isinstance(answer, headers.Refused) for answer in others)
+    assert last.refusal is Refusal.OVERLOAD
+    assert last.text == "3 wait to lock or reserve resource 'legs'"

@@ -65,6 +65,45 @@ def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words
     assert words in result.stderr
 
 
+def test_who_gives_up_is_told_what_there_was_most_of(tmp_path: Path) -> None:
+    """The parts of a scenario that multiply its states are named, the most often first: here a clock nobody asks about."""
+    text = """
+from tca_explorer import Scenario, never_stuck
+from tca_module import Command, PollingMonitor, Query
+LOW, MOVE, WAIT = Query("low", reply=bool), Command("move"), Command("wait")
+BATTERY = PollingMonitor("battery", condition=LOW)
+BUSY = Scenario("busy", never_stuck())
+BUSY.module("eyes").handles(LOW)(lambda _: False)
+BUSY.module("legs", may_be_lost=1).handles(MOVE)(lambda _: None)
+boss = BUSY.module("boss")
+@boss.handles(WAIT)
+def wait(task):
+    task.monitor(BATTERY, period=1.0, duration=30.0)
+    task.command(MOVE).wait()
+boss.does(lambda me: [me.command(WAIT, deadline=20.0)])
+"""
+    result = tca_explore(tmp_path, text, "--limit", "60")
+    assert result.exit_code == 1
+    first, second = result.stdout.splitlines()
+    assert first.startswith("busy: not known, nothing wrong in the first 6")
+    assert second.startswith("  open beside other things: ")
+    assert second.endswith("; leave out what the question needs least")
+    for words in ("the period of monitor 'battery' (", "the loss of legs (", "steps of "):
+        assert words in second
+
+
+def test_a_scenario_imports_the_robot_s_own_messages(tmp_path: Path) -> None:
+    """As ``python scenarios.py`` would: what lies beside it, wherever the command is called."""
+    (tmp_path / "stepping.py").write_text("from tca_wire.declarations import Command\nSTEP = Command('step')\n")
+    text = SCENARIO.replace('STEP = Command("step")', "from stepping import STEP").replace("never(handled(STEP))", "")
+    path = tmp_path / "scenarios.py"
+    path.write_text(text)
+    code = "from tca_explorer.command import explore_file; explore_file()"
+    ran = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=60, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "good one: good, 3 states" in ran.stdout
+
+
 def test_the_scenario_in_the_documentation_is_good(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
     code = page.partition("```python\n")[2].partition("```")[0]

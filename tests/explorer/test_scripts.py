@@ -1,6 +1,8 @@
 """What scripts can do, and what is said of those that can't be played."""
 
 import contextlib
+import signal
+import threading
 from typing import Any
 
 import pytest
@@ -158,6 +160,66 @@ def breaks(task: Task) -> None:
 def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
         explore(one(handler))
+
+
+def test_a_script_that_catches_everything_and_goes_on_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves it."""
+
+    def walk(task: Task) -> object:
+        while True:
+            with contextlib.suppress(BaseException):
+                try:
+                    return task.query(WHERE) and None
+                except:  # noqa: E722
+                    print("asks again")
+
+    with pytest.raises(ScenarioError) as found:
+        explore(one(walk))
+    line = walk.__code__.co_firstlineno + 4
+    assert f"the script of 'walk' in planner ({__file__}, line {line}): it catches what ends a run" in str(found.value)
+    assert "write 'except Exception:' instead" in str(found.value)
+    assert capsys.readouterr().out.count("asks again") >= 10_000
+
+
+def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> None:
+    def walk(task: Task) -> None:
+        while True:
+            with contextlib.suppress(Exception):
+                task.choose()
+
+    with pytest.raises(ScenarioError, match=r"nothing to choose from.*; it catches this, and goes on for ever"):
+        explore(one(walk))
+
+
+def test_a_script_may_catch_everything_for_a_while() -> None:
+    def walk(task: Task) -> object:
+        for _ in range(3):
+            try:
+                return task.query(WHERE) and None
+            except:  # noqa: E722
+                pass
+        return None
+
+    assert explore(one(walk, never_stuck())).ok
+
+
+def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration() -> None:
+    """Ctrl-C ends the wait; what goes on in the thread ends, too."""
+    began = set(threading.enumerate())
+
+    def watch(states: int, _: int) -> None:
+        if states > 100:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    scenario = Scenario("long")
+    for name in "abcdefgh":
+        scenario.module(name).does(lambda me: [me.inform(NOTE, 1) for _ in range(9)])
+    scenario.module("others").handles(NOTE)(lambda _: None)
+    with pytest.raises(KeyboardInterrupt):
+        explore(scenario, watch=watch)
+    for thread in set(threading.enumerate()) - began:
+        thread.join(timeout=30)
+        assert not thread.is_alive()
 
 
 def test_a_script_that_remembers_is_found_out() -> None:

@@ -30,6 +30,7 @@ from tca_module import (
 from tca_tools.history import History
 from tca_tools.logs import newest_journal, open_log
 from tca_wire import codec, facts, headers
+from tca_wire.endpoint import default_journals
 
 pytestmark = pytest.mark.slow
 
@@ -233,14 +234,37 @@ def test_wrong_options_are_explained(tmp_path: Path, options: list[str], words: 
     assert "Traceback" not in done.stderr
 
 
-def test_a_folder_with_a_journal_is_not_written_over(tmp_path: Path) -> None:
+def test_a_central_that_crashed_is_started_anew_with_the_same_command(tmp_path: Path) -> None:
+    """As a supervisor does: each run has segments of its own in the folder, and nothing is written to those before."""
+    with central(tmp_path) as first:
+        with connect("early", first.address) as user:
+            user.modules()
+        first.signal(signal.SIGKILL)
+        first.process.wait()
+    before = {path.name: path.read_bytes() for path in first.journal.iterdir()}
+    for _ in range(2):
+        with central(tmp_path) as again, connect("late", again.address) as user:
+            user.modules()
+            assert again.journal == first.journal
+    found = {path.name: path.read_bytes() for path in first.journal.iterdir()}
+    assert sorted(found) == ["00000001.tcaj", "00000002.tcaj", "00000003.tcaj"]
+    assert {name: found[name] for name in before} == before
+    log = open_log(first.journal)
+    assert [path.name for path in log.segments()] == ["00000003.tcaj"]
+    assert "late" in str(list(log))
+    assert not log.cut
+    assert "early" in str(list(open_log(first.journal / "00000001.tcaj")))
+    links = [path for path in default_journals().iterdir() if path.is_symlink() and path.resolve() == first.journal]
+    assert len(links) == 1
+
+
+def test_two_centrals_do_not_write_to_one_folder(tmp_path: Path) -> None:
     with central(tmp_path) as daemon:
-        pass
-    before = sorted((path.name, path.stat().st_size) for path in daemon.journal.iterdir())
-    done = run("tca_central", "--bind", daemon.address, "--journal", str(daemon.journal))
-    assert done.returncode == 1
-    assert "already holds a journal" in done.stderr
-    assert sorted((path.name, path.stat().st_size) for path in daemon.journal.iterdir()) == before
+        before = sorted(path.name for path in daemon.journal.iterdir())
+        done = run("tca_central", "--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal))
+        assert done.returncode == 1
+        assert "another central that runs writes its journal there: name another folder" in done.stderr
+        assert sorted(path.name for path in daemon.journal.iterdir()) == before
 
 
 def test_central_restarted_in_the_middle_is_noticed_and_modules_serve_on(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral
+from tca_wire import facts
 
 MOVE = Command("move", int)
 WHERE = Query("where", reply=int)
@@ -132,3 +133,14 @@ def test_who_dies_leaves_nothing_locked(central: LocalCentral, legs: Module, use
             other.lock("legs")
             move = user.command(MOVE, 1)
         move.result(timeout=5)
+
+
+def test_of_two_modules_of_one_name_each_has_a_name_of_its_own(central: LocalCentral, user: Client) -> None:
+    first, second = Module("legs", central), Module("legs", central)
+    for one in (first, second):
+        one.handles(MOVE)(lambda _, __: None)
+    with first.running(), second.running():
+        for name in ("legs", "legs#2"):
+            with user.lock("legs", module=name, timeout=5.0):
+                pass
+    assert [fact.module for fact in central.facts if isinstance(fact, facts.Claimed)] == ["legs", "legs#2"]

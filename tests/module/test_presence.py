@@ -26,12 +26,13 @@ from tca_module import (
     Task,
     TcaError,
     Timeout,
+    connect,
     module,
 )
 from tca_module.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire import headers
-from tca_wire.facts import Received
+from tca_wire.facts import ModuleLeft, Received
 
 SOON = 5.0
 
@@ -208,6 +209,28 @@ def test_who_listens_is_told(legs: Module, central: LocalCentral, user: Client) 
     assert seen == {
         "legs", ("move leg", 1), ("temperature", 1), ("move leg", 0), ("temperature", 0), ("legs", "it said goodbye"),
     }  # fmt: skip
+
+
+def test_commands_that_people_type_are_not_told_of(legs: Module, central: LocalCentral) -> None:
+    """Who suspends the robot when a module leaves would do so for each ``tca status``."""
+    told: queue.SimpleQueue[str] = queue.SimpleQueue()
+    guard = Module("guard", central)
+
+    @guard.handles(MODULE_JOINED)
+    def joined(_: Task, who: Arrival) -> None:
+        told.put(f"{who.module} joined")
+
+    @guard.handles(MODULE_LEFT)
+    def left(_: Task, who: Departure) -> None:
+        told.put(f"{who.module} left")
+
+    with guard.running():
+        with connect("tca status", central) as first, connect("tca status", central):
+            assert "tca status" in {one.name for one in first.modules()}
+        with connect("operator panel", central):
+            pass
+        assert [told.get(timeout=SOON) for _ in range(2)] == ["operator panel joined", "operator panel left"]
+    assert sum(isinstance(fact, ModuleLeft) and fact.module.startswith("tca status") for fact in central.facts) == 2
 
 
 def test_nothing_is_recorded_when_nobody_listens(legs: Module, central: LocalCentral) -> None:

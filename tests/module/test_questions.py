@@ -7,7 +7,19 @@ from collections.abc import Callable
 import pytest
 from module.gait_messages import ALARM, COLLISION, HEALTH, POSITION, REST, STANCE, TEMPERATURE, Arc, Footfall
 
-from tca_module import BadData, Client, FormatRefused, MisuseError, Module, Query, QueryFailed, Task, Timeout, connect
+from tca_module import (
+    BadData,
+    Client,
+    Failure,
+    FormatRefused,
+    MisuseError,
+    Module,
+    Query,
+    QueryFailed,
+    Task,
+    Timeout,
+    connect,
+)
 from tca_module.testing import LocalCentral
 from tca_wire.facts import Dropped, Received
 
@@ -175,6 +187,29 @@ def test_everybody_is_asked(central: LocalCentral, user: Client) -> None:
     with modules[0].running(), modules[1].running(), modules[2].running():
         assert sorted(user.multi_query(HEALTH, timeout=SOON)) == ["battery well", "eyes well", "legs well"]
         assert len(user.multi_query(HEALTH, maximum=2, timeout=SOON)) == 2
+
+
+def test_who_asks_many_is_told_if_all_fail(central: LocalCentral, user: Client) -> None:
+    """By the first failure; as long as one replies, those who fail are left out."""
+    eyes, legs, battery = (Module(name, central) for name in ("eyes", "legs", "battery"))
+    blind = Failure("blind", int)
+
+    @eyes.handles(HEALTH)
+    @legs.handles(HEALTH)
+    def fails(_: Task) -> str:
+        raise blind(7)
+
+    battery.handles(HEALTH)(lambda _: "well")
+    with eyes.running(), legs.running():
+        with pytest.raises(QueryFailed, match="blind") as found:
+            user.multi_query(HEALTH, timeout=SOON)
+        assert found.value.data == 7
+        one_by_one = user.multi_query_send(HEALTH, maximum=1, timeout=SOON)
+        with pytest.raises(QueryFailed, match="blind"):
+            next(one_by_one)
+        assert list(one_by_one) == []
+        with battery.running():
+            assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
 
 
 def test_those_who_do_not_answer_in_time_or_fail_are_left_out(central: LocalCentral, user: Client) -> None:

@@ -123,7 +123,8 @@ class Life:
         self.player.send(
             senders[a % len(senders)], self.sent_name(b), under=parent, origin=origin,
             flags=Flags(d % 16), constraints=tuple(constraints), priority=d % 3, maximum=d % 3,
-            deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8, attachments=[self.attachment(b, d)] * (c % 6 == 5),
+            deadline=self.seconds(d % 7 if a % 5 == 0 else 0), when_killed=c % 9 == 8,
+            attachments=[self.attachment(b + n, d + n // 2) for n in range((c % 6 == 5) * (1 + a % 4))],
             if_handled=a % 5 == 0, keep=b % 4 == 1, blocking=d % 5 == 1, brief=True,
         )  # fmt: skip
 
@@ -153,8 +154,8 @@ class Life:
             assert delivery.slot
             failure, kinds = FAILURES[b % 2], [FAILURES[1]] * (b % 3 == 0) + ["handler error"] * (c % 5 == 0)
             failure = "handler error" if c % 5 == 1 else failure
-            name = delivery.slot.id.decode()
-            self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=b % 4 == 3)
+            name, is_reissue = delivery.slot.id.decode(), b % 4 == 3 or (b % 4 > 0 and delivery.role is Role.EXCEPTION)
+            self.player.fail(name, failure, delivery.given_as, kinds=kinds, reissue=is_reissue)
 
     def request(self, header: type, *fields: Any) -> None:
         """Something that only the user asks for."""
@@ -174,8 +175,10 @@ class Life:
             self.request(headers.Kill, task, "", list(Scope)[b % 7 if b % 7 < 3 else 0], place, self.seconds(d % 4))
 
     def attach_(self, a: int, b: int, c: int, d: int) -> None:
-        task = self.task(a) or TaskId(0)
-        message = ("", "move", "walk")[c % 3]
+        message = ("", "", "move", "walk")[c % 4]
+        places = [one.place.id for one in self.central.attached.values() if isinstance(one.place, Task)]
+        among_others = places[a % len(places)] if places and a % 4 else None  # several to one task, or the root
+        task = among_others if among_others is not None else self.task(a) or TaskId(0)
         self.request(headers.Attach, self.attachment(b, d), TaskId(0) if message else task, message)
 
     def remove_(self, a: int, b: int, *_: int) -> None:

@@ -243,6 +243,16 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
     assert "never ever recovering\n  move {8}\n  the story of move {8}" in result.stdout
 
 
+def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_path: Path) -> None:
+    (tmp_path / "walking_messages.py").write_text("from tca_module import Goal\nSTEP = Goal('step', int)\n")
+    file = tmp_path / "properties.py"
+    file.write_text("from tca_explorer import at_most, planned_ahead\nfrom walking_messages import STEP\n"
+                    "AHEAD = at_most(1, planned_ahead(STEP))\n")  # fmt: skip
+    result = run(journal, file)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "good: at most 1 step planned ahead" in result.stdout
+
+
 @pytest.mark.parametrize(
     ("content", "why"),
     [

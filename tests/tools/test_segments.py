@@ -220,3 +220,25 @@ def test_a_segment_twice_in_one_file_is_read_once(tmp_path: Path, capsys: pytest
     assert said(log, capsys)[0].startswith(
         f"tca: {path}, byte {len(whole)}: segment 1 of this run, once more, begins here; only what comes before"
     )
+
+
+def test_the_segments_of_a_run_after_others_are_numbered_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A central that crashed is started anew with the same folder: what the crash left half written is not of the new
+    run.
+    """
+    folder = tmp_path / "runs"
+    segment(folder / "00000001.tcaj", walking().entries[1:], "crashed")
+    (folder / "00000002.tcaj").write_bytes(b"\0" * 100)
+    (folder / "00000003.tcaj").touch()
+    entries = walk()[1:]
+    segment(folder / "00000004.tcaj", entries[:20], "again", 1, TODAY)
+    segment(folder / "00000005.tcaj", entries[20:], "again", 2, TODAY)
+    (folder / "00000006.tcaj").touch()
+    log = open_log(folder)
+    assert [path.name for path in log.segments()] == ["00000004.tcaj", "00000005.tcaj", "00000006.tcaj"]
+    shown = [entry.number for entry in log]
+    assert [number for number in shown if number] == [entry.number for entry in entries if entry.number]
+    (line,) = said(log, capsys)
+    assert "segments of 2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
+    (folder / "00000005.tcaj").unlink()
+    assert "segment 2 is missing" in " ".join(open_log(folder).remarks)

@@ -1,0 +1,77 @@
+"""What makes many states of a scenario: what may happen beside something else, by where it comes from."""
+
+from collections import Counter
+from collections.abc import Iterable
+
+from tca_central.clock import Timer
+from tca_explorer.play import Action, Kind, Play
+
+_MOST_NAMED = 4
+
+_TIMES = {
+    "release": "delays",
+    "deadline": "the deadline of {}",
+    "kill": "a later kill of {}",
+    "test": "the period of monitor {}",
+    "watched": "the duration of monitor {}",
+    "claim": "the timeout of a lock",
+}
+"""By what a timer is for: what is due."""
+
+_OF_MODULES = {
+    Kind.JOIN: "{} joining",
+    Kind.BREAK: "the loss of {}",
+    Kind.LEAVE: "{} leaving",
+    Kind.BYE: "{} leaving",
+    Kind.STEP: "steps of {}",
+    Kind.LATE: "timeouts of {}",
+    Kind.KILL: "kills of {}",
+    Kind.SUSPEND: "suspensions of {}",
+    Kind.RESUME: "suspensions of {}",
+    Kind.TIME: "{}",
+}
+
+
+class Branching:
+    """Counts, over the states that were gone on from, in how many each thing could happen beside others."""
+
+    def __init__(self) -> None:
+        self._states = 0
+        self._open: Counter[str] = Counter()
+
+    def add(self, play: Play, actions: Iterable[Action]) -> None:
+        """A state, and what may happen in it."""
+        self._states += 1
+        sources = {_source(play, action) for action in actions}
+        if len(sources) > 1:
+            self._open.update(sources)
+
+    def most(self) -> tuple[str, ...]:
+        """What was open most often, with the part of the states in which it was: "steps of arm (61 %)"."""
+        most = sorted(self._open.items(), key=lambda one: (-one[1], one[0]))[:_MOST_NAMED]
+        return tuple(f"{source} ({100 * number / self._states:.0f} %)" for source, number in most)
+
+
+def _source(play: Play, action: Action) -> str:
+    if action.kind is Kind.TIME:
+        name = _due(play)
+    elif action.kind in (Kind.STEP, Kind.LATE, Kind.BREAK, Kind.BYE):
+        name = play.lines[action.name].run.module.name
+    elif action.kind in (Kind.JOIN, Kind.LEAVE):
+        name = play.runs[action.name].module.name
+    else:
+        name = action.name
+    return _OF_MODULES[action.kind].format(name)
+
+
+def _due(play: Play) -> str:
+    """What time passes to."""
+    timer = min(play.central.clock.pending(), key=lambda timer: timer.time, default=None)
+    if timer is None or timer.time != play.next_time:
+        return "timeouts of scripts"
+    return _TIMES.get(timer.due, "time").format(_message_of(timer))
+
+
+def _message_of(timer: Timer) -> str:
+    task = getattr(timer.subject, "task", None)
+    return f"'{task.message.name}'" if task is not None else "tasks"
