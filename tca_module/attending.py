@@ -77,11 +77,24 @@ class Attending:
 
     def end(self, delivery: int) -> bool:
         """It has been handled; False if central has forgotten that delivery."""
-        return self._known.pop(delivery, None) is not None
+        one = self._of(delivery)
+        if one is None or self._known.get(delivery) is not one:
+            return False
+        del self._known[delivery]
+        return True
+
+    def _of(self, delivery: int) -> Attendance | None:
+        """The handler of a delivery. Who asks for his own is meant himself, and not one that a restarted central has
+        given the same number meanwhile.
+        """
+        mine = working()
+        if mine is not None and mine.owner is self and mine.delivery == delivery:
+            return mine
+        return self._known.get(delivery)
 
     def is_killed(self, delivery: int) -> bool:
         """Whether the task of a delivery was killed while it was handled, or forgotten; of direct ones (< 0) never."""
-        one = self._known.get(delivery)
+        one = self._of(delivery)
         return one.is_killed if one is not None else delivery > 0
 
     def is_cancelled(self, delivery: int) -> bool:
@@ -90,12 +103,12 @@ class Attending:
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is handled is suspended; one that was killed is to end, not to hold."""
-        one = self._known.get(delivery)
+        one = self._of(delivery)
         return one is not None and one.is_suspended and not self.is_cancelled(delivery)
 
     def was_told_to_end(self, delivery: int) -> bool:
         """Whether a delivery's handler was told to return because the module ends, and so may have done half of it."""
-        one = self._known.get(delivery)
+        one = self._of(delivery)
         return one is not None and one.is_told_of_end and not one.is_killed
 
     # --- who is woken ----------------------------------------------------------------------------------------------
@@ -116,7 +129,7 @@ class Attending:
 
     def tell_of(self, delivery: int) -> None:
         """The handler of a delivery knows all by now."""
-        self.tell(self._known.get(delivery))
+        self.tell(self._of(delivery))
 
     def who_waits(self) -> Attendance | None:
         """Whose wait this is; None: that of a callback, or of whoever is no handler here."""

@@ -3,6 +3,7 @@
 import threading
 from typing import Any, Generic
 
+from tca_module.attending import at_work, working
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError, Stopped
 from tca_module.failing import failed
@@ -22,6 +23,7 @@ class Later(Generic[R]):
         self._connection = connection
         self._message = message
         self._delivery = delivery
+        self._attendance = working()  # the handler's that owes it
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
         self._has_returned = False  # the handler; before it has, central must not take its thread for free
@@ -87,8 +89,10 @@ class Later(Generic[R]):
         """The thread of its handler ends: what was not answered has failed."""
         self.end("its module has ended")
         failure = Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"), b""
-        self._connection.reply(*(self._answer or failure))  # says nothing if an answer was sent
+        with at_work(self._attendance):
+            self._connection.reply(*(self._answer or failure))  # says nothing if an answer was sent
 
     def _send(self) -> None:
         assert self._answer is not None
-        self._connection.reply(*self._answer)
+        with at_work(self._attendance):
+            self._connection.reply(*self._answer)

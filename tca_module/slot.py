@@ -133,8 +133,7 @@ class Slot:
         attendance = connection.session.attending.begin(delivery.delivery, repr(task))
         if not handler.is_async:
             with at_work(attendance):
-                answer = handler.handle(task, body)
-            self._end(handler, task, answer)
+                self._end(handler, task, handler.handle(task, body))
         elif self._loop is not None and self._loop.is_running:
             text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
             hint = "await that one: task.query_send(...)"
@@ -142,7 +141,8 @@ class Slot:
         else:
             # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
             answer = self._event_loop(connection).run(attendance, handler.handle_async(task, body))
-            self._end(handler, task, answer)
+            with at_work(attendance):
+                self._end(handler, task, answer)
 
     def _attend_in_loop(self, delivery: Deliver, body: bytes) -> None:
         """Handle a message beside a coroutine that awaits."""
