@@ -161,7 +161,8 @@ def take(central: State, claim: Claim[Connection], why: str, text: str) -> None:
 
 
 def _note_taken(slot: Connection, claim: Claim[Connection], text: str) -> None:
-    slot.taken[claim.number] = Taken(claim.holder, claim.resource.name, text)
+    delivery = claim.holder.given_as if claim.holder is not None else 0
+    slot.taken[claim.number] = Taken(delivery, claim.resource.name, text)
     if len(slot.taken) > MOST_CLAIMS:
         del slot.taken[next(iter(slot.taken))]
 
@@ -170,7 +171,7 @@ def taken_from(slot: Connection, delivery: Delivery) -> str:
     """What a handler that has ended had lost, and never learned of, in words ("": nothing)."""
     if not slot.taken:
         return ""
-    lost = [slot.taken.pop(number) for number, one in list(slot.taken.items()) if one.holder is delivery]
+    lost = [slot.taken.pop(number) for number, one in list(slot.taken.items()) if one.delivery == delivery.given_as]
     return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
 
 

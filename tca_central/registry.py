@@ -37,7 +37,7 @@ class ModuleResource(Resource["Connection", "Delivery"]):
 class Taken(NamedTuple):
     """That a lock or reservation was taken away."""
 
-    holder: "Delivery | None"  #: whose handler had it (None: no handler's)
+    delivery: int  #: whose handler had it (0: no handler's)
     resource: str
     text: str  #: by whom, or why
 

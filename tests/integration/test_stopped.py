@@ -30,7 +30,7 @@ LEGS = """
             print("steps", flush=True)
             while not task.cancelled:
                 time.sleep(0.02)
-        print("was told", flush=True)
+            print("was told", flush=True)
 
     legs.run()
 """
@@ -67,7 +67,12 @@ PARENT = """
 
 def hear(running: "subprocess.Popen[str]", line: str) -> None:
     assert running.stdout
-    assert running.stdout.readline() == f"{line}\n"
+    too_late = threading.Timer(3 * SOON, running.kill)
+    too_late.start()
+    try:
+        assert running.stdout.readline() == f"{line}\n"
+    finally:
+        too_late.cancel()
 
 
 def eyes_at(address: str) -> Module:
