@@ -194,7 +194,7 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_a_restarted_central_watches_as_the_one_before(tmp_path: Path) -> None:
-    with central(tmp_path) as first, program(LEGS, first.address) as legs:
+    with central(tmp_path) as first, eyes_at(first.address).running(), program(LEGS, first.address) as legs:
         with connect("user", first.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
         first.signal(signal.SIGKILL)
@@ -202,7 +202,7 @@ def test_a_restarted_central_watches_as_the_one_before(tmp_path: Path) -> None:
         (tmp_path / "again").mkdir()
         with central(tmp_path / "again", "--lost-after", "3", bind=first.address) as second:
             with connect("user", first.address) as user:
-                user.wait_until_handled(STEP, timeout=SOON)
+                user.wait_until_handled(STEP, LOOK, timeout=SOON)
                 step = user.command(STEP)
                 hear(legs, "steps")
                 legs.send_signal(signal.SIGSTOP)

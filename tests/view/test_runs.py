@@ -111,4 +111,4 @@ def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     expect(page.locator("#runs option")).to_have_text(["mixed/later (newest)", "mixed"])
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
     page.locator("#runs").select_option(index=1)
-    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("planned")
+    expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
