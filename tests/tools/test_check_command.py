@@ -336,7 +336,8 @@ def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path:
     assert "here 1: chop {1}" in ended  # what is said of the end itself is still counted
 
 
-def test_the_story_is_that_of_a_message_that_is_named(tmp_path: Path) -> None:
+def test_the_story_is_that_of_a_message_that_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")  # nothing is cut
     story = Story().module("user").at(1.0)
     for _ in range(10):
         story.queued(story.command("bake", "user"))
