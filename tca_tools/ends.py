@@ -12,13 +12,15 @@ from typing import NamedTuple
 from tca_tools.leads import Kind, leads
 from tca_tools.records import OVER, State
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import waits_how, why_waiting
-from tca_wire.points import TaskId
+from tca_tools.waiting import blockers_of, of_blocker, waits_how, why_waiting
+from tca_wire.points import Moment, TaskId
 from tca_wire.wording import by_whom, place
 
 MOST = 100
 """Ends of one task that are told apart."""
 _NAMED = 3
+_NO_WAITS = (Kind.GOES_ON, Kind.WATCHES)
+"""What is no wait where it is the task's own."""
 
 
 class End(NamedTuple):
@@ -81,11 +83,13 @@ class Ends:
         for other in beyond:
             if (known := self._ends.get(other)) is not None:
                 found[id(known)] = known
-                if known[0].number == other:
+                if known[0].number == abs(other):
                     self.last.add(known[0])
         if not found:
-            self._circles[min(together)] = sorted(together)
-        several = merge(*found.values()) if found else [End(Kind.CIRCLE.value, min(together))]
+            members = sorted({abs(one) for one in together})
+            self._circles[members[0]] = members
+            found[0] = (End(Kind.CIRCLE.value, members[0]),)
+        several = merge(*found.values())
         only = next(iter(found.values())) if len(found) == 1 else None  # as a rule
         ends = only or tuple(islice((end for end, _ in groupby(several)), MOST + 1))
         for one in together:
@@ -144,7 +148,7 @@ class _Walk:
     def _enter(self, one: int) -> None:
         further, kind = leads(self._then, one)
         if not further:
-            self._ends[one] = (End(kind.value, one),)
+            self._ends[one] = (End(kind.value, abs(one)),)
             return
         self._order[one] = self._lowest[one] = len(self._order)
         self._open.append(one)
@@ -173,6 +177,7 @@ def in_the_end(then: Then, task: TaskThen) -> str:
 def _is_told(then: Then, task: TaskThen, ends: tuple[End, ...]) -> bool:
     """Whether each is what it waits for next, and no more is to be said of it than is said there."""
     nexts, _ = leads(then, task.id)
+    nexts = [abs(one) for one in nexts]
     nexts += [who for one in nexts if one in then.past.claims for who in leads(then, one)[0]]  # for whom it is locked
     return set(nexts) >= {end.number for end in ends} and all(_is_plain(then, task, end) for end in ends)
 
@@ -205,10 +210,17 @@ def _which(then: Then, end: End) -> str:
         return f"is suspended{by_whom(by)}"
     if end.kind is Kind.GOES_ON and (run := then.handling_of(then.past.messages[end.number])):
         return f"{place(run.module, run.resource)} handles"
-    if task and (reasons := why_waiting(then, task.id)):
+    if task and (reasons := _reasons(then, task, end)):
         how = "is killed, but" if task.state is State.ENDING else waits_how(task)
         return f"{how} {', and '.join(reasons)}"
     return f"is {task.standing}" if task else "has not been answered"
+
+
+def _reasons(then: Then, task: TaskThen, end: End) -> list[str]:
+    if end.kind is Kind.DELAYED and task.state is State.PLANNING:  # its achieving is
+        held = blockers_of(then, task, [Moment.START_ACHIEVING])
+        return [of_blocker(then, task, one) for one in held]
+    return why_waiting(then, task.id)
 
 
 def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
@@ -221,7 +233,7 @@ def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
         if task.state in OVER:
             continue
         found = ends.of(task.id)
-        if found[0] != (Kind.GOES_ON.value, task.id):
+        if found[0].number != task.id or found[0].kind not in _NO_WAITS:
             waiting[found] += 1
             first.setdefault(found[0], task.id)
     things: dict[object, list[End]] = {}

@@ -1,11 +1,15 @@
-"""What a message or task waits for, one step on, as numbers: what waiting.py says in words. Asks what was known."""
+"""What a message or task waits for, one step on, as numbers: what waiting.py says in words. Asks what was known.
+
+A task that is being planned may be waited for because it is not being achieved yet. That is another wait than the one
+for the end of its planning, and leads elsewhere: its number is that of the task, negative.
+"""
 
 from collections.abc import Callable, Iterator
 from enum import Enum
 
-from tca_tools.records import Claim, Handling, Message, Queueing, State, Wait
+from tca_tools.records import Claim, Handling, Hold, Message, Queueing, State, Wait
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import UNTIL_CHILDREN, blockers, watches
+from tca_tools.waiting import UNTIL_CHILDREN, blockers, blockers_of, watches
 from tca_wire.points import ROOT, Moment, Point, TaskId
 
 
@@ -26,7 +30,9 @@ Lead = int | Kind
 
 def leads(then: Then, number: int) -> tuple[list[int], Kind]:
     """The messages, tasks and locks that a message, task or lock waits for next; and what it is that waits for none."""
-    if (claim := then.past.claims.get(number)) is not None:
+    if number < 0:
+        found = list(_of_start(then, then.tasks[-number]))
+    elif (claim := then.past.claims.get(number)) is not None:
         found = list(_of_held(then, claim))
     elif number in then.tasks:
         task = then.tasks[number]
@@ -65,8 +71,9 @@ def _of_place(then: Then, number: int, sender: str, queueing: Queueing) -> Itera
     held_by = then.held_by(module, resource)
     if held_by and not (held_by.is_reserved and held_by.sender == sender):
         yield held_by.id
-    elif busy := [run.message_id for run in then.running(module, resource) if run.message_id != number]:
-        yield from busy
+    elif busy := [run for run in then.running(module, resource) if run.message_id != number]:
+        going_on = [run for run in busy if not any(then.waits_of(run))]  # the first that returns makes room
+        yield from (run.message_id for run in going_on or busy)
     elif (wanted := then.wanted(module, resource)) and wanted.by and wanted.by.message_id != number:
         yield wanted.by.message_id
 
@@ -108,9 +115,23 @@ def _of_handled(then: Then, task: TaskThen) -> Iterator[Lead]:
 
 
 def _of_held_back(then: Then, task: TaskThen) -> Iterator[Lead]:
-    for blocker in blockers(then, task):
+    yield from _of_blockers(then, task, blockers(then, task))
+
+
+def _of_start(then: Then, task: TaskThen) -> Iterator[Lead]:
+    """What keeps a task that is being planned from being achieved."""
+    moments = [Moment.START_ACHIEVING]
+    yield from _of_blockers(then, task, blockers_of(then, task, moments))
+    if len(moments) > 1:  # first it is to be planned
+        yield int(task.id)
+
+
+def _of_blockers(then: Then, task: TaskThen, found: Iterator[Hold | Moment]) -> Iterator[Lead]:
+    for blocker in found:
         if isinstance(blocker, Moment):
-            yield task.parent
+            parent = then.tasks.get(task.parent)
+            is_planned = parent is not None and parent.state is State.PLANNING
+            yield -task.parent if is_planned and blocker is Moment.START_ACHIEVING else task.parent
             continue
         before = blocker.constraint.before
         is_delay = before.task == ROOT or (blocker.constraint.delay and then.has_reached(before))

@@ -258,13 +258,20 @@ def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
 
 def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
     """What keeps a task that no handler has from what it would reach next: constraints that are not met yet, and
-    moments that its parent has to reach first. A wait for a moment of its own leads on to what keeps it from that.
+    moments that its parent has to reach first.
     """
     moments = list(_NEXT.get(task.state, ()))
     if task.state is State.RECOVERING and Moment.START_HANDLING not in task.reached:
         moments += _NEXT[State.HELD]
     if moments == [Moment.START_HANDLING]:
         moments.append(Moment.START_PLANNING if task.message_class.is_goal else Moment.START_ACHIEVING)
+    yield from blockers_of(then, task, moments)
+
+
+def blockers_of(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[Hold | Moment]:
+    """What keeps a task from these moments. A wait for a moment of its own, which is added to them, leads on to what
+    keeps it from that.
+    """
     for moment in moments:  # grows while it is walked
         for hold in task.holds:
             before = hold.constraint.before

@@ -8,11 +8,13 @@ from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 
 from tca_tools.ends import MOST, Ends, causes, in_the_end
+from tca_tools.leads import Kind
 from tca_tools.tasktree_viz import words
 from tca_tools.then import Then
 from tca_wire import facts
-from tca_wire.constraints import sequential_achievement
+from tca_wire.constraints import delay_planning, sequential_achievement
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass
 
 Tca = Callable[..., Result]
 
@@ -77,3 +79,41 @@ def test_what_is_told_of_waits_gives_way_before_their_end() -> None:
     assert note.within(None) == "waits until a very long name of a step {7} is achieved; in the end for calibrate {3}"
     assert note.within(70) == "waits until a very long name of a step …; in the end for calibrate {3}"
     assert note.within(40) == "waits until a very long name …; in the …"
+
+
+def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
+    """And not for what it has planned, which waits for it: that is no circle."""
+    story = Story().module("boss", "harvest", "row").at(1.0)
+    west = story.goal("harvest", "user")
+    story.say(facts.SuspendedOrResumed(TaskId(west), True, "op"))
+    east = story.goal("harvest", "user", 0, sequential_achievement(TaskId(west), THIS))
+    story.delivered(east, "boss")
+    row = story.goal("row", "boss", east)
+    later = story.goal("row", "boss", east, delay_planning(THIS))
+    story.delivered(row, "boss").returned(row).reached(row, Moment.END_PLANNING).returned(east)
+    then = Then(story.fold())
+    end = f"for harvest {{{west}}}, which is suspended by op"
+    assert [in_the_end(then, then.tasks[one]) for one in (east, row, later)] == [end] * 3
+    assert causes(then)[:2] == (4, 1)
+
+
+def test_what_is_queued_waits_for_the_first_slot_that_comes_free() -> None:
+    story = Story().module("boss").module("rig", "job").say(facts.ResourceChanged("rig", "rig", 2)).at(1.0)
+    stuck_one, other, queued = (story.command("job", "user") for _ in range(3))
+    part = story.command("calibrate", "rig", stuck_one)
+    story.delivered(stuck_one, "rig").delivered(other, "rig").queued(queued, "rig").queued(part)
+    story.say(facts.WaitBegan("rig", stuck_one, TaskId(part), Moment.END_ACHIEVING))
+    then = Then(story.fold())
+    assert "calibrate" not in in_the_end(then, then.tasks[queued])
+    story.at(2.0).say(facts.WaitBegan("rig", other, TaskId(part), Moment.END_ACHIEVING))
+    then = Then(story.fold())
+    assert "calibrate" in in_the_end(then, then.tasks[queued])
+
+
+def test_monitors_that_watch_do_not_wait() -> None:
+    story = Story().module("boss").at(1.0)
+    watch = story.received("watch", MessageClass.POLLING_MONITOR, "user", 0)
+    story.reached(watch, Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING)
+    then = Then(story.fold())
+    assert Ends.at(then).of(watch)[0].kind is Kind.WATCHES
+    assert causes(then) == (0, 0, [])
