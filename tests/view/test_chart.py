@@ -104,8 +104,9 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
     assert any(text.startswith("hold") and text.endswith("…") for text, _ in page.evaluate(drawn))
 
 
-def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path) -> None:
-    page = look(Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
+@pytest.mark.parametrize("joined", [0.0, 5.399])
+def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path, joined: float) -> None:
+    page = look(Story().at(joined).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
     expect(page.locator("#counts")).to_be_attached()
     page.wait_for_function("tca.chart.layout.length === 2")
     start, end = page.evaluate("[tca.store.start, tca.store.end]")
