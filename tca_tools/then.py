@@ -80,8 +80,10 @@ class TaskThen:
 
     @property
     def since(self) -> float:
-        """From when on it was in that state."""
-        return self._stage[0]
+        """From when on it was in that state; of a queued one, in the queue that it was in then."""
+        since, state = self._stage
+        queueing = self.queueing if state is State.QUEUED else None
+        return max(since, queueing.start) if queueing else since
 
     @property
     def _stage(self) -> tuple[float, State]:

@@ -131,10 +131,15 @@ def _check_free(chosen: Format, output: Path, *, force: bool) -> None:
 
 def _named_by(output: Path) -> str:
     """The format that a file's name asks for. Raises UsageError if it asks for none."""
-    found = next((name for name, known in FORMATS.items() if output.suffix in known.suffixes), None)
-    if found is None:
-        raise click.UsageError(f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}")
-    return found
+    for name, known in FORMATS.items():
+        if output.suffix in known.suffixes:
+            return name
+        if output.suffix and output.suffix == known.tables:
+            folder = output.with_suffix("")
+            raise click.UsageError(
+                f"{output}: {name} is no single file but a folder of tables: name the folder: --to {name} -o {folder}"
+            )
+    raise click.UsageError(f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}")
 
 
 class _Counted:

@@ -63,9 +63,10 @@ def _links_of(past: Past, message: Message, depth: int, moment: float) -> Iterat
     told = [Link(time, depth, f"{message} failed: {text}") for time, text in _raised(message)]
     if isinstance(message, Task):
         told += _recoveries(Then(past, moment), message, depth)
+        if end := _end(past, message, moment):
+            killed_or_over = message.states[-1][0] if message.killed is None else message.written("killed")
+            told.append(Link(killed_or_over, depth, end))
     yield from sorted(told, key=lambda link: link.time)
-    if isinstance(message, Task) and (end := _end(past, message)):
-        yield Link(message.states[-1][0], depth, end)
 
 
 def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
@@ -83,8 +84,8 @@ def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
         yield Link(one.time, depth, exhausted(one).replace(" has ", " had ", 1))
 
 
-def _end(past: Past, task: Task) -> str:
-    """What became of it, if it failed."""
+def _end(past: Past, task: Task, moment: float) -> str:
+    """What became of it, if it failed; of what it is under only what was known at *moment*."""
     if not (raised := _raised(task)):
         return ""
     became = fate(past, task, raised[-1][0])
@@ -93,7 +94,8 @@ def _end(past: Past, task: Task) -> str:
     if became not in ENDED_TASKS:
         return f"{task}: its failure was dealt with" if became is Fate.DEALT_WITH else f"{task}: {task.state} after all"
     end = f"{task}: nobody dealt with its failure" if task.killed is None else f"{task} was killed: {task.why_killed}"
-    return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
+    is_replaced = became is Fate.REPLACED and past.tasks[task.top].states[-1][0] <= moment
+    return end + (f"; {past.describe(task.top)} was achieved without it" if is_replaced else "")
 
 
 def _causes(past: Past, message: Message) -> list[Message]:

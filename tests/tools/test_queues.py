@@ -11,7 +11,10 @@ from tca_tools.analysis.queues import growing
 from tca_tools.analysis.summary import span_of
 from tca_tools.past import Past
 from tca_tools.report.contents import contents
+from tca_tools.tasktree_viz import words
+from tca_tools.then import Then
 from tca_wire import facts
+from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 
 
@@ -113,3 +116,19 @@ def test_what_is_locked_needs_shorter_locks_and_no_more_slots() -> None:
         story.at(2.0 + number).queued(story.received("frame", MessageClass.INFORM, "camera"), "eye")
     past = story.fold()
     assert growing(past, *span_of(past)) == []
+
+
+def test_how_long_a_task_has_been_queued_is_told_of_the_queue_that_it_is_in() -> None:
+    """It waits for busy legs, then for a module, then is suspended and goes back into the queue that it never left."""
+    story = Story().module("legs", "move")
+    first, second = (story.command("move", "user") for _ in range(2))
+    story.delivered(first, "legs").at(10.0).queued(second, "legs").at(70.0).queued(second)
+    story.at(72.0).say(facts.SuspendedOrResumed(TaskId(second), True)).at(80.0)
+    story.say(facts.SuspendedOrResumed(TaskId(second), False)).at(81.0).say(facts.Closed("done"))
+    past = story.fold()
+    told = [words.note(then := Then.by_clock(past, at), then.tasks[second]) for at in (69.0, 71.5, 81.0)]
+    assert told == [
+        "waits for legs, busy with move {1}, for 59.0 s",
+        "waits for a module that handles move, for 1.50 s",
+        "waits for a module that handles move, for 1.00 s",
+    ]

@@ -15,6 +15,7 @@ from tools.runs import encoded, walk
 from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
 
 from tca_tools.history import History
+from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
@@ -129,6 +130,20 @@ def test_who_was_killed_for_another_is_told_for_whom() -> None:
         "    4.500  move leg {9} was killed: failure 'terrain collision' of move body {7} was not handled",
         "    4.500    move body {7} failed: terrain collision: leg 4 met\\x1b[31m rock",
     ]
+
+
+def test_a_kill_is_told_when_it_was_and_not_when_it_had_its_effect() -> None:
+    story = Story().module("arm", "pick").at(1.0)
+    walk = story.goal("walk", "user")
+    pick = story.command("pick", "user", walk)
+    story.delivered(pick, "arm").at(2.0).say(facts.Failed(pick, "timeout", "too late"))
+    story.say(facts.Unhandled(TaskId(pick)), facts.Killed(TaskId(pick), "failure 'timeout' was not handled"))
+    story.at(3.0).returned(pick, Outcome.KILLED).reached(pick, Moment.END_ACHIEVING)
+    past = story.at(4.0).reached(walk, Moment.END_ACHIEVING).fold()
+    killed = "pick {2} was killed: failure 'timeout' was not handled"
+    for moment, end in {2.5: killed, 3.5: killed, 4.5: f"{killed}; walk {{1}} was achieved without it"}.items():
+        links = [(round(link.time, 3), link.text) for link in failure_chain(past, TaskId(pick), moment)]
+        assert links == [(2.0, "pick {2} failed: timeout: too late"), (2.0, end)], moment
 
 
 def with_traceback() -> History:

@@ -102,3 +102,20 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
     assert (told["hold the arm"], told["ask the eyes"]) == ("#ffffff", "#111111")
     page.evaluate("Object.assign(tca.chart, { from: 0, to: 200 })")
     assert any(text.startswith("hold") and text.endswith("…") for text, _ in page.evaluate(drawn))
+
+
+@pytest.mark.parametrize("joined", [0.0, 5.399])
+def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path, joined: float) -> None:
+    page = look(Story().at(joined).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
+    expect(page.locator("#counts")).to_be_attached()
+    page.wait_for_function("tca.chart.layout.length === 2")
+    start, end = page.evaluate("[tca.store.start, tca.store.end]")
+    from_, to = page.evaluate("tca.chart.window")
+    assert from_ <= start <= end < to
+    assert to - from_ >= 1.0
+    x, y = page.evaluate(
+        "(({ canvas }) => { const box = canvas.getBoundingClientRect(); return [box.left + 400, box.top + 60]; })(tca.chart)"
+    )
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -300)
+    page.wait_for_function("(wide) => tca.chart.window[1] - tca.chart.window[0] < wide", arg=to - from_)

@@ -9,6 +9,7 @@ const MOST_LANES = 12;
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
+const LEAST = 1, LEAST_DONE = 1e-3; // seconds that are seen if the reader does not zoom; the second, of messages of a run that has ended
 const AHEAD = 0.1; // where in the chart the cursor goes on that has run out of it
 
 export class Chart {
@@ -65,10 +66,12 @@ export class Chart {
   }
 
   get window() {
-    const { start, first, end } = this.store, from = Math.max(Math.min(first, end), start);
+    const { start, first, end } = this.store, from = first > end ? start : Math.max(first, start);
     const room = Math.max((end - from) * ROOM, 1e-6);
-    return [this.from ?? Math.max(from - room, this.#earliest), this.to ?? end + room];
+    return [this.from ?? Math.max(from - room, this.#earliest), this.to ?? Math.max(end + room, from + this.#least)];
   }
+
+  get #least() { return this.store.isLive || this.store.first > this.store.end ? LEAST : LEAST_DONE; }
 
   get #earliest() {
     const { start, end } = this.store;
@@ -361,7 +364,7 @@ export class Chart {
 
   #zoom(x, factor) {
     const [from, to] = this.window, centre = this.#timeAt(x);
-    const least = 1e-6, most = (this.store.end - this.#earliest) * 1.05 + 1e-3;
+    const least = 1e-6, most = Math.max((this.store.end - this.#earliest) * 1.05, this.#least) + 1e-3;
     const wide = Math.min(Math.max((to - from) * factor, least), most), share = (centre - from) / (to - from);
     this.from = centre - share * wide;
     this.to = this.from + wide;
