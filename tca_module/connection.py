@@ -104,13 +104,15 @@ class Connection:
 
     # --- requests --------------------------------------------------------------------------------------------------
 
-    def declare(self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = ()) -> None:
+    def declare(
+        self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = (), within: float = ACKNOWLEDGED_WITHIN
+    ) -> None:  # fmt: skip
         """Tell central of messages, and which of them are handled here. Raises FormatRefused if others differ."""
         new, handled = [message for message in messages if self._is_new(message)], list(handlers)
         if not new and not handled:
             return
         formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
-        self.call(Register(0, formats, handled), f"declaring {names}")
+        self.call(Register(0, formats, handled), f"declaring {names}", within=within)
         self.session.declared(formats, handled)
         self._declared.update({message.name: message for message in new})
 

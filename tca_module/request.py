@@ -88,6 +88,13 @@ class Request:
             raise CentralLost(msg)
 
 
+def unsent() -> Request:
+    """A question that could not be sent in time: it is over, without an answer."""
+    request = Request(Send(0, ""), b"", wants_answer=True)
+    request.is_over = True
+    return request
+
+
 def may_be_asked_again(header: Any) -> bool:
     """Whether a request can be made twice without harm, where nobody knows what became of the first."""
     return isinstance(header, _HARMLESS)
