@@ -84,8 +84,15 @@ class Request:
             kind = _KINDS.get(self.refused.refusal, Refused)
             raise kind(what, self.refused.refusal, self.refused.text)
         if self.lost:
-            msg = f"{what} is lost: {self.lost}; ask again"
+            msg = f"{what} is lost: {self.lost}; {_advice(self.header)}"
             raise CentralLost(msg)
+
+
+def _advice(header: Any) -> str:
+    """What to do where a request was lost."""
+    if isinstance(header, headers.WaitFor):
+        return "send the task again"
+    return "begin anew" if refers_to_tasks(header) else "ask again"
 
 
 def unsent() -> Request:
