@@ -52,6 +52,7 @@ class Claim:
         been taken away, CentralLost if central, who would know, does not answer; it is released when it does.
         """
         if not self._is_over:
+            self._connection.check_thread()  # refused in another thread, it can be released in its own
             self._is_over = True
             self._connection.release(self._request, self._what)
             if self._request.taken:
@@ -68,6 +69,7 @@ class Claim:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if not self._is_over:
+            self._connection.check_thread()  # refused in another thread, it can be released in its own
             self._is_over = True
             has_failed = error is not None
             if not self._connection.release(self._request, self._what, at_once=has_failed) and not has_failed:

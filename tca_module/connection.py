@@ -104,13 +104,15 @@ class Connection:
 
     # --- requests --------------------------------------------------------------------------------------------------
 
-    def declare(self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = ()) -> None:
+    def declare(
+        self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = (), within: float = ACKNOWLEDGED_WITHIN
+    ) -> None:  # fmt: skip
         """Tell central of messages, and which of them are handled here. Raises FormatRefused if others differ."""
         new, handled = [message for message in messages if self._is_new(message)], list(handlers)
         if not new and not handled:
             return
         formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
-        self.call(Register(0, formats, handled), f"declaring {names}")
+        self.call(Register(0, formats, handled), f"declaring {names}", within=within)
         self.session.declared(formats, handled)
         self._declared.update({message.name: message for message in new})
 
@@ -120,7 +122,7 @@ class Connection:
 
     def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
         """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             request = self.request(header, body, is_awaited=True)
             if not self.wait(request, within, what):
@@ -136,7 +138,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all. Else this
         waits a little where central takes nothing more for now.
         """
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             epoch = self.session.epoch
             self.line.catch_up()
@@ -157,7 +159,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; and if the
         answer has not come, once for each handler: TaskKilled if its task was killed, Stopped if the module ends.
         """
-        self._check_thread()
+        self.check_thread()
         is_done = is_over or (lambda: request.is_over)
         with self._lock:
             try:
@@ -218,7 +220,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def abandon(self, request: Request) -> None:
         """Nobody waits for that answer any more."""
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             self.session.abandon(request)
             self.line.flush(0.0, is_patient=True)
@@ -254,14 +256,14 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def is_taken(self, request: Request) -> bool:
         """Whether the lock that a request has got was taken away, as far as is known here. Never waits."""
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             self.line.catch_up()
             return bool(request.taken)
 
     def post(self, header: ToCentral, body: bytes) -> None:
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             self.line.catch_up()
             if self.direct.tell(header, body):
@@ -283,7 +285,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def is_cancelled(self, delivery: int) -> bool:
         """Whether a delivery's handler is to clean up and return; it knows then."""
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             self.line.catch_up()
             attending = self.session.attending
@@ -293,7 +295,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def is_suspended(self, delivery: int) -> bool:
         """Whether the task of a delivery that is being handled is suspended."""
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             self.line.catch_up()
             return self.session.attending.is_suspended(delivery)
@@ -306,7 +308,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         *idle* is called in between: it may do one thing, or wait for anything, for at most so many seconds; False if it
         did neither.
         """
-        self._check_thread()
+        self.check_thread()
         with self._lock:
             self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
 
@@ -321,7 +323,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait for callbacks, which are called meanwhile; whether *is_over*. Raises what ``wait`` does, but Refused."""
-        self._check_thread()
+        self.check_thread()
         check_timeout(timeout)
         with self._lock:
             if self._is_calling_back:
@@ -388,8 +390,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """That central is silent, for errors; "" if all is well."""
         return self.line.silence
 
-    def _check_thread(self) -> None:
-        """Before the lock is taken: a thread that serves keeps it for ever."""
+    def check_thread(self) -> None:
+        """Raise MisuseError in another thread; before the lock is taken: a thread that serves keeps it for ever."""
         if threading.get_ident() != self._owner:
             msg = f"a connection of module '{self.session.module}' is used from thread \
 '{threading.current_thread().name}', but belongs to the one that \

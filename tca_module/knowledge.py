@@ -39,10 +39,10 @@ class Knowledge:
         """The connection of the calling thread."""
         raise NotImplementedError
 
-    def _declare(self, *messages: Message[Any, Any]) -> Connection:
+    def _declare(self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN) -> Connection:
         """The connection, on which central knows the messages, and what monitors among them ask and send."""
         parts = [part for one in messages if isinstance(one, Monitor) for part in one.parts if part is not None]
-        self._connection().declare(*parts, *messages)
+        self._connection().declare(*parts, *messages, within=within)
         return self._connection()  # which may have lost its central meanwhile
 
     # --- variables -------------------------------------------------------------------------------------------------

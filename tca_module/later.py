@@ -37,7 +37,8 @@ class Later(Generic[R]):
     @property
     def cancelled(self) -> bool:
         """Whether the task has been killed and still waits for its answer: stop when that is safe, then answer."""
-        return self.is_open and self._connection.session.attending.is_cancelled(self._delivery.delivery)
+        with at_work(self._attendance):  # a restarted central may have given another delivery the same number
+            return self.is_open and self._connection.session.attending.is_cancelled(self._delivery.delivery)
 
     @property
     def is_open(self) -> bool:

@@ -38,9 +38,13 @@ class PendingReply(Generic[R]):
         Raises QueryFailed if the handler failed, Timeout if the reply is not there in time. The query is then given up,
         as it is when the handler that waits is to end (TaskKilled, Stopped).
         """
+        return self.receive_within(timeout, timeout)
+
+    def receive_within(self, left: float | None, timeout: float | None) -> R:
+        """The same, where only so much is *left* of the timeout."""
         what = self._checked_name()
         try:
-            is_there = self.connection.wait(self.request, timeout, what)
+            is_there = self.connection.wait(self.request, left, what)
         except (TaskKilled, Stopped):
             self._is_cancelled = True
             raise

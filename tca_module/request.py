@@ -84,8 +84,22 @@ class Request:
             kind = _KINDS.get(self.refused.refusal, Refused)
             raise kind(what, self.refused.refusal, self.refused.text)
         if self.lost:
-            msg = f"{what} is lost: {self.lost}; ask again"
+            msg = f"{what} is lost: {self.lost}; {_advice(self.header)}"
             raise CentralLost(msg)
+
+
+def _advice(header: Any) -> str:
+    """What to do where a request was lost."""
+    if isinstance(header, headers.WaitFor):
+        return "send the task again"
+    return "begin anew" if refers_to_tasks(header) else "ask again"
+
+
+def unsent() -> Request:
+    """A question that could not be sent in time: it is over, without an answer."""
+    request = Request(Send(0, ""), b"", wants_answer=True)
+    request.is_over = True
+    return request
 
 
 def may_be_asked_again(header: Any) -> bool:

@@ -17,13 +17,13 @@ from tca_module.arguments import (
     listed,
     name_of,
 )
-from tca_module.connection import Connection
+from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.control import Control
-from tca_module.errors import MisuseError
+from tca_module.errors import MisuseError, Timeout
 from tca_module.options import TaskOptions, check_options, flags_of
 from tca_module.ordering import Ordering
 from tca_module.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
-from tca_module.request import Request
+from tca_module.request import Request, unsent
 from tca_module.task_handle import TaskHandle, attachment
 from tca_module.task_ref import TaskRef
 from tca_wire.constraints import Constraint, Flags, not_before
@@ -42,6 +42,8 @@ from tca_wire.declarations import (
 from tca_wire.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
 from tca_wire.vocabulary import MessageClass
+
+_DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
 
 
 class Sender(Control):
@@ -161,8 +163,9 @@ class Sender(Control):
         """
         brief = is_brief(timeout)
         check_class(message, Query)
+        left = self._declare_within(message, timeout)
         question = self._question(message, data, priority=priority, blocking=True, brief=brief)
-        return PendingReply(*question, message).receive(timeout)
+        return PendingReply(*question, message).receive_within(left, timeout)
 
     def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
         """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""
@@ -192,6 +195,18 @@ class Sender(Control):
     def _ask(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
         check_class(message, Query)
         return PendingReply(*self._question(message, data, priority=priority, is_awaited=False), message)
+
+    def _declare_within(self, message: Message[Any, Any], timeout: float | None) -> float | None:
+        """Declare what is asked, within the *timeout* of the question; what is left of that. Raises Timeout."""
+        if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
+            return timeout
+        connection = self._connection()
+        began = connection.now()
+        try:
+            self._declare(message, within=max(timeout, _DECLARED_WITHIN))
+        except Timeout:
+            raise not_answered(message, timeout, connection.silence) from None
+        return max(0.0, timeout - (connection.now() - began))
 
     def _question(
         self,
@@ -257,8 +272,12 @@ class Sender(Control):
         check_class(message, MultiQuery)
         check_timeout(timeout)
         wanted = checked_maximum(name_of(message), maximum)
+        try:
+            left = self._declare_within(message, timeout)
+        except Timeout:
+            return PendingReplies(self._connection(), unsent(), message, 0)
         connection, request = self._question(message, data, blocking=blocking, maximum=wanted)
-        return PendingReplies(connection, request, message, timeout)
+        return PendingReplies(connection, request, message, left)
 
     # --- statements ------------------------------------------------------------------------------------------------
 

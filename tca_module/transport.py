@@ -5,6 +5,7 @@ With direct_sockets.py and pulse.py the only file of this package that knows Zer
 
 import contextlib
 import functools
+import os
 import select
 import selectors
 import socket as sockets
@@ -131,9 +132,13 @@ EVENTS, POLLIN, DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
 SNDMORE = int(zmq.SNDMORE | zmq.DONTWAIT)
 
 
-@functools.cache
 def context() -> "zmq.Context[zmq.Socket[bytes]]":
-    """The one ZeroMQ context of this process."""
+    """The one ZeroMQ context of this process; after a fork the child has one of its own, for threads are not forked."""
+    return _context_of(os.getpid())
+
+
+@functools.cache
+def _context_of(_process: int) -> "zmq.Context[zmq.Socket[bytes]]":
     return zmq.Context()
 
 

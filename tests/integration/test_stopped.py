@@ -12,11 +12,12 @@ import pytest
 from integration.programs import Central, central, program, run
 from module.real_central import until
 
-from tca_module import CentralLost, Command, Module, Outcome, Query, TaskFailed, Timeout, connect
+from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, connect
 from tca_tools.logs import open_log
 from tca_wire import facts
 
 STEP, LOOK, LOAD = Command("step"), Query("look", reply=str), Command("load", float)
+VIEWS = MultiQuery("views", reply=str)
 SOON = 30.0
 
 LEGS = """
@@ -225,6 +226,19 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
                 os.kill(child, signal.SIGKILL)
         daemon.stop()
         assert silent(daemon.journal) == ["parent"]
+
+
+def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
+    """Central, which stands still, has yet to be told of the message."""
+    with central(tmp_path) as daemon, connect("user", daemon.address) as user:
+        daemon.signal(signal.SIGSTOP)
+        with pytest.raises(Timeout, match=r"query 'look' was not answered within 0.5 s"):
+            user.query(LOOK, timeout=0.5)
+        assert user.multi_query(VIEWS, timeout=0.5) == []
+        daemon.signal(signal.SIGCONT)
+        user.modules()
+        with eyes_at(daemon.address).running():
+            assert user.query(LOOK, timeout=SOON) == "clear"
 
 
 def test_a_second_is_no_silence(tmp_path: Path) -> None:

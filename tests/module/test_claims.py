@@ -144,3 +144,31 @@ def test_of_two_modules_of_one_name_each_has_a_name_of_its_own(central: LocalCen
             with user.lock("legs", module=name, timeout=5.0):
                 pass
     assert [fact.module for fact in central.facts if isinstance(fact, facts.Claimed)] == ["legs", "legs#2"]
+
+
+@pytest.mark.parametrize("in_block", [False, True])
+def test_a_release_that_is_refused_in_another_thread_loses_no_lock(
+    central: LocalCentral, legs: Module, user: Client, in_block: bool
+) -> None:
+    legs.handles(MOVE)(lambda *_: None)
+    refused: list[MisuseError] = []
+    with legs.running(), connect("other", central) as other:
+        claim = user.lock("legs", timeout=5)
+
+        def release() -> None:
+            try:
+                if in_block:
+                    with claim:
+                        pass
+                else:
+                    claim.release()
+            except MisuseError as error:
+                refused.append(error)
+
+        thread = threading.Thread(target=release)
+        thread.start()
+        thread.join()
+        assert "belongs to the one that opened it" in str(refused[0])
+        assert claim.held
+        claim.release()
+        other.lock("legs", timeout=5).release()

@@ -31,7 +31,7 @@ from tca_wire.headers import (
     Welcome,
 )
 from tca_wire.parts import HandlerFormat
-from tca_wire.points import TaskId
+from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Limit, Refusal
 
 WELCOME = Welcome(1, 1, "legs", "one")
@@ -223,13 +223,21 @@ def test_central_forgot_the_connection_while_it_waited() -> None:
     assert [type(header) for header in central.heard] == [Send, Hello, Send]
 
 
-def test_what_was_lost_with_central_raises() -> None:
+@pytest.mark.parametrize(
+    ("asked", "advice"),
+    [
+        (Send(0, "stance"), "ask again"),
+        (headers.WaitFor(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
+        (headers.Lock(0, "camera", origin=7), "begin anew"),
+    ],
+)
+def test_what_was_lost_with_central_raises_and_says_what_to_do(asked: ToCentral, advice: str) -> None:
     connection, central = connected()
-    request = connection.request(Send(0, "stance"), wants_answer=True)
+    request = connection.request(asked, wants_answer=True)
     central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
     central.say(Unknown())
-    with pytest.raises(CentralLost, match=r"query 'stance' is lost: central was restarted .*; ask again"):
-        connection.wait(request, None, "query 'stance'")
+    with pytest.raises(CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"):
+        connection.wait(request, None, "the answer")
 
 
 def test_a_new_central_is_not_asked_about_the_tasks_of_the_old_one() -> None:

@@ -66,3 +66,23 @@ def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
         new = user.command(WORK, "new")
         assert begun.get(timeout=SOON) == old.replace("old", "new")
         assert new.result(SOON) == "new"
+
+
+def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(central: LocalCentral, user: Client) -> None:
+    module, owed = Module("worker", central), queue.Queue[Later[str]]()
+
+    @module.handles(WORK)
+    def work(task: Task, _: str) -> Later[str]:
+        owed.put(later := task.reply_later())
+        return later
+
+    with module.running():
+        user.command(WORK, "old")
+        old = owed.get(timeout=SOON)
+        central.restart("afresh")
+        user.wait_until_handled(WORK, timeout=SOON)
+        task = user.command(WORK, "new")
+        new = owed.get(timeout=SOON)
+        assert (old.cancelled, new.cancelled) == (True, False)
+        new.reply("new")
+        assert task.result(SOON) == "new"
