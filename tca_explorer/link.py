@@ -157,8 +157,9 @@ class Link:
 
     # --- what the module library calls: see tca_module/connection.py -------------------------------------------------
 
-    def declare(self, *messages: Message[Any, Any]) -> None:
+    def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
         """Central must know these."""
+        del within
         self._declared.update({message.name: message for message in messages})
 
     def call(self, header: Any, what: str, body: bytes = b"", within: float = 0) -> int:
@@ -218,6 +219,9 @@ class Link:
         """The same; why there is no answer is not told here: such words differ from run to run."""
         self.abandon(request)
         return ""
+
+    def check_thread(self) -> None:
+        """A script has one thread."""
 
     def release(self, request: Asked, what: str, *, at_once: bool = False) -> bool:
         """Want no longer the lock that a request has got; whether it was had until now."""
