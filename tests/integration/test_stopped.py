@@ -130,7 +130,7 @@ def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_pat
     stop_and_go_on(tmp_path, 3, "--lost-after", "3")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
 def test_five_seconds_are_too_many(tmp_path: Path, bind: str) -> None:
     stop_and_go_on(tmp_path, 5, bind=bind)
@@ -144,7 +144,7 @@ def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
             other.lock("camera", timeout=SOON).release()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
     with central(tmp_path) as daemon:
         with program(LOADER, daemon.address), connect("user", daemon.address) as user:
@@ -154,7 +154,7 @@ def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
         assert silent(daemon.journal) == []
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
 def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> None:
     with running(tmp_path, "--lost-after", "2", bind=bind) as (daemon, address):
@@ -177,7 +177,7 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
         assert silent(daemon.journal) == []
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> None:
     with central(tmp_path, "--lost-after", "0") as daemon, eyes_at(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
@@ -193,7 +193,7 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
             assert step.wait(timeout=SOON) is Outcome.KILLED
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_restarted_central_watches_as_the_one_before(tmp_path: Path) -> None:
     with central(tmp_path) as first, eyes_at(first.address).running(), program(LEGS, first.address) as legs:
         with connect("user", first.address) as user:
@@ -212,7 +212,7 @@ def test_a_restarted_central_watches_as_the_one_before(tmp_path: Path) -> None:
             assert silent(second.journal) == ["legs"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
     """The kernel closes them only when the last process that has them ends; a child has no pulse."""
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
