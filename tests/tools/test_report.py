@@ -323,7 +323,7 @@ def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyP
 
 
 @given(st.lists(FACTS, max_size=80))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_any_facts_at_all_make_a_page(told: list[facts.Fact]) -> None:
     history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))
     found = contents(history)
