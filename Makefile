@@ -4,7 +4,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
-TWO_AT_ONCE := -n 2 --dist loadfile
+# three: many wait for processes of their own, and two do not keep two cores busy
+AT_ONCE := -n 3 --dist loadfile
 
 .PHONY: demo test check bench soak clean
 .DELETE_ON_ERROR:
@@ -13,13 +14,13 @@ demo: $(READY)
 	$(BIN)/python -m robots.ambler_sim --out walk --rocks 2
 
 test: $(READY)
-	$(BIN)/python -m pytest $(TWO_AT_ONCE)
+	$(BIN)/python -m pytest $(AT_ONCE)
 
 check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy .
-	$(BIN)/python -m pytest $(TWO_AT_ONCE) --cov --cov-report=term:skip-covered
+	$(BIN)/python -m pytest $(AT_ONCE) --cov --cov-report=term:skip-covered
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

@@ -38,9 +38,9 @@ class Steered(Bench):
             MessageFormat("halt", MessageClass.COMMAND, "{}", "{}"),
         ]
         handlers = [HandlerFormat(message.name, "expert") for message in messages]
-        self.event(EXPERT, headers.Hello(self.next(), 1, "expert", "e"))
+        self.event(EXPERT, headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e"))
         self.event(EXPERT, headers.Register(self.next(), messages, handlers))
-        self.event(EXPERT_SLOT, headers.Hello(self.next(), 1, "expert", "e", 1, "expert"))
+        self.event(EXPERT_SLOT, headers.Hello(self.next(), headers.PROTOCOL_VERSION, "expert", "e", 1, "expert"))
         self.event(USER, headers.Attach(self.next(), Attachment("", "recover")))
         self.event(USER, headers.Tap(self.next(), Condition.WHILE_HANDLING, "note", "walk"))
         self.event(USER, headers.Send(self.next(), "halt", TaskId(self.top), when_killed=True))

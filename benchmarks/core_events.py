@@ -17,6 +17,7 @@ from tca_central.core import Central
 from tca_central.events import ConnectionId, Received
 from tca_wire import headers
 from tca_wire.constraints import Flags
+from tca_wire.headers import PROTOCOL_VERSION
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
@@ -34,8 +35,8 @@ class Bench:
         self.clock = 0.0
         walk = MessageFormat("walk", MessageClass.GOAL, "{}", "")
         for connection, index, resource in ((PLANNER, 0, ""), (SLOT, 1, "planner")):
-            self.event(connection, headers.Hello(self.next(), 1, "planner", "p", index, resource))
-        self.event(USER, headers.Hello(self.next(), 1, "user", "u"))
+            self.event(connection, headers.Hello(self.next(), PROTOCOL_VERSION, "planner", "p", index, resource))
+        self.event(USER, headers.Hello(self.next(), PROTOCOL_VERSION, "user", "u"))
         self.event(PLANNER, headers.Register(self.next(), [walk], [HandlerFormat("walk", "planner")]))
         self.top = self.goal(0)
 

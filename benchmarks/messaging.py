@@ -155,7 +155,8 @@ def serve_bare(address: str) -> None:
     """A module by hand, without the module library."""
     slots = [dealer(address) for _ in range(CAPACITY + 1)]
     for number, slot in enumerate(slots):
-        slot.send(codec.pack_item(headers.Hello(1, 1, "bare", "bare", number, "bare" if number else "")))
+        hello = headers.Hello(1, headers.PROTOCOL_VERSION, "bare", "bare", number, "bare" if number else "")
+        slot.send(codec.pack_item(hello))
         slot.recv()
     messages, handlers = [PING.format], [HandlerFormat("ping", "bare")]
     slots[0].send(codec.pack_item(headers.Register(2, messages, handlers)))
@@ -175,7 +176,7 @@ def measure_bare(seconds: float) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:  # noqa: SIM117
         with central(Path(name), "--no-journal") as address, process(serve_bare, address):
             socket = dealer(address)
-            socket.send(codec.pack_item(headers.Hello(1, 1, "client", "client")))
+            socket.send(codec.pack_item(headers.Hello(1, headers.PROTOCOL_VERSION, "client", "client")))
             socket.recv()
             socket.send(codec.pack_item(headers.Register(2, [PING.format])))
             socket.recv()

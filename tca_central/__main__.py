@@ -15,7 +15,7 @@ from tca_central.core import Central
 from tca_central.errors import CentralError
 from tca_central.journal_writer import JournalWriter, Sync
 from tca_central.server import LOST_AFTER, Server
-from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals
+from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
 
 LONGEST_PATH = 100
 """Bytes in the path of a Unix socket; systems differ between 103 and 107."""
@@ -48,17 +48,27 @@ def _number(text: str) -> int:
 
 
 def _remember(journal: Path) -> None:
-    """Let tools that are to show the newest run find this one, by a link beside the others; links to none go, and those
-    of earlier runs in the same folder.
-    """
-    link = _new_journal_folder()
-    there = journal.resolve()
+    """Let tools that are to show the newest run find this one, by a link beside the others."""
     with contextlib.suppress(OSError):
-        link.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        for other in link.parent.iterdir():
-            if other.is_symlink() and (not other.exists() or other.resolve() == there):
-                other.unlink()
-        link.symlink_to(there, target_is_directory=True)
+        _link(_new_journal_folder(), journal.resolve())
+
+
+def _tell_where(address: str, journal: Path | None) -> None:
+    """Let tools that look at the central of an address find its journal; or none, where it keeps none."""
+    link = journal_link(address)
+    with contextlib.suppress(OSError):
+        link.unlink(missing_ok=True)
+        if journal is not None:
+            _link(link, journal.resolve())
+
+
+def _link(link: Path, there: Path) -> None:
+    """Links beside it that lead nowhere go, and those of earlier runs to the same folder."""
+    link.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    for other in link.parent.iterdir():
+        if other.is_symlink() and (not other.exists() or other.resolve() == there):
+            other.unlink(missing_ok=True)
+    link.symlink_to(there, target_is_directory=True)
 
 
 @click.command()
@@ -98,6 +108,7 @@ def central(
             server.journal = JournalWriter(folder, epoch=epoch, version=version("tca"), sync=Sync(sync))
             if journal is not None:
                 _remember(journal)
+        _tell_where(server.endpoint, None if no_journal else folder)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
         log = logging.getLogger("tca.central")

@@ -36,6 +36,7 @@ from tca_wire.points import (
     TaskId,
 )
 from tca_wire.vocabulary import CENTRAL
+from tca_wire.wording import kill_reason
 
 
 class Agenda:
@@ -167,8 +168,9 @@ class Agenda:
         first. What waits for them is released: at once, or when the running handlers below have returned.
         """
         killed = [doomed for doomed in self.tree.doomed(task) if not doomed.killed]
+        reason = kill_reason(why, by)
         for doomed in killed:
-            doomed.killed = why
+            doomed.killed = reason
             self._facts.append(Killed(TaskId(doomed.id), why, by))
         self.holds.bequeath(killed)
         for doomed in killed:

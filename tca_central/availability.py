@@ -21,10 +21,13 @@ MOST_AWAITED = 1000
 class HandledWait:
     """A connection waits until each of some messages is handled, all at the same time."""
 
-    __slots__ = ("connection", "messages", "missing", "number")
+    __slots__ = ("connection", "messages", "missing", "number", "promised")
 
-    def __init__(self, connection: Connection, number: int, messages: Iterable[MessageType]) -> None:
+    def __init__(
+        self, connection: Connection, number: int, messages: Iterable[MessageType], promised: Iterable[str] = ()
+    ) -> None:
         self.connection, self.number = connection, number
+        self.promised = tuple(promised)  #: messages that will be handled when this wait is over
         self.messages = tuple(messages)
         self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
         for message in self.messages:
@@ -47,9 +50,46 @@ def on_wait_until_handled(central: State, connection: Connection, header: header
     for name in header.messages:
         if name not in known:
             raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first")
-    wait = HandledWait(connection, header.number, [known[name] for name in dict.fromkeys(header.messages)])
+    messages = [known[name] for name in dict.fromkeys(header.messages)]
+    wait = HandledWait(connection, header.number, messages, header.promised)
     connection.outstanding[header.number] = wait
+    if wait.missing and wait.promised:
+        _warn_of_circle(central, wait)
     _answer_if_over(central, wait)
+
+
+def _warn_of_circle(central: State, newest: HandledWait) -> None:
+    """Tell all who now wait for each other, and who waits for them, what they wait for. Another module may still come
+    and handle it, so that nothing is refused. Looks through all such waits: there are some at the start, hardly later.
+    """
+    left = {wait: None for message in central.registry.messages.values() for wait in message.awaited_by}
+    promisers: dict[str, list[HandledWait]] = {}
+    for wait in left:
+        for name in wait.promised:
+            promisers.setdefault(name, []).append(wait)
+    # Until only those are left of which each waits for what only others of them will handle.
+    while len(stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}) < len(left):
+        left = dict.fromkeys(stuck)
+    circle: dict[HandledWait, str] = {}
+    while newest in stuck and newest not in circle:
+        message, following = stuck[newest]
+        module, other = newest.connection.module.name, following.connection.module.name
+        circle[newest] = f"'{module}' waits for '{message}', which '{other}' will handle"
+        newest = following
+    text = f"modules require each other: {'; '.join(circle.values())}: so none of them begins, unless another comes"
+    for wait in circle:
+        central.tell(wait.connection, Answer(wait.number, text=text, more=True))
+
+
+def _held_by(
+    wait: HandledWait, promisers: dict[str, list[HandledWait]], among: Iterable[HandledWait]
+) -> tuple[str, HandledWait] | None:
+    """A message that a wait is for and nobody handles, and one who promises it, where all who do are *among* these."""
+    for message in wait.messages:
+        others = promisers.get(message.name, ())
+        if others and not message.serving and all(other in among for other in others):
+            return message.name, others[0]
+    return None
 
 
 def _answer_if_over(central: State, wait: HandledWait) -> None:

@@ -7,7 +7,7 @@ is *kept* when the handler that made it has returned: others wait then for the e
 """
 
 from tca_central.clock import Due, checked_seconds
-from tca_central.direct import review_resource
+from tca_central.direct import review_copies
 from tca_central.errors import RequestError
 from tca_central.registry import Connection, Delivery, Module, ModuleResource, Taken
 from tca_central.resources import Claim, Resource
@@ -43,7 +43,7 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
     if header.timeout >= 0:
         claim.timer = central.clock.after(header.timeout, Due.CLAIM, claim)
     central.dispatcher.claim(claim)
-    review_resource(central, resource)
+    review_copies(central, resource)
     if header.blocking:
         central.block(connection, header.number, header.origin, brief=header.brief)
 
@@ -51,8 +51,8 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
     """The resource of that name, of that module if one is named. Raises RequestError if it is not clear which."""
     modules = [one for one in central.registry.modules.values() if name in one.resources]
-    found = {_base(one): one.resources[name] for one in modules if module in ("", one.name, _base(one))}
-    found |= {_base(one): one.resources[name] for one in modules if module == one.name}
+    found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}  # the newest's
+    found |= {one.called: one.resources[name] for one in modules if module == one.name}
     if not found:
         whose = f"module '{module}'" if module else "no module"
         has = "is not connected, or has no" if module else "has a"
@@ -61,11 +61,6 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
         owners = ", ".join(f"'{resource.module}'" for resource in found.values())
         raise RequestError(Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': say of which module it is")
     return next(iter(found.values()))
-
-
-def _base(module: Module) -> str:
-    """The name that a module gave itself; of several that are called so the newest is meant, as for messages."""
-    return module.name.partition("#")[0]
 
 
 def _holder(central: State, connection: Connection, origin: int) -> Delivery | None:
@@ -190,7 +185,10 @@ def end_of_connection(central: State, connection: Connection) -> None:
 
 
 def end_on_module(central: State, module: Module, why: str) -> None:
-    """A module is gone: nobody has or wants its resources."""
+    """A module is gone: nobody has or wants its resources any more, but for those that other copies of it have, too."""
+    for resource in module.resources.values():
+        if (copy := resource.part()) is not None:
+            central.dispatcher.freed.append((copy, None))
     for claim in [one for one in central.claims.values() if module.resources.get(one.resource.name) is one.resource]:
         text = f"module '{module.name}' has gone: {why}"
         if claim.is_granted:
@@ -201,7 +199,7 @@ def end_on_module(central: State, module: Module, why: str) -> None:
 
 def _end(central: State, claim: Claim[Connection], why: str) -> None:
     central.dispatcher.end_claim(claim)
-    review_resource(central, claim.resource)
+    review_copies(central, claim.resource)
     central.clock.cancel(claim.timer)
     del central.claims[claim.slot, claim.number]
     if (mine := central.claimed_for.get(claim.holder)) is not None:

@@ -33,7 +33,7 @@ from tca_central import (
 )
 from tca_central.clock import Due
 from tca_central.errors import RequestError
-from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
+from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
 from tca_central.registry import Connection
 from tca_central.state import State
 from tca_central.task_tree import Task
@@ -82,8 +82,8 @@ class Central(State):
         elif isinstance(event, BadBytes):
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
         self._settle()
-        if (self.blocked or self.claims) and (self.facts or not isinstance(event, Tick)):
-            deadlocks.look_later(self)
+        if self.facts and (self.blocked or self.claims):
+            deadlocks.has_happened(self)
         effects = self.messages
         if self.facts:
             effects = [Record(facts.Entry(self.events, event.time, self.facts[:]), self.failed), *effects]
@@ -97,14 +97,14 @@ class Central(State):
 
     def _on_message(self, event: Received) -> None:
         header = event.header
+        number = getattr(header, "number", 0)
         connection = self.registry.connections.get(event.connection)
         if connection is None:
             if isinstance(header, headers.Hello):
                 self._guarded(event.connection, header.number, lambda: joining.hello(self, event.connection, header))
             else:
-                self.messages.append(Transmit(event.connection, headers.Unknown()))
+                self.messages.append(Transmit(event.connection, headers.Unknown(number)))
             return
-        number = getattr(header, "number", 0)
         if number and number <= connection.last_number and not isinstance(header, headers.Hello):
             self._repeat(connection, number)
             return

@@ -1,29 +1,31 @@
 """Deadlocks: waits that can never end, found when they begin and ended with a failure that names the circle.
 
-Theory of operation. A node of the graph in needs.py is *live* if of each group that it needs one node is live; the
-least fixpoint, found forwards from the wait that has just begun, or the message that was just queued. What is not
-live waits, in the end, for itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler
-gets an error; where only tasks wait for each other the failure is raised on one that keeps a lock or reservation. That
-is taken from it where its exception handler does not help, or where an exception handler, or what leaves things safe,
-waits in the circle: those go first. Whatever else may close a circle (a subtask, a constraint, a slot that is lost) is
-found shortly after, by a look at all that blocks. A search that would take long gives up, and is repeated later with
-more patience.
-"""
+Theory of operation. stuck.py says what in the graph of needs.py can never come about: what waits, in the end, for
+itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler gets an error; where only tasks
+wait for each other the failure is raised on one that keeps a lock or reservation. That is taken from it where its
+exception handler does not help, or where an exception handler, or what leaves things safe, waits in the circle: those
+go first.
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+Asked about is the wait that has just begun, or the message that was just queued. Whatever else may close a circle (a
+subtask, a constraint, a slot that is lost) is found shortly after, by a look at all that blocks. A search that has
+looked at enough for one event goes on in later looks, a slice in each, so that central is never held up, and all is
+found in the end. In each circle is the wait of a handler, or something that is locked: nobody waits for what a mere
+client waits for.
+"""
 
 from tca_central.claims import take
 from tca_central.clock import Due
 from tca_central.cycles import Place
 from tca_central.failures import raise_failure
 from tca_central.giving_up import give_up
-from tca_central.needs import Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting, needs
+from tca_central.needs import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.registry import Connection, Delivery
 from tca_central.resources import Claim
 from tca_central.state import Failure, State
+from tca_central.stuck import Search, TooLongError
 from tca_central.taking import is_kept, take_away
 from tca_central.task_tree import Task
+from tca_central.whereabouts import named
 from tca_wire import facts
 from tca_wire.failures import DEADLOCK
 from tca_wire.headers import Refused
@@ -31,53 +33,119 @@ from tca_wire.points import END_ACHIEVING, describe_moments
 from tca_wire.vocabulary import Refusal, Role
 
 PATIENCE = 1000
-"""Nodes that are looked at when a wait begins."""
+"""Edges of the graph that are looked at in an event in which something begins to wait."""
 
-MOST_EFFORT = 16
-"""How many times longer than usual a later look may take, so that central is not held up: some 32 000 nodes, a tenth of
-a second."""
+SLICE = 2000
+"""Edges that are looked at in one later look: some milliseconds, four times a second."""
+
+_CLOSES_NOTHING = (facts.Queued, facts.Delivered, facts.Returned, facts.Answered, facts.Awaited, facts.WaitBegan)
+"""After these nothing waits that did not before, or else it is among the suspects."""
 
 _SHOWN = 12  # parts of a circle that the error names
+
+
+class Scan:
+    """A look at all that blocks, in slices."""
+
+    def __init__(self, central: State) -> None:
+        self.search = Search(central, SLICE, list)
+        self.starts: list[Node | Connection] = [*central.blocked]
+        """What is still to be looked at, the next last."""
+        self.starts.extend(Releasing(claim) for claim in central.claims.values() if claim.is_granted)
+        self.starts.reverse()
 
 
 def look(central: State) -> None:
     """See whether what has just begun to wait will ever get what it waits for."""
     if not central.look_after:
         central.suspects.clear()
-    while central.suspects:
-        start = central.suspects.popleft()
-        with suppress(_TooLongError):
-            if isinstance(start, Claim):
-                _resolve_all(central, Releasing(start), PATIENCE)
-            elif isinstance(start, Delivery):
-                _resolve_all(central, Turn(start), PATIENCE)
-            elif not _is_answered_soon(*start):
-                _resolve_all(central, Waiting(*start), PATIENCE)
-
-
-def look_later(central: State) -> None:
-    """Something has happened while somebody blocks."""
-    if central.look_after and central.next_look is None:
-        central.next_look = central.clock.after(central.look_after * central.look_effort, Due.LOOK, None)
-
-
-def on_look(central: State, _: None) -> None:
-    """Look at all that blocks."""
-    central.next_look = None
-    patience = 2 * PATIENCE * central.look_effort
+    search = Search(central, PATIENCE)
     try:
-        for node in list(_all_that_block(central)):
-            _resolve_all(central, node, patience)
-        central.look_effort = 1
-    except _TooLongError:
-        central.look_effort = min(2 * central.look_effort, MOST_EFFORT)
+        while central.suspects:
+            if (start := _may_close(central, central.suspects.popleft())) is not None:
+                search = _resolve_all(central, search, start)
+    except TooLongError:
+        central.suspects.clear()
         look_later(central)
 
 
-def _all_that_block(central: State) -> Iterator[Node]:
-    for connection in central.blocked:
-        yield from (Waiting(connection, number) for number in connection.waits)
-    yield from (Releasing(claim) for claim in central.claims.values() if claim.is_granted)
+def _may_close(central: State, suspect: Delivery | Claim[Connection] | tuple[Connection, int]) -> Node | None:
+    """What may have closed a circle; None if it is plain that it has not."""
+    if isinstance(suspect, Claim):
+        return Releasing(suspect)
+    if isinstance(suspect, Delivery):
+        return Turn(suspect)
+    connection, number = suspect
+    if _is_answered_soon(connection, number) or not _is_waited_for(central, connection):
+        return None
+    return Waiting(connection, number)
+
+
+def has_happened(central: State) -> None:
+    """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
+    if not central.has_closed and any(_may_matter(fact) for fact in central.facts):
+        look_later(central)
+
+
+def _may_matter(fact: facts.Fact) -> bool:
+    if isinstance(fact, facts.Received):
+        return fact.message_class.is_task
+    return not isinstance(fact, _CLOSES_NOTHING)
+
+
+def look_later(central: State) -> None:
+    """Something may have closed a circle."""
+    central.has_closed = True
+    _go_on_later(central)
+
+
+def _go_on_later(central: State) -> None:
+    if central.look_after and central.next_look is None:
+        central.next_look = central.clock.after(central.look_after, Due.LOOK, None)
+
+
+def on_look(central: State, _: None) -> None:
+    """Look at all that blocks, or go on with that."""
+    central.next_look = None
+    if central.scan is None:
+        central.scan, central.has_closed = Scan(central), False
+    else:
+        central.scan.search.go_on(SLICE)
+    try:
+        while central.scan.starts:
+            _look_at_next(central, central.scan)
+        central.scan = None
+    except TooLongError:
+        _go_on_later(central)
+    else:
+        if central.has_closed:
+            _go_on_later(central)
+
+
+def _look_at_next(central: State, scan: Scan) -> None:
+    one = scan.starts[-1]
+    if isinstance(one, Connection):
+        scan.search.pay()
+        scan.starts.pop()
+        if one.handling:
+            scan.starts.extend(Waiting(one, number) for number in reversed(one.waits))
+        return
+    if _is_there(one):
+        scan.search = _resolve_all(central, scan.search, one)
+    elif scan.search.is_under_way:  # it is over meanwhile: no need to know all about it
+        scan.search = scan.search.anew()
+    scan.starts.pop()
+
+
+def _is_there(start: Node) -> bool:
+    if isinstance(start, Releasing):
+        return start.claim.is_granted
+    return not isinstance(start, Waiting) or start.number in start.connection.waits
+
+
+def _is_waited_for(central: State, connection: Connection) -> bool:
+    """Whether others may wait for what a connection waits for."""
+    return bool(connection.handling) or any(claim.slot is connection for claim in central.claims.values())
 
 
 def _is_answered_soon(connection: Connection, number: int) -> bool:
@@ -86,68 +154,19 @@ def _is_answered_soon(connection: Connection, number: int) -> bool:
     return due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits)
 
 
-# --- the search ------------------------------------------------------------------------------------------------------
-
-
-class _TooLongError(Exception):
-    """The search would take longer than it may."""
-
-
-Stuck = dict[Node, list[Sequence[Node]]]
-"""Nodes that are not live, and what they need."""
-
-
-def _stuck(central: State, start: Node, patience: int) -> Stuck:
-    """All that *start* waits for and that is not live; nothing if *start* is live."""
-    needed: Stuck = {}
-    waiting: dict[Node, int] = {}  # by node that was looked at, the number of groups without a live node
-    wanted_by: dict[Node, list[tuple[Node, int]]] = {}
-    met: set[tuple[Node, int]] = set()
-    frontier, seen = [start], {start}
-    while frontier and waiting.get(start, 1):
-        if len(waiting) >= patience:
-            raise _TooLongError
-        node = frontier.pop()
-        needed[node] = [group for group in needs(central, node) if all(waiting.get(other, 1) for other in group)]
-        waiting[node] = len(needed[node])
-        for index, group in enumerate(needed[node]):
-            for other in group:
-                wanted_by.setdefault(other, []).append((node, index))
-            new = [other for other in group if other not in seen]
-            seen.update(new)
-            frontier += new
-        newly_live = [] if waiting[node] else [node]
-        for live in newly_live:  # grows while it is walked
-            for user in wanted_by.get(live, ()):
-                if user not in met:
-                    met.add(user)
-                    waiting[user[0]] -= 1
-                    if not waiting[user[0]]:
-                        newly_live.append(user[0])
-    return {node: groups for node, groups in needed.items() if waiting[node]} if waiting[start] else {}
-
-
-def _circle(start: Node, stuck: Stuck) -> list[Node]:
-    """A circle that *start* waits for, in its order."""
-    trail: dict[Node, int] = {}
-    node = start
-    while node not in trail:
-        trail[node] = len(trail)
-        node = next(group[0] for group in stuck[node] if all(other in stuck for other in group))
-    return list(trail)[trail[node] :]
-
-
 # --- what is done about it -------------------------------------------------------------------------------------------
 
 
-def _resolve_all(central: State, start: Node, patience: int) -> None:
-    """End waits as long as *start* waits for a circle."""
-    while stuck := _stuck(central, start, patience):
-        if not _resolve(central, _circle(start, stuck), stuck):
-            return
+def _resolve_all(central: State, search: Search, start: Node) -> Search:
+    """End waits as long as *start* waits for a circle; a search that knows of that."""
+    while search.is_stuck(start):
+        if not _resolve(central, search.circle(start), search):
+            break
+        search = search.anew()
+    return search
 
 
-def _resolve(central: State, circle: list[Node], stuck: Stuck) -> bool:
+def _resolve(central: State, circle: list[Node], search: Search) -> bool:
     """End a wait or a claim of a circle, or raise a failure for it; False if what was raised is being seen to."""
     text = describe(central, circle)
     waits = [node for node in circle if isinstance(node, Waiting)]
@@ -160,13 +179,13 @@ def _resolve(central: State, circle: list[Node], stuck: Stuck) -> bool:
         connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
         _refuse(central, connection, number, text)
     else:
-        return _raise_or_take(central, kept, stuck, text)
+        return _raise_or_take(central, kept, search, text)
     return True
 
 
-def _raise_or_take(central: State, kept: list[Claim[Connection]], stuck: Stuck, text: str) -> bool:
+def _raise_or_take(central: State, kept: list[Claim[Connection]], search: Search, text: str) -> bool:
     """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
-    if not kept or any(_is_seen_to(claim.holder, stuck) for claim in kept):
+    if not kept or any(_is_seen_to(claim.holder, search) for claim in kept):
         return False
     told = next((claim.holder for claim in kept if not _was_told(claim.holder)), None)
     if told is not None:
@@ -186,12 +205,12 @@ def _was_told(task: Task) -> bool:
     return task.failure is not None and task.failure[0] == DEADLOCK
 
 
-def _is_seen_to(task: Task, stuck: Stuck) -> bool:
+def _is_seen_to(task: Task, search: Search) -> bool:
     """Whether an exception handler that is not stuck itself is about a deadlock of a task."""
     return any(
         child.role is Role.EXCEPTION
         and child.context.failure.name == DEADLOCK
-        and Place(child, END_ACHIEVING) not in stuck
+        and not search.is_stuck(Place(child, END_ACHIEVING))
         for child in (task.children or {}).values()
     )
 
@@ -260,29 +279,38 @@ def _words(central: State, node: Node, following: Node) -> str:
         case Waiting(connection, number):
             return f"{_who(central, connection, number)} waits {_for_what(following)}"
         case TurnAt(delivery, resource):
-            return f"{_name(delivery)} waits for resource '{resource.name}'"
+            return f"{named(delivery)} waits for resource '{resource.name}'"
         case Releasing(claim):
             kind = "reserved" if claim.admits_owner else "locked"
-            until = f" until {_name(claim.holder)} has ended" if claim.holder is not None else ""
+            until = f" until {named(claim.holder)} has ended" if claim.holder is not None else ""
             if isinstance(following, Place) and following.task is not claim.holder:
-                until = f" until {_name(claim.holder)} is handled again, after {_name(following.task)} has ended"
+                until = f" until {named(claim.holder)} is handled again, after {named(following.task)} has ended"
             return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
-        case Place(task, _) if isinstance(following, Place) and following.task is not task:
-            return f"{_name(task)} waits until {_point(following)}"
-        case Place(task, _) if isinstance(following, Returning | Turn) and following.delivery is not task:
-            return f"{_name(task)} waits for the reply to its condition {_name(following.delivery)}"
+        case Place(task, _):
+            return _words_of_point(task, following)
+    return ""
+
+
+def _words_of_point(task: Task, following: Node) -> str:
+    match following:
+        case Place(other, _) if other is not task:
+            return f"{named(task)} waits until {_point(following)}"
+        case Freeing(resource):
+            return f"{named(task)} waits for resource '{resource.name}'"
+        case Returning(delivery) | Turn(delivery) if delivery is not task:
+            return f"{named(task)} waits for the reply to its condition {named(delivery)}"
     return ""
 
 
 def _who(central: State, connection: Connection, number: int) -> str:
     delivery = central.dispatcher.attended.get(connection.waits[number].origin)
-    return f"module '{connection.module.name}'" + (f" in {_name(delivery)}" if delivery is not None else "")
+    return f"module '{connection.module.name}'" + (f" in {named(delivery)}" if delivery is not None else "")
 
 
 def _for_what(following: Node) -> str:
     match following:
         case Returning(delivery) | Turn(delivery):
-            return f"for the reply to {_name(delivery)}"
+            return f"for the reply to {named(delivery)}"
         case Granting(claim):
             return f"to {'reserve' if claim.admits_owner else 'lock'} '{claim.resource.name}'"
         case Place():
@@ -290,9 +318,5 @@ def _for_what(following: Node) -> str:
     return "for what is to come"
 
 
-def _name(delivery: Delivery) -> str:
-    return f"'{delivery.message.name}' {{{delivery.id}}}"
-
-
 def _point(place: Place) -> str:
-    return f"{_name(place.task)} has reached {describe_moments(place.moment)[0]}"
+    return f"{named(place.task)} has reached {describe_moments(place.moment)[0]}"

@@ -70,11 +70,11 @@ def review_slots(central: State, slot: Connection) -> None:
     review(central, [handler.message for handler in handlers if handler.resource is slot.resource])
 
 
-def review_resource(central: State, resource: Resource[Connection, Delivery]) -> None:
-    """Somebody wants a resource for himself, or does no longer."""
-    for slot in resource.slots:
-        review_slots(central, slot)
-        return
+def review_copies(central: State, resource: Resource[Connection, Delivery]) -> None:
+    """Somebody wants a resource for himself, in all copies of its module, or does no longer."""
+    for copy in resource.copies:
+        if (slot := next(iter(copy.slots), None)) is not None:
+            review_slots(central, slot)
 
 
 def tell_sender(central: State, connection: Connection, message: MessageType) -> None:

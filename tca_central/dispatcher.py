@@ -15,7 +15,7 @@ from tca_wire.facts import HandlerRemoved, Queued, Unqueued
 
 QUEUE_LIMIT = 10_000
 """Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
-refused. Tasks are not counted: they are in the tree anyway."""
+refused. Tasks count, but are never refused: they are in the tree anyway."""
 
 
 class Dispatcher:
@@ -150,7 +150,7 @@ class Dispatcher:
         if isinstance(following, Claim):
             resource.grant(following)
             self.granted.append(following)
-            self.freed.append((resource, None))
+            self.freed.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
             self._leave_queues(following)
             self._attend(following, resource.take_slot())
@@ -177,7 +177,7 @@ class Dispatcher:
     def end_claim(self, claim: Claim[Connection]) -> None:
         """A claim is given up, or what it got is released: others may get in."""
         claim.resource.end_claim(claim)
-        self.freed.append((claim.resource, None))
+        self.freed.extend((copy, None) for copy in claim.resource.copies)
 
     def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
         """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later."""
@@ -259,7 +259,7 @@ class Dispatcher:
 
     def _handler_gone(self, handler: Handler) -> list[Delivery]:
         message = handler.message
-        queued = self._take_queued(message, handler.resource if message.fans_out else None)
+        queued = self._take_queued(message, handler.resource)
         message.handlers.remove(handler)
         if handler.resource.capacity:
             self._serve(message, -1)

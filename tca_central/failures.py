@@ -368,6 +368,7 @@ def on_retry(central: State, connection: Connection, header: headers.Retry, body
         if asking is not None and asking not in task.more.asking:
             task.more.asking[asking] = None
             asking.more.asked.append(task)
+            central.tree.across[asking] = None
         if task.slot is not None:
             central.cancel(task.slot, task)
         central.agenda.retry(task)

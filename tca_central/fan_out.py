@@ -2,6 +2,7 @@
 
 from tca_central.registry import Delivery, ModuleResource
 from tca_central.state import State
+from tca_central.whereabouts import why_full
 from tca_wire import facts
 from tca_wire.vocabulary import MessageClass
 
@@ -35,6 +36,6 @@ def route_statement(central: State, original: Delivery) -> None:
 def route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
     """Deliver or queue what nobody waits for; too much of it is dropped."""
     if central.dispatcher.is_full(delivery.message, *targets):
-        central.facts.append(facts.Dropped(delivery.id, "too many messages wait for its handler"))
+        central.facts.append(facts.Dropped(delivery.id, why_full(delivery.message, *targets)))
     else:
         central.dispatcher.route(delivery, *targets)

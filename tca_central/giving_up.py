@@ -6,7 +6,7 @@ from tca_central.registry import Connection, Delivery
 from tca_central.resources import Claim
 from tca_central.state import Collector, State
 from tca_central.waits import Wait
-from tca_central.whereabouts import why_not_reached, why_unanswered
+from tca_central.whereabouts import end_of, why_not_reached, why_unanswered
 from tca_wire import facts, headers
 from tca_wire.headers import Accepted, Answer
 from tca_wire.wording import GAVE_UP
@@ -27,10 +27,11 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
     """The sender no longer waits for an answer."""
     connection.taken.pop(header.request, None)
-    why = _why_open(central, connection.outstanding.get(header.request))
+    answer, body = _so_far(central, connection.outstanding.get(header.request), header.number)
+    why = answer.text.partition("\n")[0]
     give_up(central, connection, header.request, f"{GAVE_UP}: {why}" if why else GAVE_UP)
     if header.number:
-        central.send(connection, header.number, Answer(header.number, text=why))
+        central.send(connection, header.number, answer, body)
 
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
@@ -42,12 +43,19 @@ def on_release(central: State, connection: Connection, header: headers.Release, 
     central.send(connection, header.number, Accepted(header.number, had))
 
 
-def _why_open(central: State, due: object) -> str:
-    """Why a request has no answer yet; "" if there is nothing to say."""
+def _so_far(central: State, due: object, number: int) -> tuple[Answer, bytes]:
+    """What is said to who no longer waits: why there was no answer yet (as text; "" if there is nothing to say), and of
+    a multi-query to which nobody has replied also with what others have failed.
+    """
+    why = ""
+    if isinstance(due, Collector):
+        return end_of(central, due, number)
     if isinstance(due, Wait):
         task = central.tree.tasks.get(due.task_id)
-        return why_not_reached(central, task) if task is not None else ""
-    return why_unanswered(central, due) if isinstance(due, Delivery) else ""
+        why = why_not_reached(central, task) if task is not None else ""
+    elif isinstance(due, Delivery):
+        why = why_unanswered(central, due)
+    return Answer(number, text=why), b""
 
 
 def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP) -> None:

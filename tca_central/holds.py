@@ -110,6 +110,8 @@ class Holds:
         if leader.followers is None:
             leader.followers = []
         leader.followers.append((its_moment, task, moment, delay))
+        if leader.parent is not task.parent:
+            self.tree.across[leader] = None
         if task.leaders is None:
             task.leaders = []
         task.leaders.append((moment, leader.id, its_moment))
@@ -349,6 +351,9 @@ def resolve(constraint: Constraint, this: TaskId) -> Constraint:
 
 
 def _describe_cycle(path: list[Place]) -> str:
-    points = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in path]
-    shown = points if len(points) <= 8 else [*points[:4], f"... {len(points) - 8} more ...", *points[-4:]]
-    return f"{' <= '.join([*shown, points[0]])} would be a circle"
+    more = len(path) - 8
+    shown = path if more <= 0 else path[:4] + path[-4:]
+    points = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in shown]
+    if more > 0:
+        points.insert(4, f"... {more} more ...")
+    return f"{' <= '.join([*points, points[0]])} would be a circle"

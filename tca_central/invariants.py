@@ -41,6 +41,7 @@ def check_invariants(central: State) -> None:
         assert {key for key in task.leaders or () if key[1] in tree.tasks} >= leaders.get(task.id, set()), f"{task}"
         _check_delivery(central, task)
         _check_suspension(central, task)
+    assert all(tree.tasks.get(one.id) is one for one in tree.across), "an edge begins at a task that has ended"
     _check_watches(central)
     root_children = tree.root.children or {}
     assert all(child.parent is tree.root for child in root_children.values()), "a top-level task has another parent"
@@ -81,6 +82,8 @@ def _constraints_in_force(central: State) -> tuple[dict[int, Counter[int]], dict
     leaders: dict[int, set[tuple[int, int, int]]] = {}
     for task in central.tree.tasks.values():
         for moment, follower, its_moment, _ in task.followers or ():
+            is_known = follower.parent is task.parent or task in central.tree.across
+            assert is_known, f"{task}: nobody knows that {follower}, no sibling, waits for it"
             assert not task.reached & moment, f"{task}: {follower} still waits for a moment that is past"
             held.setdefault(follower.id, Counter())[its_moment] += 1
             leaders.setdefault(follower.id, set()).add((its_moment, task.id, moment))
@@ -177,7 +180,7 @@ def _check_suspension(central: State, task: Task) -> None:
 def _check_stranded(central: State) -> None:
     """No exception handler waits until somebody handles it, but while a module is leaving."""
     modules = central.registry.modules.values()
-    if all(module.handlers for module in modules if module.resources):
+    if all(module.handlers for module in modules if module.has_slots):
         for message in central.registry.messages.values():
             waits = [one for one in message.waiting.values() if one.role is Role.EXCEPTION]
             assert not waits, f"{waits}: nobody handles '{message.name}', and the search does not go on"
@@ -218,6 +221,9 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
     for claim in resource.claims:
         assert central.claims.get((claim.slot, claim.number)) is claim, f"{name}: claim {claim.id} is not known"
         assert claim.slot.outstanding.get(claim.number) is claim, f"{name}: claim {claim.id} waits for nobody"
+    for copy in resource.copies:
+        assert copy.held_by is resource.held_by, f"{name}: its copies are held by different ones"
+        assert set(copy.claims) == set(resource.claims), f"{name}: its copies are wanted by different ones"
     if (held_by := resource.held_by) is None:
         return
     assert central.claims.get((held_by.slot, held_by.number)) is held_by, f"{name}: held by what is not known"

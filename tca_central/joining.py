@@ -10,7 +10,7 @@ from tca_central.monitors import check_parts
 from tca_central.registry import Connection, Delivery, Handler, Module
 from tca_central.requests import fail_delivery
 from tca_central.sharing import forget_unfit_value, tell_new_watcher
-from tca_central.state import Failure, State, deliver
+from tca_central.state import Failure, State, cancelled, deliver
 from tca_central.taps import happened, listeners_come
 from tca_central.task_tree import Task, to_be_fired
 from tca_wire import facts, headers
@@ -21,6 +21,9 @@ from tca_wire.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arrival, Depa
 from tca_wire.parts import HandlerFormat
 from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
+
+MOST_LATE = 8
+"""Answers of a lost connection that are expected to come all the same; more than one if nested."""
 
 
 def hello(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
@@ -49,7 +52,7 @@ def hello(central: State, connection_id: ConnectionId, header: headers.Hello) ->
 def _tell_again(central: State, connection: Connection) -> None:
     """Say what a connection that came back may not have heard."""
     for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
-        central.tell(connection, Cancelled(orphan))
+        central.tell(connection, Cancelled(orphan, "its connection to central was lost"))
     connection.orphans = []
     for number, taken in connection.taken.items():
         central.tell(connection, headers.Taken(number, taken.text))
@@ -57,7 +60,7 @@ def _tell_again(central: State, connection: Connection) -> None:
         if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
             central.tell(connection, deliver(delivery), delivery.body)
             if isinstance(delivery, Task) and (delivery.killed or delivery.again):
-                central.tell(connection, Cancelled(delivery.given_as))
+                central.tell(connection, cancelled(delivery))
 
 
 def _check(header: headers.Hello) -> None:
@@ -79,11 +82,11 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
     module = connection.module
     if before := central.registry.lost.pop(connection.session, None):
         connection.answers, connection.last_number = before.answers, before.last_number
-        connection.orphans, connection.taken = before.orphans, before.taken
+        connection.orphans, connection.late, connection.taken = before.orphans, before.late, before.taken
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:
-        resource = module.resource(resource_name)
+        resource = central.registry.resource(module, resource_name)
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
         central.dispatcher.slot_came(connection, resource)
         direct.review_slots(central, connection)
@@ -114,14 +117,14 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
         if module.connections:
             _is_leaving(central)
     orphans = central.dispatcher.slot_gone(connection)
-    connection.orphans += [delivery.given_as for delivery in orphans]
+    for delivery in orphans:
+        _orphan(connection, delivery, why)
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
         direct.review_slots(central, connection)
         direct.slot_gone(central, connection, why, lost=lost)
-    if not module.connections:
-        _forget(central, module, why)
+    _connection_gone(central, module, why)
     for delivery in orphans:
         if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
             _lose(central, delivery, module, why, lost=lost)
@@ -129,11 +132,29 @@ def leave(central: State, connection: Connection, why: str, *, lost: bool) -> No
             _hand_on(central, delivery)
 
 
+def _orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+    """A connection is gone that had a delivery. If it comes back it may still answer, and learns why that is late."""
+    message = delivery.message
+    what = str(delivery) if isinstance(delivery, Task) else f"{message.message_class} '{message.name}'"
+    connection.orphans.append(delivery.given_as)
+    connection.late[delivery.given_as] = f"the answer of {what} came too late: the module had been lost ({why})"
+    if len(connection.late) > MOST_LATE:
+        del connection.late[next(iter(connection.late))]
+
+
 def _is_leaving(central: State) -> None:
-    """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when it is gone
-    exception handlers that wait for it are passed over (decision 59).
+    """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when they are
+    gone exception handlers that wait for it are passed over (decision 59).
     """
     central.dispatcher.stranded.clear()
+
+
+def _connection_gone(central: State, module: Module, why: str) -> None:
+    """Perhaps the last one, or the last that had anything at work of a module that goes on sending."""
+    if not module.connections:
+        _forget(central, module, why)
+    elif not module.handlers and not module.has_slots:
+        central.dispatcher.strand_all(central.registry.messages.values())
 
 
 def _forget(central: State, module: Module, why: str) -> None:
@@ -211,7 +232,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
 def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
-    resource = module.resource(handled.resource)
+    resource = central.registry.resource(module, handled.resource)
     central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
     message = central.registry.messages[handled.message]
     # Of a variable only the newest value is wanted.
@@ -227,7 +248,7 @@ def on_unregister(central: State, connection: Connection, header: headers.Unregi
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in names if name in handlers])
-    if not header.messages:
+    if not header.messages and connection.module.has_slots:
         _is_leaving(central)
     central.send(connection, header.number, Accepted(header.number))
 

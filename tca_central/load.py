@@ -10,17 +10,17 @@ from itertools import islice
 from operator import itemgetter
 from typing import Any
 
-from tca_central.registry import Connection, Delivery, ModuleResource
+from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource
 from tca_central.state import State
 from tca_central.task_tree import Task
-from tca_central.whereabouts import awaited, held_at, held_by, named
+from tca_central.whereabouts import awaited, held_at, held_by, kept_busy, named
 
 SHOWN_WAITS = 50
 LOOKED_AT = 10_000
 """Living tasks, the oldest, among which those that are held are looked for and counted: nothing need be noted of it."""
 
-Waiting = tuple[float, str, str]
-"""Since when, who, and what for."""
+Waiting = tuple[float, str, str, str]
+"""Since when, who, what for, and what keeps that busy ("": nothing does)."""
 
 
 def load(central: State) -> dict[str, Any]:
@@ -29,43 +29,45 @@ def load(central: State) -> dict[str, Any]:
     """
     now, registry = central.clock.now, central.registry
     waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
-    longest = heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))
     return {
         "epoch": central.epoch,
         "time": now,
         "events": central.events,
         "connections": len(registry.connections),
         "tasks": len(central.tree.tasks),
-        "modules": [
-            {
-                "module": module.name,
-                "process": module.process,
-                "resources": [_resource(resource, now) for resource in module.resources.values()],
-            }
-            for module in registry.modules.values()
+        "modules": [_module(module, now) for module in registry.modules.values()],
+        "messages": [_message(message) for message in registry.messages.values()],
+        "waits": [
+            {"what": what, "for": why, "busy": busy, "seconds": max(now - since, 0.0)}
+            for since, what, why, busy in heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))
         ],
-        "messages": [
-            {
-                "message": message.name,
-                "class": str(message.message_class),
-                "delivered": message.delivered,
-                "failed": message.failed,
-                "waiting": len(message.waiting),
-            }
-            for message in registry.messages.values()
-        ],
-        "waits": [{"what": what, "for": why, "seconds": max(now - since, 0.0)} for since, what, why in longest],
         "held": [
-            {"what": named(task), "for": held_by(central, task, at), "seconds": max(now - since, 0.0)}
+            _of_task(task, now - since) | {"for": held_by(central, task, at)}
             for since, _, task, at in heapq.nsmallest(SHOWN_WAITS, held)
         ],
-        "suspended": [
-            {"task": int(task.id), "what": named(task), "by": by, "seconds": max(now - since, 0.0)}
-            for since, by, task in suspended[:SHOWN_WAITS]
-        ],
+        "suspended": [_of_task(task, now - since) | {"by": by} for since, by, task in suspended[:SHOWN_WAITS]],
         "killed": _killed(central),
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "looked_at": min(len(central.tree.tasks), LOOKED_AT),
+    }
+
+
+def _of_task(task: Task, seconds: float) -> dict[str, Any]:
+    return {"task": int(task.id), "what": named(task), "seconds": max(seconds, 0.0)}
+
+
+def _module(module: Module, now: float) -> dict[str, Any]:
+    resources = [_resource(resource, now) for resource in module.resources.values()]
+    return {"module": module.name, "process": module.process, "resources": resources}
+
+
+def _message(message: MessageType) -> dict[str, Any]:
+    return {
+        "message": message.name,
+        "class": str(message.message_class),
+        "delivered": message.delivered,
+        "failed": message.failed,
+        "waiting": len(message.waiting),
     }
 
 
@@ -98,23 +100,23 @@ def _waits(central: State) -> Iterator[Waiting]:
     for module in central.registry.modules.values():
         for resource in module.resources.values():
             first = _oldest(resource.queued())
-            where = f"resource '{resource.name}' of '{module.name}'"
+            where, busy = f"resource '{resource.name}' of '{module.name}'", kept_busy(resource, is_now=True)
             if first is not None:
                 more = f" (and {resource.waiting - 1} more)" if resource.waiting > 1 else ""
-                yield first.since, f"{named(first)}{more}", where
+                yield first.since, f"{named(first)}{more}", where, busy
             for claim in resource.claims:
-                yield claim.since, f"a claim of '{claim.slot.module.name}'", where
+                yield claim.since, f"a claim of '{claim.slot.module.name}'", where, busy
     for message in central.registry.messages.values():
         first = next(iter(message.waiting.values()), None)
         if first is not None:
             more = f" (and {len(message.waiting) - 1} more)" if len(message.waiting) > 1 else ""
-            yield first.since, f"{named(first)}{more}", "a module that handles it"
+            yield first.since, f"{named(first)}{more}", "a module that handles it", ""
     connections = central.registry.connections.values()
     for connection in (one for one in connections if one.waits or one.pauses):
         for number, wait in (*connection.waits.items(), *connection.pauses.items()):
             handled = central.dispatcher.attended.get(wait.origin)
             inside = f" in {named(handled)}" if handled is not None else ""
-            yield wait.at, f"'{connection.module.name}'{inside}", awaited(central, connection, number)
+            yield wait.at, f"'{connection.module.name}'{inside}", awaited(central, connection, number), ""
 
 
 def _held(central: State) -> list[tuple[float, int, Task, int]]:

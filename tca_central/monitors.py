@@ -16,6 +16,7 @@ from tca_central.registry import Connection
 from tca_central.state import Failure, State
 from tca_central.task_tree import Task
 from tca_central.watching import Watch, end_watch, enlist, stop
+from tca_central.whereabouts import why_full
 from tca_wire import facts, headers
 from tca_wire.failures import OVERLOAD
 from tca_wire.formats import NIL
@@ -130,7 +131,8 @@ def _test(central: State, watch: Watch) -> None:
     if central.dispatcher.is_full(query):
         if task.message.message_class is MessageClass.POINT_MONITOR:  # it has no later test to wait for
             stop(central, watch, "its condition could not be asked")
-            fail_task(central, task, Failure(OVERLOAD, f"too many messages wait for the handler of '{query.name}'"))
+            text = f"its condition '{query.name}' could not be asked: {why_full(query)}"
+            fail_task(central, task, Failure(OVERLOAD, text))
         return
     asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
     watch.condition = asked

@@ -54,8 +54,9 @@ class Blocking(NamedTuple):
 class Connection:
     """One socket of a module: the thread of one resource, or the module's own (*resource* None)."""
 
-    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "module", "orphans", "outstanding", "pauses",
-                 "pulse", "resource", "routes", "session", "taken", "waits", "watchers", "watches")  # fmt: skip
+    __slots__ = ("answers", "entrance", "handling", "id", "last_number", "late", "module", "orphans", "outstanding",
+                 "pauses", "pulse", "resource", "routes", "session", "taken", "waits", "watchers",
+                 "watches")  # fmt: skip
 
     def __init__(self, connection_id: ConnectionId, session: str, module: "Module") -> None:
         self.id = connection_id
@@ -67,7 +68,8 @@ class Connection:
         self.answers: dict[int, tuple[ToModule, bytes]] = {}  #: the newest answers, oldest first
         self.last_number = 0  #: the highest request number seen
         self.handling: dict[Delivery, int] = {}  #: what it handles, and the event in which it got that; oldest first
-        self.orphans: list[int] = []  #: what it handled when it was lost
+        self.orphans: list[int] = []  #: what it handled when it was lost, and is to be told to end
+        self.late: dict[int, str] = {}  #: the newest of these whose answers may still come, and what to say then
         self.waits: dict[int, Blocking] = {}  #: requests for whose answer it does nothing else, by number
         self.pauses: dict[int, Blocking] = {}  #: such waits that soon end by themselves: no deadlocks
         self.taken: dict[int, Taken] = {}  #: what was taken from it, and it does not know yet, by number of the Lock
@@ -97,11 +99,10 @@ class Module:
         self.handlers: dict[str, Handler] = {}  #: by message name
         self.keeps: dict[int, None] = {}  #: ids of the tasks, living or ended, that it wants remembered
 
-    def resource(self, name: str) -> ModuleResource:
-        """The resource of that name; made when first named."""
-        if name not in self.resources:
-            self.resources[name] = ModuleResource(self.name, name)
-        return self.resources[name]
+    @property
+    def has_slots(self) -> bool:
+        """Whether any thread of it handles messages, or may."""
+        return any(resource.capacity for resource in self.resources.values())
 
 
 class Handler:
@@ -259,6 +260,17 @@ class Registry:
         self._names.add(unique)
         self.modules[incarnation] = Module(unique, name, incarnation, process)
         return self.modules[incarnation], True
+
+    def resource(self, module: Module, name: str) -> ModuleResource:
+        """The resource of that name of a module, made when first named; who has that of one copy of a program for
+        himself has those of all.
+        """
+        if name not in module.resources:
+            module.resources[name] = made = ModuleResource(module.name, name)
+            copies = (one for one in self.modules.values() if one.called == module.called and one is not module)
+            if (other := next((one.resources[name] for one in copies if name in one.resources), None)) is not None:
+                made.join(other)
+        return module.resources[name]
 
     def is_connected(self, name: str) -> bool:
         """Whether there is a module of that (unique) name."""

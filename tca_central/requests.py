@@ -26,6 +26,7 @@ from tca_central.taking import warn_if_taken
 from tca_central.taps import happened
 from tca_central.task_tree import Task
 from tca_central.watching import become_monitor, check_options, ends_by_itself, enlist, is_put_by_others
+from tca_central.whereabouts import end_of, summary, why_full
 from tca_wire import facts, headers
 from tca_wire.constraints import Constraint
 from tca_wire.failures import OVERLOAD
@@ -98,7 +99,7 @@ def _route_query(
     central: State, connection: Connection, header: headers.Send, message: MessageType, body: bytes
 ) -> None:
     if central.dispatcher.is_full(message):
-        raise RequestError(Refusal.OVERLOAD, f"too many messages wait for the handler of '{message.name}': try later")
+        raise RequestError(Refusal.OVERLOAD, f"{why_full(message)}: try later")
     delivery = _make(central, connection, header, message, body)
     delivery.number = header.number
     connection.outstanding[header.number] = delivery
@@ -115,12 +116,12 @@ def _route_multi_query(
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
     collector = Collector(connection, header.number, original.id, wanted, header.origin)
     connection.outstanding[header.number] = collector
-    for copy, _ in for_each:
-        collector.pending[copy.id] = copy
+    for copy, resource in for_each:
+        collector.pending[copy.id], collector.asked[copy.id] = copy, resource.module
         central.collectors[copy.id] = collector
     for copy, resource in for_each:
         if central.dispatcher.is_full(message, resource):
-            fail_delivery(central, copy, Failure(OVERLOAD, "too many messages wait for its handler"))
+            fail_delivery(central, copy, Failure(OVERLOAD, why_full(message, resource)))
         else:
             central.dispatcher.route(copy, resource)
     if header.blocking and header.number in connection.outstanding:
@@ -209,9 +210,14 @@ ROUTES = {
 # --- handlers return -------------------------------------------------------------------------------------------------
 
 
-def _attended(central: State, connection: Connection, delivery_id: int) -> Delivery:
+def _attended(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
+    """What a handler answers; None if that is too late, and it has been told so."""
     delivery = central.dispatcher.attended.get(delivery_id)
     if delivery is None or delivery.slot is not connection:
+        if late := connection.late.pop(delivery_id, ""):
+            central.facts.append(facts.Ignored(connection.module.name, late))
+            central.tell(connection, headers.Refused(0, Refusal.TOO_LATE, late))
+            return None
         text = (
             f"module '{connection.module.name}' answers delivery {delivery_id}, which it was not given or has answered"
         )
@@ -222,6 +228,8 @@ def _attended(central: State, connection: Connection, delivery_id: int) -> Deliv
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
     """A handler returned."""
     delivery = _attended(central, connection, header.delivery)
+    if delivery is None:
+        return
     central.facts.append(facts.Returned(delivery.given_as, Outcome.DONE, body))
     central.dispatcher.complete(delivery)
     happened(central, delivery, RETURNED | SUCCESS)
@@ -245,6 +253,8 @@ def on_reply(central: State, connection: Connection, header: headers.Reply, body
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
     """A handler failed."""
     delivery = _attended(central, connection, header.delivery)
+    if delivery is None:
+        return
     is_exception = isinstance(delivery, Task) and delivery.role is Role.EXCEPTION
     if header.reissue and not is_exception:
         raise RequestError(
@@ -303,12 +313,15 @@ def _answer_query(central: State, delivery: Delivery, answer: Answer, body: byte
 
 def _collect(central: State, collector: Collector, delivery: Delivery, answer: Answer, body: bytes) -> None:
     del collector.pending[delivery.id]
+    module = collector.asked.pop(delivery.id)
     if answer.outcome is Outcome.DONE and collector.wanted:
         collector.wanted -= 1
         collector.end = Answer(collector.number), b""
         central.tell(collector.connection, Answer(collector.number, more=True), body)
-    elif collector.end is None:  # until somebody replies, the first failure tells why nobody has
-        collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
+    else:
+        collector.failures.append(f"'{module}' failed ({summary(answer.failure, answer.text)})")
+        if collector.end is None:  # until somebody replies it ends with the first failure
+            collector.end = Answer(collector.number, answer.outcome, answer.failure, answer.text), body
     _end_if_complete(central, collector)
 
 
@@ -316,7 +329,9 @@ def _end_if_complete(central: State, collector: Collector) -> None:
     is_complete = not collector.wanted or not collector.pending
     if is_complete and collector.connection.outstanding.pop(collector.number, None) is not None:
         central.facts.append(facts.Answered(collector.id))
-        answer, body = collector.end or (Answer(collector.number), b"")
+        answer, body = Answer(collector.number), b""
+        if collector.end is not None and collector.end[0].outcome is not Outcome.DONE:
+            answer, body = end_of(central, collector, collector.number)
         central.send(collector.connection, collector.number, answer, body)
 
 

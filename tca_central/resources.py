@@ -5,7 +5,9 @@ number of messages delivered and not yet completed, not the length of a queue).
 
 Theory of operation. Messages and claims (requests to lock or reserve) wait in one order: higher priority first, then
 arrival. A claim whose turn has come holds back all behind it until nobody is in the resource; then it is granted. While
-a lock is held nobody is let in, while a reservation is, only what its owner sends.
+a lock is held nobody is let in, while a reservation is, only what its owner sends. Where a program runs in several
+copies, each has its slots and its queue; a claim is for all of them, waits in each queue, and is granted when its turn
+has come in each and nobody is in any.
 """
 
 import heapq
@@ -125,6 +127,7 @@ class Resource(Generic[S, Q]):
     def __init__(self, module: str, name: str) -> None:
         self.module = module
         self.name = name
+        self.copies: list[Resource[S, Q]] = [self]  #: it, and the same resource of other copies of its module; one list
         self.slots: dict[S, None] = {}
         self.held_by: Claim[S] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S], None] = {}  #: those that wait, oldest first
@@ -221,6 +224,11 @@ class Resource(Generic[S, Q]):
         """The messages that wait, in no particular order."""
         return (one for one in self._queue if not isinstance(one, Claim))
 
+    def first_message(self) -> Q | None:
+        """A message that waits before the others, whatever claims do."""
+        self._queue.first()  # takes away what is void before it
+        return next(self.queued(), None)
+
     def in_line(self) -> list[Q | Claim[S]]:
         """Messages and claims that wait, in their order."""
         return sorted(self._queue, key=lambda one: (-one.priority, one.arrival))
@@ -228,7 +236,7 @@ class Resource(Generic[S, Q]):
     def next_queued(self) -> Q | Claim[S] | None:
         """Who may have what is free, if anybody may: a message, or a claim that is to be granted now."""
         first = self._first_in_line()
-        if isinstance(first, Claim) and not self.is_idle_but_for(first.slot):
+        if isinstance(first, Claim) and not self._may_have(first):
             return None
         return first
 
@@ -236,40 +244,72 @@ class Resource(Generic[S, Q]):
         """Whose turn is next of those that the lock or reservation in force, if any, does not keep out."""
         if self.held_by is None:
             return self._queue.first()
-        mine = (self._sent_by or {}).get(self.held_by.owner) if self.held_by.admits_owner else None
+        if not self.held_by.admits_owner:
+            return None
+        if self._sent_by is None:
+            self._sent_by = {}
+            for one in self.queued():
+                self._sort_in(self._sent_by, one)
+        mine = self._sent_by.get(self.held_by.owner)
         return mine.first() if mine is not None else None
 
     # --- claims ----------------------------------------------------------------------------------------------------
 
-    def is_idle_but_for(self, slot: S) -> bool:
-        """Whether nobody is in the resource, or only that slot."""
-        busy = len(self.slots) - len(self._free)
-        return not busy or (busy == 1 and slot in self.slots and slot not in self._free)
+    def join(self, other: "Resource[S, Q]") -> None:
+        """It is another copy's: who has that one for himself, or wants it, does so with this one."""
+        self.copies = other.copies
+        self.copies.append(self)
+        self.held_by = other.held_by
+        for claim in other.claims:
+            self._wait(claim)
+
+    def part(self) -> "Resource[S, Q] | None":
+        """Its copy has gone; another one, if there is one, which goes on with the claims."""
+        self.copies.remove(self)
+        if not self.copies:
+            self.copies = [self]
+            return None
+        newest, self.copies = self.copies[-1], [self]
+        for claim in (*newest.claims, newest.held_by):
+            if claim is not None and claim.resource is self:
+                claim.resource = newest
+        self.held_by, self.claims, self._queue = None, {}, Queue()  # messages wait here no longer
+        return newest
+
+    def _may_have(self, claim: Claim[S]) -> bool:
+        """Whether it is a claim's turn here and in all copies, with nobody in them but who asks."""
+        if any(one._first_in_line() is not claim for one in self.copies):  # noqa: SLF001 - its copies
+            return False
+        inside = [slot for one in self.copies for slot in one.slots if not one.is_free(slot)]
+        return not inside or inside == [claim.slot]
 
     def add_claim(self, claim: Claim[S]) -> None:
         """Somebody wants the resource. Who is in it goes first: it will not be idle before he has returned."""
-        if claim.slot in self.slots and claim.slot not in self._free:
+        if any(claim.slot in one.slots and not one.is_free(claim.slot) for one in self.copies):
             claim.priority = INSIDE
+        for one in self.copies:
+            one._wait(claim)  # noqa: SLF001
+
+    def _wait(self, claim: Claim[S]) -> None:
         self.claims[claim] = None
         self._queue.put(claim)
 
     def end_claim(self, claim: Claim[S]) -> None:
         """Somebody wants the resource no more."""
-        if self.held_by is claim:
-            self.held_by = None
-        else:
-            self._leave_queue(claim)
+        if self.held_by is not claim:
+            self._leave_queues(claim)
+            return
+        for one in self.copies:
+            one.held_by = None
 
     def grant(self, claim: Claim[S]) -> None:
         """Nobody else gets in from now on."""
-        self._leave_queue(claim)
-        self.held_by = claim
-        if claim.admits_owner and self._sent_by is None:
-            self._sent_by = {}
-            for one in self.queued():
-                self._sort_in(self._sent_by, one)
+        self._leave_queues(claim)
+        for one in self.copies:
+            one.held_by = claim
 
-    def _leave_queue(self, claim: Claim[S]) -> None:
-        del self.claims[claim]
+    def _leave_queues(self, claim: Claim[S]) -> None:
         claim.ticket += 1
-        self._queue.left()
+        for one in self.copies:
+            del one.claims[claim]
+            one._queue.left()  # noqa: SLF001

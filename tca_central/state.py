@@ -22,12 +22,14 @@ from tca_wire.vocabulary import MessageClass, Outcome
 class Collector:
     """A multi-query under way: how many replies are wanted still, and from which deliveries."""
 
-    __slots__ = ("connection", "end", "id", "number", "origin", "pending", "wanted")
+    __slots__ = ("asked", "connection", "end", "failures", "id", "number", "origin", "pending", "wanted")
 
     def __init__(self, connection: Connection, number: int, message_id: int, wanted: int, origin: int) -> None:
         self.connection, self.number, self.id, self.wanted = connection, number, message_id, wanted
         self.origin = origin  #: the delivery whose handler asks (0: none)
         self.pending: dict[int, Delivery] = {}
+        self.asked: dict[int, str] = {}  #: by delivery: the module that got it
+        self.failures: list[str] = []  #: who has failed, and with what
         self.end: tuple[Answer, bytes] | None = None  #: what it ends with, once a reply or a failure has come
 
 
@@ -76,6 +78,12 @@ def is_own(delivery: Delivery) -> bool:
     return sender.resource is slot.resource and delivery.message.message_class.has_reply
 
 
+def cancelled(delivery: Delivery) -> headers.Cancelled:
+    """What tells the handler of a task that was killed, or is to be handled again, to end."""
+    killed = delivery.killed if isinstance(delivery, Task) else ""
+    return headers.Cancelled(delivery.given_as, killed or "it is to be handled again")
+
+
 def deliver(delivery: Delivery) -> headers.Deliver:
     """The header by which a handler gets a delivery."""
     context = delivery.context.header if delivery.context is not None else None
@@ -105,8 +113,9 @@ class State:
         )  #: what may have begun to wait for itself
         self.blocked: dict[Connection, None] = {}  #: connections that do nothing until they are answered
         self.look_after = 0.25  #: seconds after which they are looked at again (0: nobody looks for deadlocks)
-        self.look_effort = 1  #: how many times longer than usual that takes, and may
         self.next_look: Timer | None = None
+        self.scan: Any = None  #: a look that goes on then (deadlocks.py)
+        self.has_closed = False  #: something has happened since it began that may have closed a circle
         self.dispatcher = Dispatcher(self.facts, self.deliver, self.suspects, self.clock)
         self.variables = Variables()
         self.claims: dict[tuple[Connection, int], Claim[Connection]] = {}  #: by who asked, and the request's number
@@ -206,7 +215,7 @@ class State:
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
         """A handler that runs is told to clean up and return; its coroutine awaits nothing any more."""
         self.unblock_coroutine(slot, delivery.given_as)
-        self.tell(slot, headers.Cancelled(delivery.given_as))
+        self.tell(slot, cancelled(delivery))
 
     def tell(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is no final answer."""

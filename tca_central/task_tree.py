@@ -76,7 +76,7 @@ class Task(Delivery):
         self.suspended = False
         self.again = False  #: is to be handled once more, when all under it has ended
         self.returned = False  #: its handler has returned, or will never be called
-        self.killed = ""  #: why it was killed
+        self.killed = ""  #: why it was killed, and by whom
         self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
         self.is_dealt_with = False  #: an exception handler took care of that failure
         self.result = b""  #: what its handler returned
@@ -172,6 +172,7 @@ class TaskTree:
         self.root.reached = STARTS
         self.tasks: dict[int, Task] = {}
         self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
+        self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
         self.top_of_module: dict[str, dict[int, Task]] = {}  #: living top-level tasks per sending module, oldest first
@@ -219,6 +220,8 @@ class TaskTree:
         """Take an ended task out."""
         del self.tasks[task.id]
         self.suspended.pop(task.id, None)
+        if task in self.across:
+            del self.across[task]
         parent = task.parent
         if parent is self.root and not is_aside(task):
             self._detach_top(task, _sender(task))

@@ -1,12 +1,16 @@
 """What messages, tasks and handlers wait for, in words: for those who give up, and for ``tca top``. Changes nothing."""
 
+from tca_central import dispatcher
 from tca_central.holds import is_held
-from tca_central.registry import Connection, Delivery, ModuleResource
+from tca_central.registry import Connection, Delivery, MessageType, ModuleResource
 from tca_central.resources import Claim, Resource
 from tca_central.state import Collector, State
 from tca_central.task_tree import Task
+from tca_wire.headers import Answer
 from tca_wire.points import Moment, describe_moments
+from tca_wire.vocabulary import Outcome
 
+_NAMED, _SUMMARY = 20, 200  # of those that did not answer so many are told; of the text of each so many characters
 _BEGINNINGS = (int(Moment.START_HANDLING), int(Moment.START_PLANNING), int(Moment.START_ACHIEVING))
 
 
@@ -39,6 +43,52 @@ def why_not_reached(central: State, task: Task) -> str:
     return f"{named(child)} under it{more} had not ended"
 
 
+def end_of(central: State, collector: Collector, number: int) -> tuple[Answer, bytes]:
+    """With what a multi-query ends now: done, or where nobody has replied the first failure, and in its text all others
+    and who had not answered.
+    """
+    answer, body = collector.end or (Answer(number), b"")
+    text = why_not_replied(central, collector)
+    if answer.outcome is Outcome.DONE:
+        return Answer(number, text=text), b""
+    trace = answer.text.partition("\n")[2]
+    return Answer(number, answer.outcome, answer.failure, f"{text}\n{trace}" if trace else text), body
+
+
+def why_not_replied(central: State, collector: Collector) -> str:
+    """Who was asked by a multi-query and has not replied, and why; "" if all have."""
+    late = [why_unanswered(central, copy) for copy in collector.pending.values()]
+    who = [*collector.failures, *filter(None, late)]
+    if not who:
+        return ""
+    more = [f"and {len(who) - _NAMED} more"] if len(who) > _NAMED else []
+    has_replies = collector.end is not None and collector.end[0].outcome is Outcome.DONE
+    begin = "" if has_replies else "nobody replied: "
+    return begin + "; ".join(who[:_NAMED] + more)
+
+
+def summary(failure: str, text: str) -> str:
+    """A failure and the first line of its text."""
+    first = text.partition("\n")[0][:_SUMMARY]
+    return f"{failure}: {first}" if first else failure
+
+
+def why_full(message: MessageType, *targets: ModuleResource) -> str:
+    """Why no more messages of a type (for these *targets* only) are let into a queue: of which resource, and what fills
+    it; for queries, informs and broadcasts that are refused or dropped.
+    """
+    if not targets and not message.handlers:
+        first, number = next(iter(message.waiting.values()), None), len(message.waiting)
+        told, end = [f"nobody handles '{message.name}', and {number} wait already"], "no more are let in"
+    else:
+        resource, *others = targets or tuple(message.candidates())
+        first, number, end = resource.first_message(), resource.waiting, "only tasks are let in"
+        told = [f"{number} messages wait for {_place(resource)} already", kept_busy(resource, is_now=True)]
+        told += [f"and {len(others)} more that handle '{message.name}' are as full"] if others else []
+    told += [f"{named(first)} first in line"] if first is not None else []
+    return f"{', '.join(told)}; from {dispatcher.QUEUE_LIMIT} on {end}"
+
+
 def _why_queued(delivery: Delivery) -> str:
     if delivery.queues is None:
         return ""
@@ -46,22 +96,36 @@ def _why_queued(delivery: Delivery) -> str:
         return "nobody handled it"
     resource, *others = delivery.queues
     more = f" (or {len(others)} more)" if others else ""
-    return f"it waited for {_place(resource)}{more}, {kept_busy(resource)}"
+    claim = _ahead(resource, delivery)
+    return f"it waited for {_place(resource)}{more}, {_wanted(claim) if claim else kept_busy(resource)}"
 
 
-def kept_busy(resource: Resource[Connection, Delivery]) -> str:
-    """What keeps others out of a resource: ``busy with 'plan' {4}``."""
+def _ahead(resource: ModuleResource, delivery: Delivery) -> Claim[Connection] | None:
+    """The claim that is before a message in line, where nobody has the resource."""
+    if resource.held_by is not None:
+        return None
+    key = -delivery.priority, delivery.arrival
+    ahead = [claim for claim in resource.claims if (-claim.priority, claim.arrival) < key]
+    return min(ahead, key=lambda claim: (-claim.priority, claim.arrival), default=None)
+
+
+def _wanted(claim: Claim[Connection], *, is_now: bool = False) -> str:
+    return f"which module '{claim.slot.module.name}' {'waits' if is_now else 'waited'} to have for itself"
+
+
+def kept_busy(resource: Resource[Connection, Delivery], *, is_now: bool = False) -> str:
+    """What kept others out of a resource, or does now: ``busy with 'plan' {4}``."""
     if (claim := resource.held_by) is not None:
         kind = "reserved" if claim.admits_owner else "locked"
-        return f"which module '{claim.slot.module.name}' had {kind}"
+        return f"which module '{claim.slot.module.name}' {'has' if is_now else 'had'} {kind}"
     inside = next((one for slot in resource.slots for one in slot.handling), None)
     if inside is not None:
         taken = sum(bool(slot.handling) for slot in resource.slots) if resource.capacity > 1 else 1
         return f"busy with {named(inside)}" + (f" (and {taken - 1} more)" if taken > 1 else "")
     claim = next(iter(resource.claims), None)
     if claim is not None:
-        return f"which module '{claim.slot.module.name}' waited to have for itself"
-    return "which was not ready"
+        return _wanted(claim, is_now=is_now)
+    return "which is not ready" if is_now else "which was not ready"
 
 
 def _place(resource: ModuleResource | None) -> str:

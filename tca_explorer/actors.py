@@ -42,8 +42,10 @@ class Actor:
         self.number = Number(0)  #: of what it has just asked
         self.late_at: float | None = None  #: when it waits no longer
         self.is_told = False  #: that its task was killed
-        self.was_told = False  #: the same, when it last got something
+        self.is_ending = False  #: its module leaves
+        self.was_told = False  #: one of these, when it last got something
         self.knows = False  #: that its task was killed: it has read that, or was woken
+        self.knows_end = False  #: the same of its module's end
         self.suspended: tuple[bool, ...] = (False,)  #: what it has been told of that since it last got something
 
     @property
@@ -59,14 +61,33 @@ class Actor:
     def may_take(self, branch: Branch) -> bool:
         """Whether *branch* reads of a kill, and of its suspension, only what it can have been told."""
         read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
-        if not ((self.is_told or 1 not in read) and (not self.was_told or 0 not in read)):
+        if not ((self.is_told or self.is_ending or 1 not in read) and (not self.was_told or 0 not in read)):
             return False
         return all(bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED)
 
     def is_woken_from(self, request: Request) -> bool:
-        """Whether it waits no longer for an answer because its task was killed: once, as Connection.wait has it."""
-        is_answered = bool(request.unread) and not request.unread[0].is_void
-        return self.is_told and not self.knows and not is_answered and waits_for_others(request)
+        """Whether it waits no longer for an answer because its task was killed, or its module ends: once for each, as
+        Connection.wait has it.
+        """
+        if not waits_for_others(request):
+            return False
+        if self._is_woken_by_kill:
+            return not request.unread or request.unread[0].is_void
+        return self.is_ending and not self.knows_end and not request.unread
+
+    @property
+    def _is_woken_by_kill(self) -> bool:
+        return self.is_told and not self.knows
+
+    def learn(self) -> None:
+        """It knows all by now."""
+        self.knows, self.knows_end = self.is_told, self.is_ending
+
+    def be_told(self, *, module_ends: bool = False) -> None:
+        """It is to end: its task was killed, or its module ends."""
+        self.is_told, self.is_ending = self.is_told or not module_ends, self.is_ending or module_ends
+        if self.suspended[-1]:  # it is to end, not to hold
+            self.suspended = (*self.suspended, False)
 
     def ask(self, request: Request) -> None:
         """It has made a request."""
@@ -80,8 +101,9 @@ class Actor:
         request = self.requests[place]
         if self.is_woken_from(request):
             answer = request.unread.popleft() if request.unread else Got(self.step.kind)
-            self.knows = True
-            self.get(replace(answer, is_woken=True))
+            answer = replace(answer, is_woken=True, module_ends=not self._is_woken_by_kill)
+            self.learn()
+            self.get(answer)
         else:
             self.get(request.unread.popleft())
         if request.is_over and not request.unread and not isinstance(request.header, Lock):  # one can be given back
@@ -89,14 +111,15 @@ class Actor:
 
     def lives(self, *got: Got) -> None:
         """That is part of its life now."""
-        self.knows = self.knows or any(one.kind == CANCELLED and one.choice for one in got)
+        if any(one.kind == CANCELLED and one.choice for one in got):
+            self.learn()
         self.life = self.program.live(self.life, *got)
 
     def get(self, got: Got) -> None:
         """Something came back for its step."""
         self.lives(got)
         self.step, self.number, self.late_at = None, Number(0), None
-        self.was_told = self.is_told
+        self.was_told = self.is_told or self.is_ending
         self.suspended = self.suspended[-1:]
 
     def real(self, name: int) -> TaskId:

@@ -21,6 +21,7 @@ from tca_wire import headers
 from tca_wire.controls import Monitor
 from tca_wire.facts import Fact, Ignored, RequestRefused
 from tca_wire.facts import Received as Birth
+from tca_wire.failures import MODULE_LOST
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 
@@ -100,7 +101,7 @@ class Exchange:
                 actor.step = step
                 self._await(line, actor, step)
             elif isinstance(step, Know):
-                actor.knows = actor.is_told
+                actor.learn()
                 actor.get(Got(step.kind))
             elif isinstance(step, Return) and not actor.delivery:
                 line.stack.pop()
@@ -164,12 +165,20 @@ class Exchange:
     def _return(self, line: Line, actor: Actor, step: Return) -> None:
         line.stack.pop()
         if actor.delivery:
-            self.receive(line.name, headers.Reply(actor.delivery), step.body)
+            self._reply(line, actor, step.body)
+
+    def _reply(self, line: Line, actor: Actor, body: bytes) -> None:
+        """A handler returned: see Slot of tca_module. One that knew that its module ends may have done half of it."""
+        if actor.knows_end and not actor.is_told:
+            self.receive(line.name, headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"))
+        else:
+            self.receive(line.name, headers.Reply(actor.delivery), body)
 
     def _fail(self, line: Line, actor: Actor, step: Fail) -> None:
         line.stack.pop()
-        if actor.delivery and actor.is_told and step.was_killed:
-            self.receive(line.name, headers.Reply(actor.delivery), NIL)
+        if actor.delivery and step.was_killed and (actor.is_told or actor.is_ending):
+            actor.learn()
+            self._reply(line, actor, NIL)
         elif actor.delivery:
             header = headers.Fail(actor.delivery, step.failure, step.text, list(step.kinds), step.reissue)
             self.receive(line.name, header, step.body)
@@ -189,6 +198,8 @@ class Exchange:
             context = replace(context, text=without_ids(text))
         actor.life = program.beginning(Given(body, bool(header.task), context))
         actor.suspended = (header.suspended,)
+        if line.run.is_leaving:
+            actor.be_told(module_ends=True)
         line.delivered.append(actor)
 
     def _get_accepted(self, line: Line, header: headers.Accepted, _: bytes) -> None:
@@ -225,9 +236,7 @@ class Exchange:
     def _get_cancelled(self, line: Line, header: headers.Cancelled, _: bytes) -> None:
         for actor in line.actors:
             if actor.delivery == header.delivery:
-                actor.is_told = True
-                if actor.suspended[-1]:  # it is to end, not to hold
-                    actor.suspended = (*actor.suspended, False)
+                actor.be_told()
 
     def _get_taken(self, line: Line, header: headers.Taken, _: bytes) -> None:
         for actor in line.actors:

@@ -33,7 +33,7 @@ IGNORED = {
         "epoch",  # the same for all
         "events",  # numbers the journal's entries
         "facts", "failed", "messages",  # empty between events
-        "suspects", "blocked", "look_after", "look_effort", "next_look",  # nobody looks: see Play
+        "suspects", "blocked", "look_after", "next_look", "scan", "has_closed",  # nobody looks: see Play
         "outcomes", "outcome_bytes", "forgotten",  # only of tasks that a script can ask for: see _add_outcomes
         "attached", "taps",  # met where they are attached
         "asked", "watches",  # met as the conditions of monitors, and at their tasks
@@ -41,6 +41,7 @@ IGNORED = {
     "TaskTree": {
         "newest", "tasks",  # ids are only names; all tasks are met as children
         "suspended",  # for people
+        "across",  # says no more than the constraints
     },
     "Holds": {
         "ending",  # empty between events
@@ -51,7 +52,7 @@ IGNORED = {
         "_names",
     },
     "Connection": {
-        "id", "session", "answers", "last_number", "orphans",  # addresses; scripts repeat nothing
+        "id", "session", "answers", "last_number", "orphans", "late",  # addresses; scripts repeat nothing
         "handling", "waits", "pauses", "taken",  # met as what is handled and asked
     },
     "MessageType": {
@@ -66,7 +67,6 @@ IGNORED = {
     },
     "Task": {"parent"},  # met as a child of it
     "Rare": {"void_followers"},  # when to look through them
-    "Ending": {"by"},  # for people
     "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
@@ -365,8 +365,8 @@ def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
 
 def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
     walk.add([has_begun, actor.program.name, actor.life.number, actor.delivery, actor.number, actor.step is None,
-              actor.is_told, actor.was_told, actor.knows, actor.suspended[-1], len(set(actor.suspended)),
-              *actor.known])  # fmt: skip
+              actor.is_told, actor.was_told, actor.knows, actor.is_ending, actor.knows_end, actor.suspended[-1],
+              len(set(actor.suspended)), *actor.known])  # fmt: skip
     for place, request in actor.requests.items():
         walk.add([place, request.number, request.is_over, list(request.unread)])
     walk.add_time(actor, actor.late_at)

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from tca_explorer.errors import ScenarioError
 from tca_explorer.steps import Ask, Await, GiveUp, Got, Hang, History, Know, Step
 from tca_module.connection import ACKNOWLEDGED_WITHIN
-from tca_module.errors import FormatRefused, Refused, TaskKilled
+from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
 from tca_module.replies import QUERY_TIMEOUT
 from tca_wire import headers
 from tca_wire.declarations import Message
@@ -65,6 +65,7 @@ class Asked:
         self.accepted: int | None = None
         self.taken = ""
         self.is_over = False
+        self.epoch = ""  #: central is never restarted here
         self._link = link
 
     @property
@@ -80,15 +81,17 @@ class Link:
     """One run of a script up to the end of what it has got."""
 
     def __init__(self, history: History, on_caught: Callable[[ScenarioError | None], NoReturn] | None = None) -> None:
-        attachments = SimpleNamespace(of=lambda _: None)  # central is never restarted here: nothing is kept for that
-        self.session = SimpleNamespace(epoch="explored", module="explored", attachments=attachments)
+        attachments = SimpleNamespace(
+            of=lambda _: None
+        )  # central is never restarted here: nothing is kept for that, no number marked
+        self.session = SimpleNamespace(epoch="", module="explored", attachments=attachments)
         self.silence = ""  #: of central, which is never silent
         self.stopped: Pause | Fork | None = None  #: where the run ended, or shall end
         self.error: ScenarioError | None = None  #: what can't be played
         self._on_caught = on_caught  #: called if the script never lets it end
         self._history = history
         self._at = 0
-        self._is_told = False  #: that its task was killed
+        self._is_told = False  #: that its task was killed, or its module ends
         self._requests = 0
         self._caught = 0  #: how often the script went on after its end
         self._declared: dict[str, Message[Any, Any]] = {}  #: since the last step
@@ -203,7 +206,8 @@ class Link:
         if got.answer is None and got.refusal is None:
             self.abandon(request)
         request.is_over = True
-        raise TaskKilled("its task", f"{what} is not waited for any more")
+        why = f"{what} is not waited for any more"
+        raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
 
     def tell(self) -> None:
         """The script gets an error, and knows by that of its kill."""
@@ -230,7 +234,7 @@ class Link:
         return not request.taken
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether the script has been told that its task was killed; once told, it stays so."""
+        """Whether the script has been told to end, by a kill or its module; once told, it stays so."""
         del delivery
         self._is_told = self._is_told or bool(self.decide(CANCELLED, ("not cancelled", "cancelled")))
         return self._is_told

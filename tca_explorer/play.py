@@ -239,6 +239,8 @@ class Play(Exchange):
         run = self.runs[action.name]
         run.is_leaving = True
         run.lines[0].clear()
+        for actor in (actor for line in run.lines for actor in line.actors):
+            actor.be_told(module_ends=True)
         self.receive(run.name, headers.Unregister(self.next_number(), []))
 
     def _say_goodbye(self, action: Action) -> None:

@@ -13,7 +13,7 @@ from tca_explorer.errors import ExplorerError, ScenarioError
 from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
 from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
 from tca_module.connection import Connection
-from tca_module.errors import LockLost, QueryFailed, Refused, TaskFailed, TaskKilled, Timeout, VariableNotSet
+from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.failing import Reissued, failed
 from tca_module.sender import Sender
 from tca_module.task import Task as ModuleTask
@@ -26,7 +26,7 @@ from tca_wire.vocabulary import Refusal
 
 T = TypeVar("T")
 
-_OF_THE_WORLD = (LockLost, QueryFailed, TaskFailed, TaskKilled, Timeout, VariableNotSet)
+_OF_THE_WORLD = (LockLost, QueryFailed, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet)
 """Errors that a handler need not catch: it fails with them. All others are mistakes of the script's author."""
 
 _BY_CHANCE = (Refusal.TOO_LATE, Refusal.UNKNOWN)
@@ -161,7 +161,7 @@ class Program:
             return Fail("", reissue=True)
         except _OF_THE_WORLD as error:
             header, body = failed(HERE, error)
-            was_killed = isinstance(error, TaskKilled)
+            was_killed = isinstance(error, TaskKilled | Stopped)
             return Fail(header.failure, str(error), body, tuple(header.kinds), was_killed=was_killed)
         except Refused as error:
             if error.refusal not in _BY_CHANCE:

@@ -88,7 +88,7 @@ class Fail(_Step, frozen=True):
     kinds: tuple[str, ...] = ()
     reissue: bool = False
     was_killed: bool = False
-    """With TaskKilled: if its own task was killed, too, that is no failure."""
+    """With TaskKilled or Stopped: if its own task was killed, too, that is no failure."""
 
 
 class Hang(_Step, frozen=True):
@@ -111,7 +111,9 @@ class Got(msgspec.Struct, frozen=True):
     is_late: bool = False
     """The time was over."""
     is_woken: bool = False
-    """It is not waited for any more: the task of whoever waits was killed."""
+    """It is not waited for any more: the task of whoever waits was killed, or its module ends."""
+    module_ends: bool = False
+    """The latter."""
     choice: int = 0
     words: str = ""
     """Of a choice: what was chosen."""

@@ -5,31 +5,25 @@ Its connections share one such list, and their threads use it at the same time. 
 
 import threading
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
+from tca_module.numbers import Given
 from tca_wire.headers import Attach, Tap
 from tca_wire.parts import MessageFormat
 from tca_wire.points import ROOT
 
 
-class Place(NamedTuple):
-    """Which central knows it, and under which number."""
-
-    epoch: str
-    number: int
-
-
 class Standing:
     """An exception handler or wiretap that was attached."""
 
-    __slots__ = ("formats", "header", "place")
+    __slots__ = ("formats", "header", "number")
 
-    def __init__(self, header: Attach | Tap, formats: Iterable[MessageFormat], place: Place) -> None:
+    def __init__(self, header: Attach | Tap, formats: Iterable[MessageFormat], number: Given) -> None:
         self.header = header  #: what attached it
         self.formats = tuple(formats)  #: of the messages that it names
-        self.place = place
+        self.number = number  #: under which a central knows it
 
     def __str__(self) -> str:
         header = self.header
@@ -54,7 +48,7 @@ class Attachments:
         self._wanted: dict[tuple[Any, ...], Standing] = {}
         self._unwanted: list[Standing] = []  #: another connection than the one that removed them may know them
 
-    def add(self, header: Attach | Tap, known: dict[str, MessageFormat], place: Place) -> None:
+    def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: Given) -> None:
         """Central has accepted it. As in central, the same wiretap is the one from before, and anything else that is
         attached alike takes the place of the one before, as the newest.
         """
@@ -62,10 +56,10 @@ class Attachments:
         with self._lock:
             before = self._wanted.get(key)
             if before is not None and isinstance(header, Tap) and before.header == header:
-                before.place = place
+                before.number = number
                 return
             self._wanted.pop(key, None)
-            self._wanted[key] = Standing(header, _formats(header, known), place)
+            self._wanted[key] = Standing(header, _formats(header, known), number)
 
     def of(self, header: Attach | Tap) -> Standing | None:
         """What a request has attached; None if to a task, or if it has been removed meanwhile."""
@@ -78,7 +72,7 @@ class Attachments:
         """
         with self._lock:
             wanted = list(self._wanted.values())
-        first = next((i for i, one in enumerate(wanted) if one.place.epoch != epoch), len(wanted))
+        first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
         return wanted[first:]
 
     def is_wanted(self, standing: Standing) -> bool:
@@ -92,7 +86,7 @@ class Attachments:
             key = _key(standing.header)
             if self._wanted.get(key) is standing:
                 del self._wanted[key]
-            if standing.place.epoch != epoch:
+            if standing.number.epoch != epoch:
                 self._unwanted.append(standing)
 
     def take_unwanted(self, epoch: str) -> list[Standing]:
@@ -100,8 +94,8 @@ class Attachments:
         if not self._unwanted:
             return []
         with self._lock:
-            unwanted = [one for one in self._unwanted if one.place.epoch == epoch]
-            self._unwanted = [one for one in self._unwanted if one.place.epoch != epoch]
+            unwanted = [one for one in self._unwanted if one.number.epoch == epoch]
+            self._unwanted = [one for one in self._unwanted if one.number.epoch != epoch]
         return unwanted
 
     def clear(self) -> None:

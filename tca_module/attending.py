@@ -20,13 +20,15 @@ ENDS = "its module ends"
 class Attendance:
     """That a delivery is handled, or about to be."""
 
-    __slots__ = ("delivery", "is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner")
+    __slots__ = ("delivery", "is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner",
+                 "why_killed")  # fmt: skip
 
     def __init__(self, owner: "Attending", delivery: int, *, is_suspended: bool = False) -> None:
         self.owner = owner
         self.delivery = delivery
         self.name = ""  #: what it handles, for people
         self.is_killed = False  #: its task; or the task is to be handled again, or forgotten
+        self.why_killed = ""  #: and by whom
         self.is_suspended = is_suspended  #: its task
         self.is_told_of_kill = False  #: the handler knows it
         self.is_told_of_end = False  #: the handler knows that the module ends
@@ -45,16 +47,25 @@ class Attending:
     def __bool__(self) -> bool:
         return bool(self._known)
 
+    def knows(self, one: Attendance | None) -> bool:
+        """Whether a handler is still at its delivery, and central has not forgotten that."""
+        return one is not None and self._known.get(one.delivery) is one
+
+    @property
+    def begun(self) -> list[int]:
+        """The deliveries whose handlers have begun, and that are not answered."""
+        return [delivery for delivery, one in self._known.items() if one.name]
+
     # --- what central says -----------------------------------------------------------------------------------------
 
     def came(self, delivery: int, *, is_suspended: bool) -> None:
         """A message is to be handled."""
         self._known[delivery] = Attendance(self, delivery, is_suspended=is_suspended)
 
-    def kill(self, delivery: int) -> None:
+    def kill(self, delivery: int, why: str = "") -> None:
         """The task of a delivery was killed, or is to be handled again."""
         if (one := self._known.get(delivery)) is not None:
-            one.is_killed = True
+            one.is_killed, one.why_killed = True, why
 
     def suspend(self, delivery: int, *, is_suspended: bool) -> None:
         """The task of a delivery was suspended or resumed."""
@@ -64,7 +75,7 @@ class Attending:
     def forget(self) -> None:
         """Central was restarted and knows nothing of them: a new one may use the same numbers again."""
         for delivery, one in self._known.items():
-            one.is_killed = delivery > 0
+            one.is_killed, one.why_killed = delivery > 0, "central was restarted and has forgotten it"
         self._known = {delivery: one for delivery, one in self._known.items() if delivery < 0}
 
     # --- handlers --------------------------------------------------------------------------------------------------
@@ -78,7 +89,7 @@ class Attending:
     def end(self, delivery: int) -> bool:
         """It has been handled; False if central has forgotten that delivery."""
         one = self._of(delivery)
-        if one is None or self._known.get(delivery) is not one:
+        if not self.knows(one):
             return False
         del self._known[delivery]
         return True
@@ -164,5 +175,6 @@ def at_work(one: Attendance | None) -> Iterator[None]:
 def woken(one: Attendance | None, why: str, module: str, what: str) -> TaskKilled | Stopped:
     """The error that wakes a handler or callback from the wait for *what*."""
     if why == KILLED and one is not None:
-        return TaskKilled(one.name, f"{what} is not waited for any more")
+        reason = f"{one.why_killed}; " if one.why_killed else ""
+        return TaskKilled(one.name, f"{reason}{what} is not waited for any more")
     return Stopped(f"module '{module}' ends: {what} is not waited for any more")

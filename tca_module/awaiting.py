@@ -11,13 +11,15 @@ that ends an await, the request is given up, and central knows that the handler 
 import asyncio
 import inspect
 from collections.abc import Collection, Coroutine, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary, WeakSet
 
 from tca_module.arguments import BRIEF
 from tca_module.attending import Attendance, at_work, working
 from tca_module.connection import Connection
+from tca_module.errors import CentralLost
+from tca_module.numbers import given
 from tca_module.request import Request
 from tca_wire.headers import AwaitAny
 
@@ -88,11 +90,19 @@ class Awaiting:
                 self._goes_on(handler)
             elif now - since >= BRIEF and session.is_welcome and self._told.get(handler) != session.breaks:
                 self._told[handler] = session.breaks
-                self._connection.post(AwaitAny(handler.delivery, list(standing)), b"")
+                self._tell(handler, standing)
 
     def _goes_on(self, handler: Attendance) -> None:
         if self._told.pop(handler, None) is not None:
-            self._connection.post(AwaitAny(handler.delivery, []), b"")
+            self._tell(handler, ())
+
+    def _tell(self, handler: Attendance, standing: _Standing) -> None:
+        """Say at which requests a handler stands; nothing of one that a restarted central has forgotten."""
+        session = self._connection.session
+        if session.attending.knows(handler):
+            delivery = given(handler.delivery, session.epoch, handler.name)
+            with suppress(CentralLost):  # it was restarted just now
+                self._connection.post(AwaitAny(delivery, list(standing)), b"")
 
     def _standing(self, handler: Attendance) -> _Standing:
         """The requests of which the next to be answered lets a handler go on; none if anything else may."""

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError
+from tca_module.failing import ORDINARY
 from tca_module.sender import Sender
 from tca_module.signatures import arguments_taken, is_async
 from tca_module.timers import Timers
@@ -178,7 +179,7 @@ class Callbacks:
     def _call(self, callback: Callback) -> None:
         try:
             callback.call()
-        except (Exception, SystemExit):  # noqa: BLE001 - its author reads the log
+        except ORDINARY:  # its author reads the log
             self._log.exception("%s failed", callback)
 
 

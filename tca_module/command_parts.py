@@ -53,11 +53,14 @@ def _in_one_line(error: Exception) -> str:
 def plain(value: Any) -> Any:
     """A value as JSON has it: bytes in base64, times as text, arrays as lists."""
     try:
-        return msgspec.to_builtins(
-            value, str_keys=True, enc_hook=lambda other: getattr(other, "tolist", other.__str__)()
-        )
+        return msgspec.to_builtins(value, str_keys=True, enc_hook=_plain_part)
     except (TypeError, ValueError, RecursionError):
         return str(value)
+
+
+def _plain_part(part: Any) -> Any:
+    """What msgspec does not know: numbers that know more than they are, arrays, and anything else as text."""
+    return int(part) if isinstance(part, int) else getattr(part, "tolist", part.__str__)()
 
 
 def as_json(value: Any) -> str:

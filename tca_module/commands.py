@@ -40,10 +40,10 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 @_question("status")
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
-    overview, tree = client.status("status"), client.status("tree")
+    overview, tree, load = client.status("status"), client.status("tree"), client.status("load")
     waiting = [
-        *_waiting_messages(client), *_waiting_modules(client), *_waiting_resources(client),
-        *_suspended_tasks(client, tree), *_killed_tasks(client, tree), *_held_tasks(tree),
+        *_waits(load), *_waiting_modules(client), *_suspended_tasks(load, tree), *_killed_tasks(load),
+        *_held_tasks(load, tree),
     ]  # fmt: skip
     counts = ((what, number) for what, number in overview.items() if what not in ("epoch", "newest id"))
     shown = [f"{number} {what.removesuffix('s') if number == 1 else what}" for what, number in counts]
@@ -195,10 +195,12 @@ def _handling(resource: dict[str, Any]) -> str:
     return "; ".join(filter(None, parts)) or "-"
 
 
-def _waiting_messages(client: Client) -> Iterator[list[str]]:
-    for message in client.status("messages"):
-        if message["waiting"]:
-            yield [f"{message['waiting']} of {message['class']} '{message['message']}'", "a module that handles it"]
+def _waits(load: dict[str, Any]) -> Iterator[list[str]]:
+    """What waits for a handler, a resource, a reply or a task, the longest first."""
+    for one in load["waits"]:
+        yield [one["what"], f"{one['for']}, {one['busy']}" if one["busy"] else one["for"]]
+    if (left := load["totals"]["waits"] - len(load["waits"])) > 0:
+        yield [f"{left} more", "see 'tca modules' and 'tca messages'"]
 
 
 def _waiting_modules(client: Client) -> Iterator[list[str]]:
@@ -208,25 +210,9 @@ def _waiting_modules(client: Client) -> Iterator[list[str]]:
                 yield [f"module '{module}'", f"a module that handles {message['class']} '{message['message']}'"]
 
 
-def _waiting_resources(client: Client) -> Iterator[list[str]]:
-    for module in client.status("modules"):
-        for resource in module["resources"]:
-            name = f"{module['module']}/{resource['resource']}"
-            for number, what in ((resource["waiting"], ""), (resource["claims"], " to lock or reserve")):
-                if number:
-                    yield [
-                        f"{number}{what or ' for'} resource '{name}'",
-                        f"the end of what has it: {_handling(resource)}",
-                    ]
-
-
-def _suspended_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+def _suspended_tasks(load: dict[str, Any], tree: list[dict[str, Any]]) -> Iterator[list[str]]:
     """The topmost suspended tasks: what is under them is, too."""
-    if not any(task["suspended"] for task in tree):
-        return
-    how = {
-        one["task"]: f"{by_whom(one['by'])} for {one['seconds']:.1f} s" for one in client.status("load")["suspended"]
-    }
+    how = {one["task"]: f"{by_whom(one['by'])} for {one['seconds']:.1f} s" for one in load["suspended"]}
     suspended = {task["task"] for task in tree if task["suspended"]}
     for task in tree:
         if task["task"] in suspended and task["parent"] not in suspended:
@@ -234,17 +220,21 @@ def _suspended_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[lis
             yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{since}"]
 
 
-def _killed_tasks(client: Client, tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+def _killed_tasks(load: dict[str, Any]) -> Iterator[list[str]]:
     """Those whose handlers still run: they were told to return."""
-    if any(task["killed"] and task["module"] for task in tree):
-        for killed in client.status("load")["killed"]:
-            awaited = f", which waits for {killed['for']}" if killed["for"] else ""
-            returns = f"its handler in '{killed['module']}' to return{awaited}"
-            yield [f"task {killed['what']}, killed: {killed['why']}"[:_LONGEST_VALUE], returns]
+    for killed in load["killed"]:
+        awaited = f", which waits for {killed['for']}" if killed["for"] else ""
+        returns = f"its handler in '{killed['module']}' to return{awaited}"
+        yield [f"task {killed['what']}, killed: {killed['why']}"[:_LONGEST_VALUE], returns]
 
 
-def _held_tasks(tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+def _held_tasks(load: dict[str, Any], tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    """What comes later: after which point, where that is told, and else which of its moments is held."""
+    until = {held["task"]: held["for"] for held in load["held"]}
     for task in tree:
+        if task["task"] in until:
+            yield [f"task {task['task']} '{task['message']}'", until[task["task"]]]
+            continue
         for moment, count in task["held"].items():
             constraints = f"{count} constraint{'s' * (count != 1)}"
             yield [f"task {task['task']} '{task['message']}'", f"{constraints} on its {moment}"]

@@ -16,8 +16,9 @@ from tca_module.arguments import check_message, check_timeout, name_of
 from tca_module.attending import KILLED, at_work, woken
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
-from tca_module.line import SEND_WAIT, Line
-from tca_module.request import Request, refers_to_tasks, waits_for_others
+from tca_module.line import SEND_WAIT, STALL, STEP, Line
+from tca_module.numbers import foreign, given_in
+from tca_module.request import Request, check_addressee, waits_for_others
 from tca_module.session import Session
 from tca_module.transport import Transport
 from tca_wire.declarations import Message
@@ -29,12 +30,6 @@ PATIENCE = 10.0
 
 ACKNOWLEDGED_WITHIN = 30.0
 """Seconds that central may take to accept or refuse a request while it does say other things."""
-
-STEP = 0.2
-"""Seconds at a time that a wait listens, so that stops are noticed."""
-
-STALL = 2.0
-"""Seconds that a turn of a wait never takes unless the process itself was stopped."""
 
 _LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
 _WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
@@ -140,16 +135,22 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """
         self.check_thread()
         with self._lock:
-            epoch = self.session.epoch
-            self.line.catch_up()
-            if self.session.epoch != epoch and refers_to_tasks(header):
-                msg = "central was restarted meanwhile and has forgotten its tasks: begin anew"
-                raise CentralLost(msg)
+            self._catch_up_for(header)
             if wants_answer and (asked := self.direct.ask(header, body)) is not None:
                 return asked
             request = self.session.request(header, body, wants_answer=wants_answer)
             self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
             return request
+
+    def _catch_up_for(self, header: ToCentral) -> None:
+        """Hear what central has said. Raises CentralLost if a header is for the one before."""
+        session, epoch = self.session, self.session.epoch
+        self.line.catch_up()
+        numbers = given_in(header)
+        if foreign(numbers, session.epoch) is not None:
+            with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
+                self.call(Register(0, []), "a word of central's")
+        check_addressee(header, numbers, epoch, session.epoch)
 
     def wait(
         self, request: Request, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
@@ -236,6 +237,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
             with contextlib.suppress(CentralLost):
                 self._wait(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)
+            request.answers += asked.answers  # a multi-query's may be a failure
             return asked.answers[-1][0].text if asked.answers else ""
 
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
@@ -265,7 +267,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Say something that has no answer. It is lost, counted and logged if central is not there."""
         self.check_thread()
         with self._lock:
-            self.line.catch_up()
+            self._catch_up_for(header)
             if self.direct.tell(header, body):
                 return
             dropped = self.session.dropped
@@ -358,9 +360,8 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         idle: Callable[[float], bool] | None = None,
     ) -> bool:  # fmt: skip
         session, since = self.session, self._clock()
-        deadline = _FOR_EVER if timeout is None else since + timeout
+        now, deadline = since, _FOR_EVER if timeout is None else since + timeout
         patience = self.patience if patience is None else patience
-        now = since
         while not is_over():
             if self.has_news:
                 self.take_news()

@@ -6,6 +6,7 @@ from tca_module.arguments import name_of
 from tca_module.connection import Connection
 from tca_module.errors import MisuseError
 from tca_module.failing import Reissued
+from tca_module.numbers import given
 from tca_module.task_handle import TaskHandle
 from tca_wire import parts
 from tca_wire.declarations import NOTHING, D, Message
@@ -88,13 +89,16 @@ class MonitorHandle(TaskHandle, Generic[D]):
             raise MisuseError(msg)
 
 
-def context_of(connection: Connection, delivery: Deliver) -> "Trouble | Heard | MonitorHandle[Any] | None":
-    """What a delivery is about."""
+def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | Heard | MonitorHandle[Any] | None":
+    """What a delivery is about: tasks of the central that has delivered it."""
+
+    def known(involved: parts.Involved) -> TaskId:
+        return given(involved.task, connection.session.epoch, f"task {involved.task} '{involved.message}'")
 
     def handle(involved: parts.Involved) -> TaskHandle | None:
         if not involved.task:
             return None
-        return TaskHandle(connection, involved.message, involved.task, delivery.delivery)
+        return TaskHandle(connection, involved.message, known(involved), origin)
 
     context = delivery.context
     if isinstance(context, parts.Trouble):
@@ -106,5 +110,5 @@ def context_of(connection: Connection, delivery: Deliver) -> "Trouble | Heard | 
         return Heard(context.condition, context.tapped.message, handle(context.tapped))
     if isinstance(context, parts.Watching):
         monitor = context.monitor
-        return MonitorHandle(connection, monitor.message, monitor.task, delivery.delivery, context.action)
+        return MonitorHandle(connection, monitor.message, known(monitor), origin, context.action)
     return None

@@ -149,7 +149,10 @@ class Control(Knowledge):
         watch, body = _watch_options(options), monitor.encode_data(data)
         connection = self._declare(monitor)
         is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
-        flags, constraints = self._ordering.place(is_goal=False, sequential=sequential) if is_task else (Flags.NONE, [])
+        flags, constraints = Flags.NONE, list[Constraint]()
+        if is_task:
+            epoch = connection.session.epoch
+            flags, constraints = self._ordering.place(epoch, is_goal=False, sequential=sequential)
         header = Send(
             0,
             monitor.name,

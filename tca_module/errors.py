@@ -55,6 +55,7 @@ class Deadlock(Refused):
 class CentralLost(TcaError):
     """Central does not answer, or was restarted. It may have heard what was asked of it, and goes on with that when it
     goes on itself: a goal, command or monitor is killed then, as soon as this program is heard again; all else is done.
+    Also raised of each call that names a task of a central before it was restarted.
     """
 
 
@@ -136,9 +137,9 @@ class TaskFailed(_Failed):
 
 
 class TaskKilled(TcaError):
-    """A goal or command was killed: ``why`` says by whom or why. If it is the handler's own, or is to be handled again,
-    what the handler waited for is not waited for any more, as ``why`` says; it may clean up, and wait for that. If it
-    then lets this pass, that is no failure.
+    """A goal or command was killed: ``why`` says why and by whom. If it is the handler's own, or is to be handled
+    again, what the handler waited for is not waited for any more, as ``why`` says; it may clean up, and wait for that.
+    If it then lets this pass, that is no failure.
     """
 
     def __init__(self, what: str, why: str) -> None:

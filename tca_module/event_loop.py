@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 
 from tca_module.attending import Attendance
 from tca_module.awaiting import Awaiting
-from tca_module.connection import STALL, STEP, Connection
+from tca_module.connection import Connection
+from tca_module.line import STALL, STEP
 from tca_module.request import Request
 from tca_wire.headers import Deliver
 
@@ -32,6 +33,7 @@ class EventLoop:
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
+        self._fatal: BaseException | None = None  #: what a handler let pass that is to end the module
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         selector = _Selector(files[0], self._has_news)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
@@ -52,16 +54,30 @@ class EventLoop:
         self._since = self._turned = self._loop.time()
         self._beat = self._loop.call_later(STEP, self._keep_alive)
         try:
-            return self._loop.run_until_complete(self.start(attendance, coroutine))
+            return self._run_until(self.start(attendance, coroutine))
         finally:
             self._beat.cancel()
+
+    def _run_until(self, future: asyncio.Future[T]) -> T:
+        """Raises also what a handler beside it lets pass: asyncio keeps that for whoever awaits it, and nobody does."""
+        try:
+            return self._loop.run_until_complete(future)
+        finally:
+            if self._fatal is not None:
+                raise self._fatal
 
     def start(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Let the coroutine of a handler run beside the one that is being run."""
         task = self._awaiting.begin(attendance, coroutine)
         self._handled[attendance] = task
-        task.add_done_callback(lambda _: self._handled.pop(attendance, None))
+        task.add_done_callback(partial(self._is_done, attendance))
         return task
+
+    def _is_done(self, attendance: Attendance, task: asyncio.Task[Any]) -> None:
+        self._handled.pop(attendance, None)
+        if not task.cancelled() and (error := task.exception()) is not None and not self._is_closing:
+            self._fatal = error
+            self._loop.stop()
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
         """Turn so long, but no longer than until central or one of *files* has something to read (transport.wait)."""
@@ -74,7 +90,7 @@ class EventLoop:
             except OSError:
                 ready[file] = False
                 self._end_wait()
-        self._loop.run_until_complete(idle)
+        self._run_until(idle)
         self._idle = None
         timer.cancel()
         for file in files:

@@ -22,6 +22,11 @@ class Reissued(Exception):
     """An exception handler cannot deal with its failure."""
 
 
+ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
+"""Errors of users' functions that concern these alone. What else they let pass (KeyboardInterrupt, the end of a test)
+ends their module.
+"""
+
 _NAMED = (
     (Misfit, BAD_DATA),
     (Deadlock, DEADLOCK),
@@ -38,8 +43,23 @@ def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     "handler error" besides: the handler could have caught it.
     """
     header, body = _failed(delivery, _sole(error))
-    text = header.text.encode(errors="backslashreplace").decode()  # texts of Python may be none: names of files, mostly
-    return msgspec.structs.replace(header, text=text), body
+    return msgspec.structs.replace(header, text=_printable(header.text)), body
+
+
+def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    """The same of one that is an error of the handler whatever its name."""
+    return Fail(delivery, HANDLER_ERROR, _printable(_describe(error))), b""
+
+
+def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    """What central is told of each message that was handled when an error ended its module."""
+    what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
+    return Fail(delivery, MODULE_LOST, _printable(f"its module was ended by {what}")), b""
+
+
+def _printable(text: str) -> str:
+    """Texts of Python may be none: names of files, mostly."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:

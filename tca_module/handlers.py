@@ -8,7 +8,7 @@ from typing import Any, Protocol, overload
 from tca_module.arguments import check_flags, checked_name, is_whole, name_of
 from tca_module.attending import is_void
 from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
-from tca_module.failing import Misfit, failed
+from tca_module.failing import ORDINARY, Misfit, failed, handler_error
 from tca_module.later import Later
 from tca_module.signatures import arguments_taken, is_async
 from tca_module.task import Task
@@ -129,17 +129,17 @@ class Handler:
         raise MisuseError(msg)
 
     def handle(self, task: Task, body: bytes) -> Answer:
-        """Call the function; what central is told of how it ended, or who will say it. Raises nothing."""
+        """Call the function; what central is told of how it ended, or who will say it. Raises what ends the module."""
         try:
             return self._answer(task, self.function(*self._given(task, body)))
-        except (Exception, SystemExit) as error:  # noqa: BLE001
+        except ORDINARY as error:
             return self._failed(task, error)
 
     async def handle_async(self, task: Task, body: bytes) -> Answer:
         """Call the coroutine function; otherwise like ``handle``."""
         try:
             return self._answer(task, await self.function(*self._given(task, body)))
-        except (Exception, SystemExit, asyncio.CancelledError) as error:  # noqa: BLE001
+        except ORDINARY as error:
             return self._failed(task, error)
 
     def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
@@ -166,4 +166,6 @@ class Handler:
         is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
         if is_told or (isinstance(error, Stopped) and is_void()):
             return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
+        if isinstance(error, asyncio.CancelledError) and not self.is_async:
+            return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran
         return failed(task.delivery, error)

@@ -12,6 +12,7 @@ from tca_module.arguments import (
     check_priority,
     check_seconds,
     check_text,
+    check_timeout,
     checked_name,
     is_brief,
     name_or_none,
@@ -28,6 +29,8 @@ from tca_wire.plain_data import PlainFormat
 X = TypeVar("X")
 
 _NO_DEFAULT: Any = object()
+_DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
+_WHY_WITHIN = 0.2  # seconds that central may take to say who is missing, when the time is over
 
 
 class Knowledge:
@@ -44,6 +47,14 @@ class Knowledge:
         parts = [part for one in messages if isinstance(one, Monitor) for part in one.parts if part is not None]
         self._connection().declare(*parts, *messages, within=within)
         return self._connection()  # which may have lost its central meanwhile
+
+    def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
+        """The same within the *timeout* of the wait that follows; what is left of that. Raises Timeout."""
+        if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
+            return timeout
+        began = self._connection().now()
+        connection = self._declare(*messages, within=max(timeout, _DECLARED_WITHIN))
+        return max(0.0, timeout - (connection.now() - began))
 
     # --- variables -------------------------------------------------------------------------------------------------
 
@@ -204,23 +215,32 @@ class Knowledge:
         Raises Timeout, naming those that nobody handles. A handler may leave again at any time; a goal, command or
         query then waits for the next.
         """
+        check_timeout(timeout)
+        try:
+            left = self._declare_within(timeout, *messages)
+        except Timeout:
+            why = self._connection().silence or "central had not heard of them yet"
+            raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {why}") from None
         connection = self._declare(*messages)
         request = connection.request(wait_until_handled(messages), wants_answer=True, is_awaited=True)
-        if not connection.wait(request, timeout, "the wait for handlers"):
+        if not connection.wait(request, left, "the wait for handlers"):
             connection.abandon(request)
             if silence := connection.silence:
                 raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {silence}")
-            missing = ", ".join(self._unhandled(messages))
-            msg = f"not handled within {timeout:g} s: {missing}; start the module that does, see 'tca messages'"
+            msg = f"{self._unhandled(messages, timeout)}; start the module that does, see 'tca messages'"
             raise Timeout(msg)
 
-    def _unhandled(self, messages: Iterable[Message[Any, Any]]) -> list[str]:
-        known = handlers_of(_ask(self._connection(), Ask(0, "messages"), "the question for messages"))
-        return [
-            f"{message.message_class} '{message.name}'"
-            for message in messages
-            if not any(handler.capacity for handler in known.get(message.name, ()))
-        ]
+    def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
+        named = {message.name: f"{message.message_class} '{message.name}'" for message in messages}
+        try:
+            answer = _ask(self._connection(), Ask(0, "messages"), "the question for messages", within=_WHY_WITHIN)
+        except Timeout:
+            return (
+                f"not all handled within {timeout:g} s: {', '.join(named.values())}; central did not say at once which"
+            )
+        known = handlers_of(answer)
+        missing = [name for name in named if not any(handler.capacity for handler in known.get(name, ()))]
+        return f"not handled within {timeout:g} s: {', '.join(named[name] for name in missing)}"
 
 
 _KINDS: dict[str, Any] = {
@@ -229,9 +249,11 @@ _KINDS: dict[str, Any] = {
 }
 
 
-def wait_until_handled(messages: Iterable[Message[Any, Any]]) -> WaitUntilHandled:
-    """The request that is answered when each of the messages is handled; central must know them."""
-    return WaitUntilHandled(0, [message.name for message in messages])
+def wait_until_handled(messages: Iterable[Message[Any, Any]], promised: Iterable[str] = ()) -> WaitUntilHandled:
+    """The request that is answered when each of the messages is handled; central must know them. *promised*: what the
+    sender handles from then on.
+    """
+    return WaitUntilHandled(0, [message.name for message in messages], list(promised))
 
 
 def _check_variable(call: str, variable: Any) -> None:
@@ -240,11 +262,13 @@ def _check_variable(call: str, variable: Any) -> None:
         raise MisuseError(msg)
 
 
-def _ask(connection: Connection, header: ToCentral, what: str, body: bytes = b"") -> bytes:
+def _ask(
+    connection: Connection, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN
+) -> bytes:
     """The body of central's answer, which waits for nobody else."""
     request = connection.request(header, body, wants_answer=True, is_awaited=True)
-    if not connection.wait(request, ACKNOWLEDGED_WITHIN, what):
+    if not connection.wait(request, within, what):
         connection.abandon(request)
-        msg = f"{what} was not answered within {ACKNOWLEDGED_WITHIN:g} s, though central is alive: it is overloaded"
+        msg = f"{what} was not answered within {within:g} s, though central is alive: it is overloaded"
         raise Timeout(msg)
     return request.answers[-1][1]

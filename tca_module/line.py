@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from tca_module.direct import Direct
 from tca_module.errors import CentralLost
+from tca_module.reach import is_anybody_there
 from tca_module.session import QUIET, Session
 from tca_module.transport import Transport
 from tca_wire.codec import packets, unpack_to_module
@@ -12,6 +13,12 @@ from tca_wire.errors import ProtocolError
 
 SEND_WAIT = 1.0
 """Seconds that a send waits for central to take the packet."""
+
+STEP = 0.2
+"""Seconds at a time that a wait listens, so that stops are noticed."""
+
+STALL = 2.0
+"""Seconds that a turn of a wait never takes unless the process itself was stopped."""
 
 
 class Line:
@@ -35,9 +42,16 @@ class Line:
 
     def lost(self) -> CentralLost:
         """The error that says that central does not answer."""
-        msg = f"central at {self._transport.address} does not answer: start it with 'tca central', or set $TCA_CENTRAL \
-to where it listens"
-        return CentralLost(msg)
+        return CentralLost(f"central at {self._transport.address} does not answer: {self.what_to_do()}")
+
+    def what_to_do(self) -> str:
+        """What to do about a central that does not answer. Takes a moment."""
+        if is_anybody_there(self._transport.address):
+            return (
+                "it is there, but its process stands still (SIGSTOP, a paused container: let it go on) or is busy for \
+very long; or no central listens there, but another program"
+            )
+        return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
 
     def catch_up(self) -> None:
         """Take in what has arrived already; a caller that never waits learns that it was cut off, and comes back."""

@@ -22,15 +22,15 @@ from tca_module.attachments import Attachments
 from tca_module.callbacks import Callback, Callbacks, HasFileno
 from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.connection import PATIENCE, Connection
-from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped, TcaError
+from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
 from tca_module.handlers import Declare, DeclareWithoutData, Handler
+from tca_module.keeper import TEND_PERIOD, Keeper
 from tca_module.knowledge import wait_until_handled
 from tca_module.sender import Sender
 from tca_module.slot import Slot
 from tca_module.slots import CALLBACKS, Slots
 from tca_wire.declarations import D, Message, R
 
-_TEND_PERIOD = 0.5
 _WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 
 F = TypeVar("F", bound=Callable[[Callback], object] | Callable[[], object])
@@ -72,8 +72,7 @@ class Module(Sender):
         self._link: Connection | None = None
         self._slots = Slots(name)
         self._stop = threading.Event()
-        self._keeper: threading.Thread | None = None
-        self._error: TcaError | None = None  # what ended it before its time
+        self._keeper: Keeper | None = None
         self._log = logging.getLogger(f"tca.{name}")
 
     def __repr__(self) -> str:
@@ -222,6 +221,10 @@ class Module(Sender):
     def running(self, *, patience: float = PATIENCE, reconnect: bool = True) -> Iterator["Module"]:
         """Handle messages in the background for as long as the block lasts. Handlers that run at its end, or when an
         error leaves it, are told as those of ``run``. Raises what ``run`` does.
+
+        The module may end before: by ``stop``, which see, or by what a handler lets pass that is no Exception, such as
+        KeyboardInterrupt or the end of a test. The log says that at once, and the end of the block raises it, also in
+        place of an Exception that leaves the block. (SystemExit and asyncio.CancelledError are handler errors.)
         """
         self._prepare()
         try:
@@ -231,12 +234,18 @@ class Module(Sender):
         try:
             yield self
         except BaseException as error:
-            self._leave(error)
+            self._end_with(error)
             raise
         self._end()
 
     def stop(self) -> None:
-        """Let ``run`` end; may be called from any thread."""
+        """Have the module end: ``run`` returns. May be called from any thread.
+
+        In a ``running`` block, which goes on, the handlers are gone at once: those that run are told as at its end, and
+        messages go to the modules that handled them before. Nothing is called by ``every``, ``after`` or
+        ``on_readable`` any more. The block can still send (``module.goal(...)``), as a program that handles nothing. To
+        begin again it must be left first.
+        """
         self._stop.set()
 
     @property
@@ -250,6 +259,8 @@ class Module(Sender):
     def _prepare(self) -> None:
         if self._link is not None:
             msg = f"module '{self.name}' runs already"
+            if self._stop.is_set():
+                msg = f"module '{self.name}' ends: it can begin again when its 'with module.running():' has been left"
             raise MisuseError(msg)
         self._stop.clear()
 
@@ -270,10 +281,7 @@ class Module(Sender):
         except BaseException:
             self._leave()
             raise
-        self._keeper = threading.Thread(
-            target=self._keep, args=(link, patience, reconnect), name=f"{self.name} keeper", daemon=True
-        )
-        self._keeper.start()
+        self._keeper = Keeper(link, patience, self._stop, reconnect=reconnect)
 
     def _wait_for_required(self, link: Connection) -> None:
         required = [message for message in self._required if message.name not in self._handlers]
@@ -281,11 +289,15 @@ class Module(Sender):
             return
         link.declare(*required)
         link.session.renewal.required = [message.name for message in required]
-        request, since, warned = link.request(wait_until_handled(required), wants_answer=True), time.monotonic(), False
-        while not link.wait(request, _TEND_PERIOD, "the wait for required messages"):
+        wanted = wait_until_handled(required, self._handlers)
+        request, since, warned = link.request(wanted, wants_answer=True), time.monotonic(), False
+        while not link.wait(request, TEND_PERIOD, "the wait for required messages"):
             if self._stop.is_set():
                 link.abandon(request)
                 raise Stopped(f"module '{self.name}' was told to end while it waited for what it requires")
+            while request.answers:
+                warned = True
+                self._log.warning("%s", request.answers.popleft()[0].text)
             if not warned and time.monotonic() - since > _WARN_AFTER:
                 warned = True
                 names = ", ".join(f"'{message.name}'" for message in required)
@@ -304,37 +316,30 @@ class Module(Sender):
         handles = any(handler.resource == resource for handler in self._handlers.values())
         return handles or self._slots.has_callbacks(resource)
 
-    def _keep(self, link: Connection, patience: float, reconnect: bool) -> None:
-        """Keep connection 0 alive, in a thread of its own: the module's own thread may be busy elsewhere."""
-        since, warned = time.monotonic(), False
-        while not self._stop.wait(_TEND_PERIOD):
-            silence = link.tend(since)
-            if silence > patience and not reconnect:
-                self._error = link.line.lost()
-                self._stop.set()
-            elif silence > patience and not warned:
-                self._log.warning("central at %s does not answer; trying to reach it again", link.address)
-            elif silence <= patience and warned:
-                self._log.warning("central at %s is back", link.address)
-            warned = silence > patience
-
     def _end(self) -> None:
         """Leave. Raises what ended the module before its time."""
         for error in self._leave():
             raise error
 
+    def _end_with(self, error: BaseException) -> None:
+        """Leave, because of an error that will be raised; but what must not go unnoticed is raised instead."""
+        for earlier in self._leave(error):
+            if isinstance(error, Exception) and not isinstance(earlier, Exception):
+                raise earlier from error
+            error.add_note(f"module '{self.name}' had ended before: {type(earlier).__name__}: {earlier}")
+
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
         """Take nothing new, finish what runs, say goodbye; what ended the module before its time."""
-        self._stop.set()
         if self._keeper is not None:
-            self._keeper.join()
+            self._keeper.end()
+        self._stop.set()
         assert self._link is not None
         self._link.leave()
         errors = self._slots.close(why)
         self._link.close()
-        if self._error is not None:
-            errors.insert(0, self._error)
-        self._link, self._keeper, self._error = None, None, None
+        if self._keeper is not None and self._keeper.error is not None:
+            errors.insert(0, self._keeper.error)
+        self._link, self._keeper = None, None
         return errors
 
     def _connection(self) -> Connection:

@@ -68,6 +68,7 @@ class Ordering:
 
     def __init__(self, *, is_shared: bool) -> None:
         self._is_shared = is_shared  # others send there, too: central's "last sibling" may be theirs
+        self._epoch = ""
         self.forget()
 
     def forget(self) -> None:
@@ -75,8 +76,11 @@ class Ordering:
         self._newest: TaskId | None = None
         self._blocks: list[_Sequence | _Parallel] = [_Sequence(None)]
 
-    def place(self, *, is_goal: bool, sequential: bool) -> tuple[Flags, list[Constraint]]:
-        """What puts the next child in its place."""
+    def place(self, epoch: str, *, is_goal: bool, sequential: bool) -> tuple[Flags, list[Constraint]]:
+        """What puts the next child in its place. A central of another *epoch* has forgotten those before."""
+        if self._epoch and self._epoch != epoch:
+            self.forget()
+        self._epoch = epoch
         block = self._blocks[-1]
         flags, constraints = Flags.NONE, []
         if sequential:

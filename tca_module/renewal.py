@@ -9,7 +9,8 @@ tried again. Knows no socket and no clock.
 from collections.abc import Callable
 from typing import Any
 
-from tca_module.attachments import Attachments, Place, Standing
+from tca_module.attachments import Attachments, Standing
+from tca_module.numbers import RESTARTED, Given
 from tca_module.request import Request
 from tca_wire import headers
 from tca_wire.parts import MessageFormat
@@ -63,11 +64,20 @@ class Renewal:
 
     def _tell(self) -> None:
         self._is_refused, self._due = False, _NEVER
+        self._let_go()
         unknown = self._attachments.unknown_to(self._epoch)
         formats = self._messages | {one.name: one for standing in unknown for one in standing.formats}
         self._request(headers.Register(0, list(formats.values()), []), "messages that were declared")
         for standing in unknown:
             self._request(standing.header, f"the {standing}", standing)
+
+    def _let_go(self) -> None:
+        """What was to end with a task that was lost is not attached anew: it would never end, or with another task."""
+        for standing in self._attachments.unknown_to(self._epoch):
+            watch = getattr(standing.header, "watch", None)
+            if watch is not None and watch.until is not None and standing.number.epoch != self._epoch:
+                self._attachments.forget(standing, standing.number.epoch)
+                self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
 
     def _request(self, header: Any, what: str, standing: Standing | None = None, *, waits: bool = False) -> None:
         self._open += 1
@@ -83,14 +93,14 @@ class Renewal:
             if not self._is_refused or standing is None:  # the rest may only follow from that
                 self._say_once(f"{text}; it is asked again every {AGAIN:g} s, and no handler is declared before")
             self._is_refused = True
-        elif standing is not None:
-            self._has_attached(standing, request.accepted or 0)
+        elif standing is not None and request.accepted is not None:
+            self._has_attached(standing, request.accepted)
         if not self._open:
             self._go_on()
 
-    def _has_attached(self, standing: Standing, number: int) -> None:
+    def _has_attached(self, standing: Standing, number: Given) -> None:
         self._attached += 1
-        standing.place = Place(self._epoch, number)
+        standing.number = number
         if not self._attachments.is_wanted(standing):  # it was removed meanwhile
             self._ask(headers.Remove(0, number))
 
@@ -110,7 +120,7 @@ class Renewal:
     def tend(self, now: float) -> None:
         """Time has passed."""
         for standing in self._attachments.take_unwanted(self._epoch):
-            self._ask(headers.Remove(0, standing.place.number))
+            self._ask(headers.Remove(0, standing.number))
         if self.is_over or self.is_answered_soon:
             return
         if self._due == _NEVER:

@@ -8,6 +8,7 @@ from typing import Any, Generic, Self
 from tca_module.arguments import name_of
 from tca_module.connection import Connection
 from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
+from tca_module.failing import ORDINARY
 from tca_module.request import Request
 from tca_wire.declarations import Message, MultiQuery, Query, R
 from tca_wire.headers import Answer
@@ -83,8 +84,8 @@ class PendingReply(Generic[R]):
 class PendingReplies(Iterator[R], Generic[R]):
     """The replies to a multi-query, in the order in which they come; each is waited for when it is asked for.
 
-    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If all who were
-    asked failed it ends with QueryFailed: the first failure.
+    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If nobody has
+    replied by then, and somebody has failed, it ends with QueryFailed: the first failure; its text tells of all.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class PendingReplies(Iterator[R], Generic[R]):
         self._message = message
         self._deadline = None if timeout is None else connection.now() + timeout
         self._is_cancelled = False
+        self._has_reply = False
 
     def __iter__(self) -> Self:
         return self
@@ -103,6 +105,7 @@ class PendingReplies(Iterator[R], Generic[R]):
         if not self._is_cancelled and self._has_answer():
             answer, body = self._request.answers.popleft()
             if answer.more:
+                self._has_reply = True
                 return self._message.decode_reply(body)
             if answer.outcome is not Outcome.DONE:
                 self.cancel()
@@ -114,9 +117,11 @@ class PendingReplies(Iterator[R], Generic[R]):
         if not self._request.answers and not self._request.is_over:
             patience = None if self._deadline is None else max(0.0, self._deadline - self._connection.now())
             try:
-                self._connection.wait(
+                came = self._connection.wait(
                     self._request, patience, name_of(self._message), lambda: bool(self._request.answers)
                 )
+                if not came and not self._has_reply:  # what has come of it instead?
+                    self._connection.give_up(self._request)
             except (TaskKilled, Stopped):
                 self._is_cancelled = True
                 raise
@@ -148,11 +153,15 @@ class Notification(Generic[R]):
         """Wait until the function has been called; False if it has not within *timeout* seconds.
 
         Raises CentralLost if central is silent for too long, and if the handler that waits is to end TaskKilled or
-        Stopped; the function is called all the same when the reply comes.
+        Stopped; the query is given up then, as with ``receive``, and the function not called.
         """
         if timeout != 0:
             self._connection.announce(self._pending.request)
-        return self._connection.listen(lambda: self.is_over, timeout)
+        try:
+            return self._connection.listen(lambda: self.is_over, timeout)
+        except (TaskKilled, Stopped):
+            self.cancel()
+            raise
 
     def cancel(self) -> None:
         """Don't call the function: a handler that has not begun with the query never will."""
@@ -165,7 +174,7 @@ class Notification(Generic[R]):
             return
         try:
             self._tell()
-        except (Exception, SystemExit):  # noqa: BLE001 - its author reads the log
+        except ORDINARY:  # its author reads the log
             self._log.exception("callback %s failed", getattr(self._callback, "__qualname__", self._callback))
         finally:
             self.is_over = True

@@ -17,7 +17,7 @@ from tca_module.arguments import (
     listed,
     name_of,
 )
-from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
+from tca_module.connection import Connection
 from tca_module.control import Control
 from tca_module.errors import MisuseError, Timeout
 from tca_module.options import TaskOptions, check_options, flags_of
@@ -43,8 +43,6 @@ from tca_wire.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
 from tca_wire.vocabulary import MessageClass
 
-_DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where the sender would wait for less
-
 
 class Sender(Control):
     """Something that sends messages."""
@@ -53,7 +51,6 @@ class Sender(Control):
         self._parent = parent
         self._origin = origin
         self._ordering = Ordering(is_shared=parent == ROOT)
-        self._epoch = ""
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
@@ -85,10 +82,9 @@ class Sender(Control):
         body = message.encode_data(data)
         pairs = checked_pairs(options.get("on_failure", ()))
         connection = self._declare(message, *(handler for _, handler in pairs))
-        self._forget_if_central_did(connection.session.epoch)
         sequential = options.get("sequential", True)
         is_goal = message.message_class is MessageClass.GOAL
-        flags, constraints = self._ordering.place(is_goal=is_goal, sequential=sequential)
+        flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
         flags |= flags_of(options)
         constraints += listed(options.get("constraints", ()))
         if delay := options.get("delay"):
@@ -121,11 +117,6 @@ class Sender(Control):
             msg = f"under() takes a task that was sent or found, and {task!r:.60} is none: tasks(WALK)[0] is one"
             raise MisuseError(msg)
         return _Under(self, self._origin, task)
-
-    def _forget_if_central_did(self, epoch: str) -> None:
-        if self._epoch and self._epoch != epoch:
-            self._ordering.forget()
-        self._epoch = epoch
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
         """A block of subtasks, each achieved after the one before.
@@ -163,7 +154,11 @@ class Sender(Control):
         """
         brief = is_brief(timeout)
         check_class(message, Query)
-        left = self._declare_within(message, timeout)
+        try:
+            left = self._declare_within(timeout, message)
+        except Timeout:
+            assert timeout is not None
+            raise not_answered(message, timeout, self._connection().silence) from None
         question = self._question(message, data, priority=priority, blocking=True, brief=brief)
         return PendingReply(*question, message).receive_within(left, timeout)
 
@@ -195,18 +190,6 @@ class Sender(Control):
     def _ask(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
         check_class(message, Query)
         return PendingReply(*self._question(message, data, priority=priority, is_awaited=False), message)
-
-    def _declare_within(self, message: Message[Any, Any], timeout: float | None) -> float | None:
-        """Declare what is asked, within the *timeout* of the question; what is left of that. Raises Timeout."""
-        if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
-            return timeout
-        connection = self._connection()
-        began = connection.now()
-        try:
-            self._declare(message, within=max(timeout, _DECLARED_WITHIN))
-        except Timeout:
-            raise not_answered(message, timeout, connection.silence) from None
-        return max(0.0, timeout - (connection.now() - began))
 
     def _question(
         self,
@@ -247,8 +230,9 @@ class Sender(Control):
         """Ask every module that handles the message; the replies in the order they came.
 
         Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
-        what has come until then. Handlers that fail are left out; raises QueryFailed, with the first failure, if all
-        did: an empty list says that nobody handles the message, or that nobody has answered in time.
+        what has come until then. Who fails or is late is left out where anybody replies. Where nobody has, and somebody
+        failed, raises QueryFailed with the first failure; its text names all who failed, with what, and who had not
+        answered. So an empty list says that nobody handles the message, or that all who do are late.
         """
         return list(self._ask_all(message, data, maximum, timeout, blocking=True))
 
@@ -273,7 +257,7 @@ class Sender(Control):
         check_timeout(timeout)
         wanted = checked_maximum(name_of(message), maximum)
         try:
-            left = self._declare_within(message, timeout)
+            left = self._declare_within(timeout, message)
         except Timeout:
             return PendingReplies(self._connection(), unsent(), message, 0)
         connection, request = self._question(message, data, blocking=blocking, maximum=wanted)
@@ -371,8 +355,6 @@ class _Under(Sender):
         super().__init__(task.id, origin)
         self._ordering = Ordering(is_shared=True)
         self._sender = sender
-        self._task_above = task
 
     def _connection(self) -> Connection:
-        self._task_above._check_epoch()  # noqa: SLF001
         return self._sender._connection()  # noqa: SLF001

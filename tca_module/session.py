@@ -5,6 +5,8 @@ central's Welcome nothing but Hello leaves. Every numbered request is kept until
 break it is repeated in order: central knows it by its number and never does it twice. What is not numbered (informs)
 may be lost with a connection. A Welcome with another epoch says that central was restarted and its tree is lost: what
 was outstanding is lost too, while messages and handlers are declared again (``renewal``) and the module serves on.
+Not lost is what names nothing of the old tree, and only asks how things stand, or certainly never reached the old
+central: it did not leave, or left once and was answered by Unknown. The new central gets that.
 
 Knows no socket, clock or thread.
 """
@@ -16,12 +18,13 @@ from weakref import WeakValueDictionary
 
 import msgspec
 
-from tca_module.attachments import Attachments, Place, is_lasting
+from tca_module.attachments import Attachments, is_lasting
 from tca_module.attending import Attending
+from tca_module.numbers import RESTARTED, Given, foreign, given_in
 from tca_module.renewal import Renewal
-from tca_module.request import Request, check_fields, may_be_asked_again, refers_to_tasks
+from tca_module.request import Request, check_fields, is_for_any_central, may_be_asked_again, refers_to_tasks
 from tca_wire import headers
-from tca_wire.headers import Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
+from tca_wire.headers import PROTOCOL_VERSION, Fail, Hello, Register, Reply, Send, SetVariable, ToCentral, ToModule
 from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import ROOT
 from tca_wire.routes import EntranceGone, Route
@@ -67,6 +70,7 @@ class Session:
         self.complaints: list[str] = []  #: what central said that answers no request; for the log
         self.dropped = 0  #: informs and broadcasts that never left
         self.is_welcome = False
+        self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
         self.breaks = 0  #: how often the connection has broken
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
@@ -87,7 +91,7 @@ class Session:
         return request
 
     def _send(self, request: Request) -> None:
-        request.was_sent = True
+        request.was_sent, request.epoch = True, self.epoch
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
@@ -173,6 +177,10 @@ class Session:
 
     def tend(self, now: float, since: float) -> None:
         """After a silence ask central for a word, every second. *since* is when somebody began to listen."""
+        if self.is_to_withdraw:
+            self.is_to_withdraw = False
+            self.withdrawn()
+            self.request(headers.Unregister(0, []))
         if self.is_welcome:
             self.renewal.tend(now)
         is_due = not self.is_welcome or now - max(self.heard, since) >= QUIET
@@ -198,12 +206,14 @@ class Session:
 
     def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
         self.routing.append(header)  # whoever is welcomed is told of all routes anew
-        if self.is_welcome:
-            return  # Hello was said twice
         is_back, is_new = bool(self.epoch), header.epoch != self.epoch
+        if self.is_welcome:
+            if not is_new:
+                return  # Hello was said twice
+            self.break_off()  # and the second one was heard by the next central
+        self.epoch, self.module, self.refused = header.epoch, header.module, None
         if is_back and is_new:
             self._forget()
-        self.epoch, self.module = header.epoch, header.module
         if is_back and is_new:
             self._renew()
         self.is_welcome = True
@@ -237,8 +247,11 @@ class Session:
             if request.settled is not None:
                 del self._requests[number]  # what was renewed is told anew
                 continue
-            is_new_to_it = not request.was_sent or isinstance(request.header, headers.WaitUntilHandled)
-            if not is_new_to_it or refers_to_tasks(request.header):
+            named = foreign(given_in(request.header), self.epoch)
+            if named is not None or refers_to_tasks(request.header):
+                request.gone = named.what if named is not None else ""
+                self._lose(request, RESTARTED)
+            elif request.was_sent and not is_for_any_central(request.header):
                 self._lose(request, "central was restarted meanwhile and has forgotten it")
         for lock in self._locks.values():
             lock.taken = "central was restarted and has forgotten it"
@@ -251,23 +264,37 @@ class Session:
         request = self._requests.get(header.number)
         was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
         if request is not None and (was_not_sent or not request.wants_answer):
-            request.accepted = header.id
-            if request.settled is None and is_lasting(request.header):
-                self.attachments.add(request.header, self._messages, Place(self.epoch, header.id))
+            asked = request.header
+            what = f"task {header.id} '{asked.message}'" if isinstance(asked, Send) else f"number {header.id}"
+            request.accepted = number = Given(header.id, self.epoch, what)
+            if request.settled is None and is_lasting(asked):
+                self.attachments.add(asked, self._messages, number)
             self._end(request)
 
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
         request = self._requests.get(header.number)
         if request is None:
-            if header.number == HELLO_NUMBER and not self.is_welcome:
-                self.refused = header
-            elif not (header.number and header.refusal is Refusal.TOO_LATE):  # else it was given up meanwhile
+            if not self.is_welcome and (header.number == HELLO_NUMBER or not self.epoch):
+                self._not_welcome(header)
+            elif header.refusal is not Refusal.TOO_LATE:
                 self.complaints.append(f"central refused: {header.text}")
+            elif not header.number:  # else it was given up meanwhile
+                self.complaints.append(header.text)
         elif header.refusal is Refusal.TOO_LATE and request.repeated and request.wants_answer:
             self._ask_again(request)
         else:
             request.refused = header
             self._end(request)
+
+    def _not_welcome(self, header: headers.Refused) -> None:
+        """Central refused Hello; with number 0 if it could not even read it, because it is of another version."""
+        if not header.number:
+            text = f"central speaks another protocol than this module's {PROTOCOL_VERSION}: use one version of TCA for \
+both (it says: {header.text})"
+            header = msgspec.structs.replace(header, text=text)
+        if self.epoch and self.refused is None:
+            self.complaints.append(f"central was restarted, and refuses this module: {header.text}")
+        self.refused = header
 
     def _ask_again(self, request: Request) -> None:
         """Central dropped what was asked when the connection broke."""
@@ -317,7 +344,7 @@ class Session:
         return [(reply, body) for reply, body in self._replies if isinstance(reply, Reply | Fail)]
 
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
-        self.attending.kill(header.delivery)
+        self.attending.kill(header.delivery, header.why)
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         if (lock := self._locks.pop(header.number, None)) is not None:
@@ -332,7 +359,9 @@ class Session:
     def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
         """It says nothing of replies: it may have been sent before central got them."""
 
-    def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
+    def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
+        if (request := self._requests.get(header.number)) is not None:
+            request.was_sent = request.repeated  # who says so has not done it; and what left once, no other has got
         if self.is_welcome:
             self.break_off()
 

@@ -13,13 +13,14 @@ from tca_module.client import CentralAddress, open_connection
 from tca_module.connection import Connection
 from tca_module.errors import Stopped
 from tca_module.event_loop import EventLoop
+from tca_module.failing import module_ended
 from tca_module.handlers import Answer, Handler
 from tca_module.later import Later
 from tca_module.sender import Sender
 from tca_module.task import Task
 from tca_module.transport import wait
 from tca_wire.failures import HANDLER_ERROR, MODULE_LOST
-from tca_wire.headers import Deliver, Fail, Hello, Reply
+from tca_wire.headers import Deliver, Fail, Hello, Reply, Unregister
 
 
 class Slot:
@@ -85,20 +86,36 @@ class Slot:
         self._callbacks.begin(connection)
         self._opened.set()
         with contextlib.ExitStack() as stack:
-            stack.callback(connection.drop)  # without goodbye if an error comes: what was begun has failed
+            stack.callback(connection.drop)  # without goodbye if even that has an error
             try:
                 connection.serve(self._stop.is_set, self._idle)
+            except BaseException as error:
+                self._end_module(connection, error)
+                stack.callback(self._say_goodbye, connection, error)
+                raise
             finally:
                 self._callbacks.end()
                 if self._loop is not None:
                     self._loop.close()
             self._say_goodbye(connection)
 
-    def _say_goodbye(self, connection: Connection) -> None:
+    def _end_module(self, connection: Connection, error: BaseException) -> None:
+        """An error that no handler may let pass, or one of this library's. Whoever learns that a message has failed by
+        it finds the handlers of other modules there.
+        """
+        self._stop.set()
+        what, module = type(error).__name__, self._hello.module
+        self._log.error("module '%s' ends, and handles nothing any more: %s", module, what, exc_info=error)
+        connection.post(Unregister(0, []), b"")
+
+    def _say_goodbye(self, connection: Connection, error: BaseException | None = None) -> None:
         while connection.session.news:  # answers of others, perhaps
             connection.session.news.popleft()()
         for later in self._owed:
             later.module_ends()
+        if error is not None:
+            for delivery in connection.session.attending.begun:
+                connection.reply(*module_ended(delivery, error))
         connection.close()
 
     # --- between messages ------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from tca_module.constraints import Intervals, Span
 from tca_module.context import Heard, MonitorHandle, Trouble, context_of
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.later import Later
+from tca_module.numbers import check_given, given
 from tca_module.sender import Sender
 from tca_module.task_handle import TaskHandle
 from tca_wire.declarations import Message
@@ -25,12 +26,14 @@ class Task(Sender, Intervals):
     """
 
     def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
-        Sender.__init__(self, delivery.task, max(0, delivery.delivery))  # central knows no direct delivery
-        Intervals.__init__(self, delivery.task)
         self._link: Connection | None = connection
-        self._born = connection.session.epoch
         self._message = message
         self._delivery = delivery
+        epoch, what = connection.session.epoch, f"task {delivery.task} '{message.name}'" * bool(delivery.task)
+        task_id = given(delivery.task, epoch, what)
+        origin = max(0, delivery.delivery)  # central knows no direct delivery
+        Sender.__init__(self, task_id, given(origin, epoch, what or f"'{message.name}'"))
+        Intervals.__init__(self, task_id)
         self.later: Later[Any] | None = None  #: who answers for the handler, if it said so
 
     def __repr__(self) -> str:
@@ -66,9 +69,12 @@ class Task(Sender, Intervals):
     @property
     def suspended(self) -> bool:
         """Whether the task is suspended: its handler may hold what it does, or finish it; one that is killed is to end
-        and no longer suspended. Never waits.
+        and no longer suspended; so is one that a restarted central has forgotten. Never waits.
         """
-        return self._connection().is_suspended(self.delivery)
+        try:
+            return self._connection().is_suspended(self.delivery)
+        except CentralLost:
+            return False
 
     @property
     def handle(self) -> TaskHandle:
@@ -94,7 +100,7 @@ class Task(Sender, Intervals):
         return self._context(MonitorHandle, "message of a monitor")
 
     def _context(self, kind: type[C], what: str) -> C:
-        context = context_of(self._connection(), self._delivery)
+        context = context_of(self._connection(), self._delivery, self._origin)
         if not isinstance(context, kind):
             msg = f"'{self.message}' was not sent as {what}"
             raise MisuseError(msg)
@@ -140,9 +146,7 @@ class Task(Sender, Intervals):
         if self._link is None:
             msg = f"{self} is used after its handler returned: send before it returns, or from the module"
             raise MisuseError(msg)
-        if self._link.session.epoch != self._born and self.delivery > 0:
-            msg = f"central was restarted and has forgotten {self}: its handler should return"
-            raise CentralLost(msg)
+        check_given([self._origin], self._link.session.epoch)
         return self._link
 
     def _span(self, interval: Interval) -> Span:

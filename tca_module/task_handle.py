@@ -21,10 +21,10 @@ from tca_module.arguments import (
     name_of,
     name_wanted,
 )
-from tca_module.attachments import Place
 from tca_module.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.constraints import Intervals
 from tca_module.errors import CentralLost, MisuseError, Timeout
+from tca_module.numbers import foreign, given
 from tca_module.request import Request
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import NOTHING, Command, D, Failure, FailureRaised, Goal, Message
@@ -44,7 +44,7 @@ from tca_wire.headers import (
     WaitFor,
 )
 from tca_wire.parts import Attachment
-from tca_wire.points import Point, TaskId
+from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import Outcome, Scope
 
 
@@ -77,6 +77,15 @@ _ROW = (
 )  # fmt: skip
 
 
+def _known_from(row: dict[str, Any], epoch: str) -> TaskInfo:
+    """What the central of that epoch says of a task."""
+    info = TaskInfo(*(row[key] for key in _ROW))
+    return info._replace(
+        id=given(info.id, epoch, f"task {info.id} '{info.message}'"),
+        parent=given(info.parent, epoch, f"task {info.parent}"),
+    )
+
+
 _RELATIONS = {"self": "state", "kept": "kept tasks"}
 
 
@@ -90,16 +99,12 @@ class Attached:
         self._connection = connection
         self._attachments = connection.session.attachments
         self._standing = self._attachments.of(header)
-        self._place = Place(connection.session.epoch, number)  # of what is attached to a task
+        self._number = number  # of what is attached to a task
 
     @property
     def id(self) -> int:
         """Its number, as in ``tca attached``; another one after a restart of central."""
-        return self._known.number
-
-    @property
-    def _known(self) -> Place:
-        return self._standing.place if self._standing is not None else self._place
+        return self._standing.number if self._standing is not None else self._number
 
     def remove(self) -> None:
         """Take it away, if no other module wants it, too; what it has sent stays. It is not attached anew to a central
@@ -108,13 +113,10 @@ class Attached:
         connection = self._connection
         if self._standing is not None:
             self._attachments.forget(self._standing, connection.session.epoch)
-        epoch, number = self._known
-        if epoch != connection.session.epoch:
-            return  # the number is somebody else's by now
         try:
-            connection.call(Remove(0, number), f"removing {number}")
+            connection.call(Remove(0, self.id), f"removing {self.id}")
         except CentralLost:
-            if epoch == connection.session.epoch:
+            if foreign([self.id], connection.session.epoch) is None:
                 raise
 
 
@@ -138,7 +140,6 @@ class TaskHandle(Intervals):
         self._connection = connection
         self._name = message
         self._origin = origin
-        self._epoch = connection.session.epoch
         self._end: tuple[Answer, bytes] | None = None  # how it ended, once that has been waited for
 
     def __repr__(self) -> str:
@@ -186,7 +187,6 @@ class TaskHandle(Intervals):
         self, point: Point, *, blocking: bool, brief: bool = False, is_awaited: bool = False
     ) -> tuple[str, Request]:
         """Ask to be told when a point is reached; its name for people, and the request."""
-        self._check_epoch()
         check_point(point)
         what = f"{point} ('{self.message}')" if point.task == self.id else str(point)
         header = WaitFor(0, point, self._origin, blocking, brief)
@@ -218,13 +218,15 @@ class TaskHandle(Intervals):
         check_class(message, Goal, Command, call="on_termination()")
         body = message.encode_data(data)
         self._connection.declare(message)
-        self._call(Send(0, message.name, self.id, self._origin, when_killed=True), f"on termination of {self}", body)
+        header = Send(0, message.name, self.id, self._origin, when_killed=True)
+        self._connection.call(header, f"on termination of {self}", body)
 
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" on the task if its *point* (its end) is not reached within *seconds* from now,
         which are more than 0: for "at once" there are ``fail`` and ``kill``.
 
-        A point that is reached already is in time. False if the point's task had ended, or been killed.
+        A point that is reached already is in time. Of several deadlines each counts: a later one lengthens nothing.
+        False if the point's task had ended, or been killed.
         """
         what = f"a deadline of {self}"
         check_lasting(what, seconds=seconds)
@@ -248,7 +250,8 @@ class TaskHandle(Intervals):
         wanted = attachment(failure, handler, maximum)
         self._connection.declare(handler)
         header = Attach(0, wanted, self.id)
-        return Attached(self._connection, self._call(header, f"attaching '{handler.name}' to {self}"), header)
+        number = self._connection.call(header, f"attaching '{handler.name}' to {self}")
+        return Attached(self._connection, number, header)
 
     def fail(self, failure: FailureRaised) -> bool:
         """Raise a failure on the task from outside: ``ref.fail(COLLISION(contact))``. A handler that runs goes on.
@@ -305,11 +308,11 @@ class TaskHandle(Intervals):
         more, and ("too late") if the task has ended already. Of records that hold more than 64 MiB the oldest are
         forgotten, with all under them.
         """
-        self._call(Keep(0, self.id), f"keeping {self}")
+        self._connection.call(Keep(0, self.id), f"keeping {self}")
 
     def release(self) -> None:
         """Have it remembered no longer, as far as this module is concerned; nothing happens if it was not kept."""
-        self._call(Keep(0, self.id, release=True), f"releasing {self}")
+        self._connection.call(Keep(0, self.id, release=True), f"releasing {self}")
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskHandle]":
         """The ended tasks under it that are kept, in the order in which they ended; their ``info()`` tells how."""
@@ -349,28 +352,18 @@ class TaskHandle(Intervals):
     def _relatives(
         self, relation: Any, message: Message[Any, Any] | str | None = None
     ) -> "Iterator[tuple[TaskInfo, TaskHandle]]":
-        self._check_epoch()
         header = Inspect(0, self.id, relation, name_wanted(message))
         request = self._connection.request(header, wants_answer=True)
-        what = f"the question for the {_RELATIONS.get(relation, relation)} of {self}"
+        asked = f"{_RELATIONS.get(relation, relation)} of {self}" if self.id != ROOT else "tasks"
+        what = f"the question for the {asked}"
         if not self._connection.wait(request, ACKNOWLEDGED_WITHIN, what):
             self._connection.abandon(request)
             msg = f"{what}: central did not answer within {ACKNOWLEDGED_WITHIN:g} s"
             raise Timeout(msg)
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
-            info = TaskInfo(*(row[key] for key in _ROW))
+            info = _known_from(row, request.epoch)
             yield info, TaskHandle(self._connection, info.message, info.id, self._origin)
 
     def _steer(self, header: Any, what: str, body: bytes = b"") -> bool:
         """Whether it was done: central accepts with id 0 where it changed nothing."""
-        return bool(self._call(header, what, body))
-
-    def _call(self, header: Any, what: str, body: bytes = b"") -> int:
-        self._check_epoch()
-        return self._connection.call(header, what, body)
-
-    def _check_epoch(self) -> None:
-        """Raise CentralLost if central was restarted and has forgotten the task."""
-        if self._epoch != self._connection.session.epoch:
-            msg = f"central was restarted and has forgotten {self}: send it again"
-            raise CentralLost(msg)
+        return bool(self._connection.call(header, what, body))

@@ -45,7 +45,8 @@ class LocalCentral:
         self._connections: dict[ConnectionId, LocalTransport] = {}
         self._is_closed = False
         self._due = threading.Condition(self._lock)
-        threading.Thread(target=self._tick, name="clock of the local central", daemon=True).start()
+        self._clock = threading.Thread(target=self._tick, name="clock of the local central", daemon=True)
+        self._clock.start()
 
     def _tick(self) -> None:
         """Let time pass: what is due happens."""
@@ -78,10 +79,11 @@ class LocalCentral:
                 transport.arrive(pack_item(Closing("restarted")))
 
     def close(self) -> None:
-        """End: whoever still waits for an answer learns it."""
+        """End, with its thread: whoever still waits for an answer learns it. Twice does no harm."""
         with self._due:
             self._is_closed = True
             self._due.notify()
+        self._clock.join()
 
     def __enter__(self) -> Self:
         return self

@@ -63,6 +63,8 @@ class _Log:
         """Where what has not been sent yet waits, by delivery; "" for what has just come."""
         self._sent: set[int] = set()
         """What is sent or queued with the event at hand."""
+        self._given_up: set[int] = set()
+        """What is dropped with it."""
         self._reached: dict[int, int] = {}
         self._killed: set[int] = set()
         self._given_as: dict[int, int] = {}
@@ -75,6 +77,7 @@ class _Log:
         """What one event brought about."""
         self._clock = _clock(self._began, entry.time)
         self._sent = {fact.message_id for fact in entry.facts if isinstance(fact, facts.Queued | facts.Delivered)}
+        self._given_up = {fact.id for fact in entry.facts if isinstance(fact, facts.Dropped)}
         for fact in entry.facts:
             if isinstance(fact, facts.Opened):
                 self._began = fact.began
@@ -147,7 +150,7 @@ class _Log:
 
     def _unqueued(self, fact: facts.Unqueued) -> Iterator[str]:
         number = self._given_as.get(fact.id, fact.id)
-        if number in self._known and number not in self._killed:
+        if number in self._known and number not in self._killed and number not in self._given_up:
             yield from self._move(number, _ON_HOLD, "(Inactive)")
 
     def _delivered(self, fact: facts.Delivered) -> Iterator[str]:

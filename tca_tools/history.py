@@ -12,7 +12,8 @@ from tca_tools.reacting import Reacting
 from tca_tools.records import Claim, Handling, Hold, Message, Offer, Queueing, Raised, Task, Wait
 from tca_wire import facts
 from tca_wire.points import MOMENTS, Moment
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import Outcome, Refusal
+from tca_wire.wording import called
 
 
 class History(Reacting):
@@ -106,6 +107,7 @@ class History(Reacting):
     def _resource(self, fact: facts.ResourceChanged) -> None:
         module = self._module(fact.module)
         module.resources[fact.resource] = fact.capacity
+        module.sizes.setdefault(fact.resource, []).append((self.time, fact.capacity))
         self.news.append(module)
         module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
 
@@ -162,6 +164,8 @@ class History(Reacting):
         if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
             message.queueings.append(queueing)
             self._touch(message.id)
+        else:
+            self.copies.setdefault(fact.message_id, []).append(queueing)
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
         self._finish(fact.id)  # its handler left, and it may not wait for the next yet
@@ -256,14 +260,18 @@ class History(Reacting):
             self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by))
         if message := self.messages.get(lost.message_id if lost else fact.id):
             self._change(message, "failure", text)
+            self._seen_to.pop(message.id, None)
             if fact.body:
                 self._change(message, "failure_data", fact.body)
+            if not fact.is_beside and isinstance(message, Task) and message.is_retried:
+                self._forget_outcome(message)
 
     def _kill(self, fact: facts.Killed) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
             self._change(task, "killed", fact.why)
             self._change(task, "killed_by", fact.by)
+            self._could_not_decide(fact.task)
             self._end_suspension(task)
             self._unqueue(fact.task)
 
@@ -273,7 +281,8 @@ class History(Reacting):
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         if message := self.messages.get(fact.id):
-            self._change(message, "dropped", fact.why)
+            circle = self.deadlocks.get((self.time, message.sender), "") if fact.why == Refusal.DEADLOCK else ""
+            self._change(message, "dropped", circle or fact.why)
 
     def _answer(self, fact: facts.Answered) -> None:
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
@@ -302,7 +311,7 @@ class History(Reacting):
     def _claimed(self, fact: facts.Claimed) -> None:
         known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
         claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
-        self.wanted.setdefault((fact.module, fact.resource), []).append(claim)
+        self.wanted.setdefault((called(fact.module), fact.resource), []).append(claim)
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
 
@@ -311,7 +320,7 @@ class History(Reacting):
         if (claim := self.claims.get(fact.id)) is not None:
             claim.granted = self.time
             self.news.append(claim)
-            self.grants.setdefault((claim.module, claim.resource), []).append(claim)
+            self.grants.setdefault((called(claim.module), claim.resource), []).append(claim)
 
     def _claim_ended(self, fact: facts.ClaimEnded) -> None:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
@@ -371,6 +380,7 @@ _TAKE: dict[type, Callable[[History, Any], None]] = {
     facts.MonitorTested: History._tested,
     facts.MonitorEnded: History._watched,
     facts.TimedOut: History._timed_out,
+    facts.RequestRefused: History._refused,
     facts.WaitBegan: History._wait_began,
     facts.WaitEnded: History._wait_ended,
     facts.Claimed: History._claimed,

@@ -1,16 +1,21 @@
-"""What a message or task waits for, one step on, as numbers: what waiting.py says in words. Asks what was known.
+"""What is waited for next, one step on, as numbers: what waiting.py says in words. Asks what was known.
 
-A task that is being planned may be waited for because it is not being achieved yet. That is another wait than the one
-for the end of its planning, and leads elsewhere: its number is that of the task, negative.
+Who waits for a task waits until it reaches a moment, and which one that is decides where it leads: what is planned
+ahead is kept from being planned by one thing, and from being achieved by another. So a step goes from moment to moment.
 """
 
-from collections.abc import Callable, Iterator
+from bisect import bisect_right
+from collections.abc import Iterator
 from enum import Enum
+from operator import attrgetter
+from typing import NamedTuple
 
-from tca_tools.records import Claim, Handling, Hold, Message, Queueing, State, Wait
+from tca_tools.records import OVER, Claim, Handling, Hold, Message, Queueing, State, Wait
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import UNTIL_CHILDREN, blockers, blockers_of, watches
+from tca_tools.waiting import blockers_of, up_to
+from tca_tools.whereabouts import ahead_of_claim, kept_out
 from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import MessageClass
 
 
 class Kind(Enum):
@@ -25,174 +30,222 @@ class Kind(Enum):
     GOES_ON = 6  # its handler runs and waits for nothing
 
 
-Lead = int | Kind
+class Node(NamedTuple):
+    """Something that is waited for."""
+
+    number: int
+    """The task, message or lock."""
+    moment: Moment | None = None
+    """What the task is to reach (None: it is to be resumed); None of a message that is to be answered, and of a lock
+    that is to be granted or, if it was, to be over.
+    """
+    delivery: int = 0
+    """Of what was sent to many: the one of them that is to be handled (0: all)."""
 
 
-def leads(then: Then, number: int) -> tuple[list[int], Kind]:
-    """The messages, tasks and locks that a message, task or lock waits for next; and what it is that waits for none."""
-    if number < 0:
-        found = list(_of_start(then, then.tasks[-number]))
-    elif (claim := then.past.claims.get(number)) is not None:
-        found = list(_of_held(then, claim))
-    elif number in then.tasks:
-        task = then.tasks[number]
-        found = list(_OF_STATE[task.state](then, task)) if task.state in _OF_STATE else []
+Lead = Node | Kind
+
+_ENDS = {Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING}
+"""The moments that a task reaches only after its handler has returned."""
+_NEXT = {
+    State.HELD: Moment.START_HANDLING,
+    State.QUEUED: Moment.END_HANDLING,  # once more
+    State.PLANNING: Moment.END_PLANNING,
+    State.PLANNED: Moment.START_ACHIEVING,
+    State.HANDLING: Moment.END_HANDLING,
+    State.ACHIEVING: Moment.END_ACHIEVING,
+    State.RECOVERING: Moment.END_HANDLING,
+    State.SUSPENDED: None,
+    State.ENDING: Moment.END_ACHIEVING,
+}
+"""The moment that a task waits for itself."""
+
+
+def next_of(then: Then, number: int) -> Node:
+    """What a task, message or lock comes to next."""
+    if number not in then.tasks:
+        return Node(number)
+    task = then.tasks[number]
+    if (task.handling or task.watches) and task.state is not State.ENDING:
+        return Node(number, Moment.END_HANDLING)
+    is_first = task.state is State.QUEUED and Moment.START_HANDLING not in task.reached
+    return Node(number, Moment.START_HANDLING if is_first else _NEXT.get(task.state, Moment.END_ACHIEVING))
+
+
+def leads(then: Then, node: Node) -> tuple[list[Node], list[Kind]]:
+    """All that this waits for next; and why it waits for itself, where that is so."""
+    found: list[Lead] = []
+    if (claim := then.past.claims.get(node.number)) is not None:
+        found += _of_claim(then, claim)
+    elif node.number in then.tasks:
+        task = then.tasks[node.number]
+        found += _of_suspension(task) if node.moment is None else _of_moment(then, task, node.moment)
+    elif message := then.past.messages.get(node.number):
+        found += _of_message(then, message, node.delivery)
+    on = dict.fromkeys(one for one in found if isinstance(one, Node))
+    kinds = dict.fromkeys(one for one in found if isinstance(one, Kind))
+    return list(on), list(kinds) if on or kinds else [Kind.STANDS]
+
+
+# --- locks, messages and handlers ----------------------------------------------------------------------------------
+
+
+def _of_claim(then: Then, claim: Claim) -> Iterator[Lead]:
+    if then.is_granted(claim):
+        yield from _of_held(then, claim)
+    elif held_by := then.held_by(claim.module, claim.resource):
+        yield Node(held_by.id)
     else:
-        found = list(_of_message(then, then.past.messages[number]))
-    on = dict.fromkeys(one for one in found if isinstance(one, int))
-    kinds = [one for one in found if isinstance(one, Kind)]
-    return list(on), min(kinds, key=lambda kind: kind.value, default=Kind.STANDS)
+        inside, first = ahead_of_claim(then, claim)
+        yield from (_of_handler(then, run) for run in inside)
+        if first:
+            yield Node(first.id)
 
 
 def _of_held(then: Then, claim: Claim) -> Iterator[Lead]:
-    """A lock in force waits for the handler, or else the task, for which it was wanted."""
+    """A lock in force waits for the handler, or else the task, for which it was wanted; of a retried one until that is
+    handled again. Outside of handlers it waits for what its module waits for there.
+    """
     if claim.by is None:
+        for wait in then.waits_outside(claim.sender):
+            yield from _of_wait(then, wait)
         return
-    wanted_by = claim.by.message_id
-    goes_on = claim.by.end is None or claim.by.end > then.moment
-    if goes_on or (wanted_by in then.tasks and Moment.END_ACHIEVING not in then.tasks[wanted_by].reached):
-        yield wanted_by
+    task = then.tasks.get(claim.by.message_id)
+    if claim.by.end is None or claim.by.end > then.moment:
+        yield _of_handler(then, claim.by)
+    elif task is not None and task.state not in OVER:
+        yield Node(task.id, Moment.END_HANDLING if task.is_retried else Moment.END_ACHIEVING)
 
 
-def _of_message(then: Then, message: Message) -> Iterator[Lead]:
+def _of_handler(then: Then, run: Handling) -> Node:
+    if run.message_id in then.tasks:
+        return Node(run.message_id, Moment.END_HANDLING)
+    return Node(run.message_id, None, run.delivery if run.delivery != run.message_id else 0)
+
+
+def _of_message(then: Then, message: Message, delivery: int) -> Iterator[Lead]:
     """A message that is no task: a query, as a rule."""
-    if queueing := then.queueing_of(message):
-        yield from _of_place(then, message.id, message.sender, queueing)
+    if message.message_class is MessageClass.MULTI_QUERY:
+        runs, copies = then.copies_of(message)
+        for one in runs:
+            if delivery in (0, one.delivery):
+                yield from _of_run(then, one)
+        for copy in copies if not delivery else ():
+            yield from _of_place(then, message, copy)
+    elif queueing := then.queueing_of(message):
+        yield from _of_place(then, message, queueing)
     elif run := then.handling_of(message):
         yield from _of_run(then, run)
 
 
-def _of_place(then: Then, number: int, sender: str, queueing: Queueing) -> Iterator[Lead]:
-    """It is queued: for whom the resource is locked, or else what is handled there, or who waits to lock it."""
-    module, resource = queueing.module, queueing.resource
-    if not module:
+def _of_place(then: Then, message: Message | TaskThen, queueing: Queueing) -> Iterator[Lead]:
+    """It is queued: what keeps it out of the resource."""
+    if not queueing.module:
         yield Kind.NOBODY
         return
-    held_by = then.held_by(module, resource)
-    if held_by and not (held_by.is_reserved and held_by.sender == sender):
-        yield held_by.id
-    elif busy := [run for run in then.running(module, resource) if run.message_id != number]:
-        going_on = [run for run in busy if not any(then.waits_of(run))]  # the first that returns makes room
-        yield from (run.message_id for run in going_on or busy)
-    elif (wanted := then.wanted(module, resource)) and wanted.by and wanted.by.message_id != number:
-        yield wanted.by.message_id
-
-
-def _of_queued(then: Then, task: TaskThen) -> Iterator[Lead]:
-    if task.queueing:
-        yield from _of_place(then, task.id, task.sender, task.queueing)
+    by = kept_out(then, queueing.module, queueing.resource, message)
+    if isinstance(by, Claim):
+        yield Node(by.id)
     else:
-        yield Kind.NOBODY
+        going_on = [run for run in by if not any(then.waits_of(run))]  # the first that returns makes room
+        yield from (_of_handler(then, run) for run in going_on or by)
 
 
 def _of_run(then: Then, run: Handling) -> Iterator[Lead]:
     """What a handler that blocks waits for."""
-    for wait in then.waits_of(run):
-        yield from _of_wait(then, wait, run.message_id)
-    yield Kind.GOES_ON
+    waits = then.waits_of(run)
+    for wait in waits:
+        yield from _of_wait(then, wait)
+    if not waits:
+        yield Kind.GOES_ON
 
 
-def _of_wait(then: Then, wait: Wait, number: int) -> Iterator[Lead]:
+def _of_wait(then: Then, wait: Wait) -> Iterator[Lead]:
     if wait.moment:
         if not then.has_reached(Point(TaskId(wait.awaited), wait.moment)):
-            yield wait.awaited
-    elif claim := then.past.claims.get(wait.awaited):
-        held_by = then.held_by(claim.module, claim.resource)
-        if held_by and held_by is not claim:
-            yield held_by.id
-        elif not held_by:
-            yield from (
-                one.message_id for one in then.running(claim.module, claim.resource) if one.message_id != number
-            )
-        yield Kind.STANDS
+            yield Node(wait.awaited, wait.moment)
+    elif wait.awaited in then.past.claims:
+        yield Node(wait.awaited)
     elif (message := then.past.messages.get(wait.awaited)) and message.received <= then.moment:
-        yield message.id
+        yield next_of(then, message.id)
 
 
-def _of_handled(then: Then, task: TaskThen) -> Iterator[Lead]:
-    if run := task.handling:
-        yield from _of_run(then, run)
+# --- tasks ---------------------------------------------------------------------------------------------------------
 
 
-def _of_held_back(then: Then, task: TaskThen) -> Iterator[Lead]:
-    yield from _of_blockers(then, task, blockers(then, task))
+def _of_moment(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
+    """What keeps a task from a moment that it has not reached."""
+    state = task.state
+    if state in OVER:
+        return
+    if state is State.ENDING:
+        yield from _of_killed(then, task, moment)
+        return
+    moments = up_to(task, moment)
+    found = list(_of_blockers(then, task, moments))  # there may be more moments now
+    is_end = moment in _ENDS or not _ENDS.isdisjoint(moments)
+    if is_end and state is State.RECOVERING:
+        yield from (Node(one, Moment.END_ACHIEVING) for one in task.caught_by[-1:] if one in then.tasks)
+    if is_end and (task.handling or task.watches):
+        yield from _of_run(then, task.handling) if task.handling else [Kind.WATCHES]
+        if moment is Moment.END_HANDLING:
+            return  # the rest comes later
+    elif is_end or Moment.START_HANDLING in moments:
+        yield from _of_beginning(then, task)
+    yield from found
+    if until := _until(task, moments, is_end=is_end):
+        yield from (Node(child, until) for child in task.children if until not in then.tasks[child].reached)
 
 
-def _of_start(then: Then, task: TaskThen) -> Iterator[Lead]:
-    """What keeps a task that is being planned from being achieved."""
-    moments = [Moment.START_ACHIEVING]
-    yield from _of_blockers(then, task, blockers_of(then, task, moments))
-    if len(moments) > 1:  # first it is to be planned
-        yield int(task.id)
+def _of_beginning(then: Then, task: TaskThen) -> Iterator[Lead]:
+    """What keeps a task from its handler, beside constraints."""
+    if task.queueing:
+        yield from _of_place(then, task, task.queueing)
+        return
+    if task.is_retried or _has_no_handler(then, task):
+        yield from _of_suspension(task)
 
 
-def _of_blockers(then: Then, task: TaskThen, found: Iterator[Hold | Moment]) -> Iterator[Lead]:
-    for blocker in found:
-        if isinstance(blocker, Moment):
-            parent = then.tasks.get(task.parent)
-            is_planned = parent is not None and parent.state is State.PLANNING
-            yield -task.parent if is_planned and blocker is Moment.START_ACHIEVING else task.parent
-            continue
-        before = blocker.constraint.before
-        is_delay = before.task == ROOT or (blocker.constraint.delay and then.has_reached(before))
-        yield Kind.DELAYED if is_delay else before.task
+def _has_no_handler(then: Then, task: TaskThen) -> bool:
+    """Whether it has had none, or the last one left before it returned."""
+    runs = then.past.tasks[task.id].handlings
+    begun = bisect_right(runs, then.moment, key=attrgetter("start"))
+    return not begun or runs[begun - 1].outcome is None
 
 
-def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
-    yield from (child for child in task.children if moment not in then.tasks[child].reached)
+def _until(task: TaskThen, moments: list[Moment], *, is_end: bool) -> Moment | None:
+    """What all under a task has to reach first."""
+    if Moment.END_ACHIEVING in moments or (task.is_retried and is_end):
+        return Moment.END_ACHIEVING
+    return Moment.END_PLANNING if Moment.END_PLANNING in moments else None
 
 
-def _of_expanding(then: Then, task: TaskThen) -> Iterator[Lead]:
-    """A task that is being planned, or achieved."""
-    if task.handling:
-        yield from _of_handled(then, task)
-    elif watches(task):
-        yield Kind.WATCHES
-    else:
-        yield from _of_held_back(then, task)
-        until = Moment.END_ACHIEVING if task.is_retried else UNTIL_CHILDREN[task.state]
-        yield from _of_children(then, task, until)
+def _of_blockers(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[Lead]:
+    for blocker in blockers_of(then, task, moments):
+        if is_delay(then, blocker):
+            yield Kind.DELAYED
+        elif isinstance(blocker, Moment):
+            yield Node(task.parent, blocker)
+        else:
+            yield Node(blocker.constraint.before.task, blocker.constraint.before.moment)
+
+
+def is_delay(then: Then, blocker: Hold | Moment) -> bool:
+    """Whether only time has to pass."""
+    if isinstance(blocker, Moment):
+        return False
+    before = blocker.constraint.before
+    return before.task == ROOT or (blocker.constraint.delay > 0 and then.has_reached(before))
 
 
 def _of_suspension(task: TaskThen) -> Iterator[Lead]:
     if task.suspension:
-        yield Kind.SUSPENDED if task.suspension.cause == task.id else task.suspension.cause
+        yield Kind.SUSPENDED if task.suspension.cause == task.id else Node(task.suspension.cause)
 
 
-def _of_suspended(then: Then, task: TaskThen) -> Iterator[Lead]:
-    """It waits for what was suspended above it, if that says so itself: it may be handled still."""
-    cause = task.suspension.cause if task.suspension else task.id
-    is_told_there = cause in then.tasks and then.tasks[cause].state is State.SUSPENDED
-    yield cause if cause != task.id and is_told_there else Kind.SUSPENDED
-
-
-def _of_recovering(then: Then, task: TaskThen) -> Iterator[Lead]:
-    yield from (handler for handler in task.caught_by[-1:] if handler in then.tasks)
-    if not task.handling:
-        yield from _of_suspension(task)
-    if task.queueing:
-        yield from _of_queued(then, task)
-    elif task.handling:
-        yield from _of_handled(then, task) if task.wait else ()
-    else:
-        yield from _of_held_back(then, task)
-
-
-def _of_ending(then: Then, task: TaskThen) -> Iterator[Lead]:
-    yield from _of_handled(then, task)
-    yield from _of_children(then, task, Moment.END_ACHIEVING)
-    if not task.handling:
-        yield from _of_suspension(task)
-
-
-_OF_STATE: dict[State, Callable[[Then, TaskThen], Iterator[Lead]]] = {
-    State.HELD: _of_held_back,
-    State.SUSPENDED: _of_suspended,
-    State.RECOVERING: _of_recovering,
-    State.QUEUED: _of_queued,
-    State.PLANNING: _of_expanding,
-    State.PLANNED: _of_held_back,
-    State.HANDLING: _of_handled,
-    State.ACHIEVING: _of_expanding,
-    State.ENDING: _of_ending,
-}
+def _of_killed(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
+    """A killed task waits for its handler, and for what leaves things safe; for no constraint."""
+    if task.handling:
+        yield from _of_run(then, task.handling)
+    if moment in (Moment.END_PLANNING, Moment.END_ACHIEVING):
+        yield from (Node(child, moment) for child in task.children if moment not in then.tasks[child].reached)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Iterator
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import get_args
@@ -11,8 +12,8 @@ import click
 from tca_tools.classic import classic_lines
 from tca_tools.data import data_text
 from tca_tools.fact_rows import fact_row
-from tca_tools.logs import open_log
-from tca_tools.terminal import cut, line_width, printable
+from tca_tools.logs import newest_journal, open_log, run_folders, runs_in
+from tca_tools.terminal import columns_of, cut, line_width, padded, printable
 from tca_wire.facts import Entry, Fact, kind_of
 from tca_wire.wording import Wording
 
@@ -64,6 +65,26 @@ def show(
     while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
         click.echo("\n".join(chunk))
     journal.check()
+
+
+@log.command()
+@click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+def runs(folder: Path | None) -> None:
+    """List the runs that lie in a folder, oldest first, as they are named as LOG.
+
+    Without FOLDER those in central's folder of journals. Where several runs lie in one folder, all commands take one of
+    them as FOLDER#NUMBER, and without a number the last.
+    """
+    folders = [open_log(folder).path] if folder else sorted(run_folders())
+    if not folders:
+        newest_journal()
+    found = [run for one in folders if one.is_dir() for run in runs_in(one)]
+    width = max((columns_of(run.name) for run in found), default=0)
+    for run in found:
+        began = "" if run.began is None else f"{datetime.fromtimestamp(run.began):%Y-%m-%d %H:%M:%S}"  # noqa: DTZ006
+        segments = f"{run.segments} segment{'s' * (run.segments != 1)}"
+        live = ", goes on" if run.is_live else ""
+        click.echo(f"{padded(printable(run.name), width)}  began {began}, {segments}{live}")
 
 
 def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:

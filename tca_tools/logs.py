@@ -1,6 +1,7 @@
 """Finds, opens and reads the journals of runs. Knows files; knows nothing of what the facts mean."""
 
 import fcntl
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,34 +14,92 @@ from tca_tools.errors import DamagedLog, UnusableLog
 from tca_tools.losses import Losses
 from tca_tools.segments import Folder, listed, segments_in
 from tca_tools.terminal import printable
-from tca_wire.endpoint import default_journals
+from tca_wire.endpoint import VARIABLE, default_journals, journal_link
 from tca_wire.errors import JournalDamaged
 from tca_wire.facts import Entry, Opened
 from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
 
 _POLL_SECONDS = 0.2
+_STILL = 1.0
+"""Seconds: what is not whole for so long nobody is writing any more."""
 _WAITING = "'tca view' and 'tca log show --follow' wait for what comes"
 
 
 def newest_journal() -> Path:
-    """The journal of the last run. Raises UnusableLog if there is none."""
-    folder = default_journals()
-    runs = listed(folder) if folder.is_dir() else []
-    for run in reversed(runs):
-        if run.is_dir() and segments_in(run):
-            return run
-    raise UnusableLog(f"no journal below {folder}: name one as LOG, or start 'tca central' first")
+    """The journal of the last run; where ``$TCA_CENTRAL`` names a central, of that one's. Raises UnusableLog if there
+    is none.
+    """
+    if address := os.environ.get(VARIABLE):
+        if (link := journal_link(address)).is_dir() and segments_in(link):
+            return link.resolve()
+        msg = f"no journal of the central at {address} (${VARIABLE}) on this computer: name one as LOG, or start 'tca \
+central' there first"
+        raise UnusableLog(msg)
+    if newest := next(run_folders(), None):
+        return newest.resolve()  # a link goes when central is started anew there
+    raise UnusableLog(f"no journal below {default_journals()}: name one as LOG, or start 'tca central' first")
 
 
 def open_log(path: Path | None, epoch: str | None = None) -> "Log":
-    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch, or the one that began
-    last. Raises UnusableLog if there is none to read.
+    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch or, as in "FOLDER#2",
+    of a number (the oldest is 1), else the one that began last. Raises UnusableLog if there is none to read.
     """
     path = path or newest_journal()
     try:
+        if epoch is None and (named := _run_in(path)):
+            path, epoch = named
         return Log(_checked(path), epoch)
     except OSError as error:
         raise UnusableLog(f"{path}: can't be read: {error.strerror}") from None
+
+
+def _run_in(path: Path) -> tuple[Path, str] | None:
+    """What "FOLDER#2" means: a folder, and the epoch of one of the runs there; None if it is no such name."""
+    before, is_one, wanted = path.name.rpartition("#")
+    folder = path.with_name(before) if before else path.parent
+    if not is_one or path.exists() or not folder.is_dir():
+        return None
+    epochs = [one.epoch for one in Folder(folder).epochs()]
+    by_number = {str(number): one for number, one in enumerate(epochs, 1)}
+    found = wanted if wanted in epochs else by_number.get(wanted)
+    if found is None:
+        there = f"of the {len(epochs)} there" if len(epochs) > 1 else "there"
+        raise UnusableLog(f"{folder}: no run '{wanted}' {there}: 'tca log runs {folder}' lists them")
+    return folder, found
+
+
+class Kept(NamedTuple):
+    """A run that can be read: how it is named as LOG, and what is known of it."""
+
+    name: str
+    segments: int
+    began: float | None
+    """Wall-clock time, if its journal tells."""
+    epoch: str
+    is_live: bool
+
+
+def called(journal: Path) -> str:
+    """What titles call a folder of journals, or a file of one."""
+    path = journal.resolve()
+    return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
+
+
+def runs_in(folder: Path) -> Iterator[Kept]:
+    """The runs that lie in a folder, oldest first. Raises UnusableLog if it can't be read."""
+    epochs = Folder(folder).epochs()
+    for number, opened in enumerate(epochs, 1):
+        log = Log(folder, opened.epoch)
+        name = f"{folder}#{number}" if len(epochs) > 1 else str(folder)
+        yield Kept(name, len(log.segments()), opened.began, opened.epoch, log.is_being_written)
+
+
+def run_folders() -> Iterator[Path]:
+    """The folders in central's folder of journals in which runs lie, the last by name first."""
+    folder = default_journals()
+    for path in reversed(listed(folder) if folder.is_dir() else []):
+        if path.is_dir() and segments_in(path):
+            yield path
 
 
 class Place(NamedTuple):
@@ -68,7 +127,11 @@ class Log:
         self._time = 0.0
         """Of the last entry that was read."""
         self._torn: tuple[Path, int, int] | None = None
+        self._torn_since = 0.0
         self._folder = Folder(path, epoch) if path.is_dir() else None
+        self.epoch = epoch
+        """Which run of the folder was asked for (None: the newest there)."""
+        self._number = f"#{self._folder.number_of(epoch)}" if self._folder is not None and epoch else ""
         self._said: set[str] = set()
         self._opened: Opened | None = None
         self._followed_by = ""
@@ -77,8 +140,12 @@ class Log:
     @property
     def name(self) -> str:
         """What a title calls this journal."""
-        path = self.path.resolve()
-        return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
+        return called(self.path) + self._number
+
+    @property
+    def run(self) -> str | None:
+        """The epoch of the run that is read of a folder; None while it is not known, and of a file."""
+        return self._folder.epoch if self._folder is not None else None
 
     def segments(self) -> list[Path]:
         """The segments there are now, oldest first."""
@@ -171,7 +238,8 @@ class Log:
     @property
     def cut(self) -> str:
         """What there is to say of a last entry that is not whole, and that nobody is writing just now."""
-        if not self._torn or self.is_being_written:
+        is_fresh = time.monotonic() - self._torn_since < _STILL
+        if not self._torn or (is_fresh and self.is_being_written):
             return ""
         return _cut_off(*self._torn)
 
@@ -234,7 +302,9 @@ class Log:
             raise JournalDamaged(f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes")
 
     def _note_end(self, segment: Path, reader: JournalReader) -> None:
-        self._torn = (segment, reader.offset, reader.torn) if reader.torn else None
+        torn = (segment, reader.offset, reader.torn) if reader.torn else None
+        if torn != self._torn:
+            self._torn, self._torn_since = torn, time.monotonic()
 
     def _counted(self, reader: JournalReader, segment: Path) -> Iterator[Entry]:
         """The entries of a segment, until another run, or the same anew, begins in it."""

@@ -70,7 +70,7 @@ class Notes(Past):
             task.top = parent.top
             if parent.suspension and not task.role.leaves_safe:
                 above = parent.suspension
-                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, by=above.by))
+                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by))
         else:
             task.parent, task.top = ROOT, TaskId(task.id)
             self.top.append(TaskId(task.id))

@@ -17,9 +17,11 @@ from tca_tools.records import (
     Raised,
     Suspension,
     Task,
+    Wait,
 )
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
+from tca_wire.wording import called
 
 UNKNOWN = "?"
 """The name of what was sent before the journal's first entry."""
@@ -43,6 +45,8 @@ class Reactions:
         """For each monitor when its condition was tested, and whether it held."""
         self.raised: dict[int, list[Raised]] = {}
         """By task the failures that were raised beside its handler."""
+        self.deadlocks: dict[tuple[float, str], str] = {}
+        """When which module was refused to wait, since that would have been a deadlock: "deadlock", and the circle."""
 
 
 class Past(Reactions):
@@ -55,19 +59,18 @@ class Past(Reactions):
     until_time: float | None = None
     """Until when the journal was read, if it goes on after that."""
 
+    epoch = ""
+
     is_live = False
     """Whether the run goes on: ``time`` is then the present, and what has not ended may still."""
 
     def __init__(self) -> None:
         super().__init__()
         self.time = 0.0
-        self.times, self.numbers = array("d"), array("q")
-        """The time of each entry, each later than the one before, and its number."""
-        self.clock = array("d")
-        """What the entries say that their times are."""
+        self.times, self.clock, self.numbers = array("d"), array("d"), array("q")
+        """The time of each entry, each later than the one before; what it says that its time is; and its number."""
         self.began: float | None = None
         """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
-        self.epoch = ""
         self.top: list[TaskId] = []
         """The tasks under the root."""
         self.tasks: dict[int, Task] = {}
@@ -78,11 +81,13 @@ class Past(Reactions):
         """For each delivery that has a number of its own its message: of retries, and of what goes to many."""
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
+        self.copies: dict[int, list[Queueing]] = {}
+        """For each message that goes to many the waits of its copies in queues."""
         self.modules: dict[str, ModuleRecord] = {}
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}
-        """By module and resource, the locks and reservations that were granted, one after the other."""
+        """By what the module calls itself, and resource: locks and reservations that were granted, in their order."""
         self.wanted: dict[tuple[str, str], list[Claim]] = {}
         """The same of all that were asked for, as they were."""
         self.runs: dict[tuple[str, str], list[Handling]] = {}
@@ -120,15 +125,28 @@ class Past(Reactions):
         """When a task was sent; of one that is unknown, before the journal began."""
         return self.tasks[task].received if task in self.tasks else -inf
 
+    def granted(self, module: str, resource: str) -> list[Claim]:
+        """The locks and reservations of a resource, in all copies of its module, that were granted, in their order."""
+        return self.grants.get((called(module), resource), [])
+
+    def asked_for(self, module: str, resource: str) -> list[Claim]:
+        """The same of all that were asked for, as they were."""
+        return self.wanted.get((called(module), resource), [])
+
+    def deadlock(self, wait: Wait) -> str:
+        """The circle in which a handler or program would have waited for ever, if that ended its wait; else ""."""
+        if wait.end is None or not self.deadlocks:
+            return ""
+        return self.deadlocks.get((wait.end, wait.by if isinstance(wait.by, str) else wait.by.module), "")
+
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""
-        claim = self.claims.get(message_id)
-        return str(claim) if claim else f"{self.name(message_id)} {{{message_id}}}"
+        return f"{self.name(message_id)} {{{message_id}}}"
 
     def name(self, number: int) -> str:
-        """The name of a message, or of the message of a delivery."""
-        message = self.messages.get(number) or self.delivered(number)
-        return message.name if message else UNKNOWN
+        """The name of a message, of the message of a delivery, or of a lock or reservation."""
+        found = self.messages.get(number) or self.delivered(number) or self.claims.get(number)
+        return found.name if found else UNKNOWN
 
     def delivered(self, delivery: int) -> Message | None:
         """The message of a delivery."""

@@ -4,11 +4,11 @@ history.py says which fact writes what.
 """
 
 from tca_tools.notes import Notes
-from tca_tools.records import Ahead, Exhausted, Hold
+from tca_tools.records import Ahead, Exhausted, Hold, Task
 from tca_wire import facts
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import Condition
+from tca_wire.vocabulary import Condition, Refusal
 
 _HOLDS = {
     Condition.BEFORE_HANDLING: (Moment.END_HANDLING, Moment.START_HANDLING),
@@ -25,21 +25,40 @@ class Reacting(Notes):
         super().__init__()
         self._called: dict[TaskId, dict[int, int]] = {}
         """For each task whose exception handlers were called, by attachment, how often."""
+        self._called_for: dict[int, tuple[int, str]] = {}
+        """By exception handler, the task that had failed, and how."""
+        self._seen_to: dict[int, str] = {}
+        """By task, the failure whose handler could not decide: the search for the next one goes on, whatever else has
+        been raised on the task meanwhile.
+        """
 
     def _caught(self, fact: facts.Caught) -> None:
         calls = self._called.setdefault(fact.at, {})
         calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
         if fact.task > 0:
             task = self._task(fact.task)
+            self._search_on(task)
+            self._called_for[fact.handler] = fact.task, task.failure
             task.caught_by.append(fact.handler)
             task.is_recovering, task.is_dealt_with, task.is_unhandled = True, False, False
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
         if fact.task > 0:
             task = self._task(fact.task)
+            self._search_on(task)
             task.is_recovering, task.is_dealt_with, task.is_unhandled = False, False, True
             self.unhandled.setdefault(fact.task, []).append(self.time)
             self._exhaust(fact.task)
+
+    def _search_on(self, task: Task) -> None:
+        if failure := self._seen_to.pop(task.id, ""):
+            self._change(task, "failure", failure)
+
+    def _could_not_decide(self, handler: int) -> None:
+        """An exception handler was killed, or gave the failure back."""
+        if handler in self._called_for:
+            task, failure = self._called_for.pop(handler)
+            self._seen_to[task] = failure
 
     def _recovered(self, fact: facts.Recovered) -> None:
         if fact.task > 0:
@@ -59,6 +78,10 @@ class Reacting(Notes):
         if fact.task > 0:
             (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task), fact.by)
 
+    def _refused(self, fact: facts.RequestRefused) -> None:
+        if fact.refusal is Refusal.DEADLOCK:
+            self.deadlocks[self.time, fact.sender] = f"{fact.refusal}: {fact.text}"
+
     def _tested(self, fact: facts.MonitorTested) -> None:
         self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))
 
@@ -77,6 +100,7 @@ class Reacting(Notes):
 
     def _reissued(self, fact: facts.Reissued) -> None:
         self.reissued[fact.handler] = self.time
+        self._could_not_decide(fact.handler)
 
     def _exhaust(self, task: TaskId) -> None:
         """Note which exception handlers of a task, or above it, had been called as often as they may."""

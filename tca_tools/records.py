@@ -101,8 +101,13 @@ class Claim:
     by: "Handling | None" = field(default=None, repr=False, compare=False)
     """The run of a handler for which it was wanted."""
 
+    @property
+    def name(self) -> str:
+        """What it is, and of what."""
+        return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)}"
+
     def __str__(self) -> str:
-        return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)} {{{self.id}}}"
+        return f"{self.name} {{{self.id}}}"
 
 
 @dataclass(slots=True)
@@ -357,5 +362,7 @@ class ModuleRecord:
     """Its resources with their capacities (0: its module has left)."""
     capacities: dict[str, int] = field(default_factory=dict)
     """The largest capacity that each resource had."""
+    sizes: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
+    """From when on each resource had which capacity."""
     waits: list[Wait] = field(default_factory=list)
     """What it waited for outside of any handler."""

@@ -15,6 +15,9 @@ class Folder:
     """A folder of segments, of which those of one run are read: that of an epoch, or else the one that began last, when
     this is first asked.
 
+    Which began last the numbers of the files tell, since central numbers on in a folder where earlier runs lie: a wall
+    clock may have been set in between. It counts only where the numbers are the same, or a run has none.
+
     A segment that does not say whose it is (it is empty yet, or no journal) counts as one of the run; who reads it will
     see what it is.
     """
@@ -22,7 +25,13 @@ class Folder:
     def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
         self._epoch = epoch
+        self._is_chosen = epoch is not None
         self._openings: dict[Path, Opened] = {}
+
+    @property
+    def epoch(self) -> str | None:
+        """Of the run; None while it is not known."""
+        return self._epoch
 
     def segments(self) -> list[Path]:
         """The segments of the run that there are now, oldest first."""
@@ -42,10 +51,21 @@ class Folder:
     def epochs(self) -> list[Opened]:
         """How the runs begin whose segments lie there, oldest first."""
         self._look_into(segments_in(self.path))
+        return self._in_order()
+
+    def number_of(self, epoch: str) -> int:
+        """Which of the runs there it is, from 1 on: the oldest is the first."""
+        return 1 + [one.epoch for one in self.epochs()].index(epoch)
+
+    def _in_order(self) -> list[Opened]:
         first: dict[str, Opened] = {}
-        for opening in sorted(self._openings.values(), key=lambda one: (one.began, one.segment)):
+        for opening in sorted(self._openings.values(), key=lambda one: one.segment):
             first.setdefault(opening.epoch, opening)
-        return list(first.values())
+        before: dict[str, float] = {}
+        for path, one in self._openings.items():
+            before[one.epoch] = min(before.get(one.epoch, float("inf")), _number_in(path) - one.segment)
+        has_numbers = all(number < float("inf") for number in before.values())
+        return sorted(first.values(), key=lambda one: (before[one.epoch] if has_numbers else 0.0, one.began))
 
     def _numbered_before(self) -> int:
         """The last number of segments of earlier runs: central goes on with the next one."""
@@ -60,11 +80,13 @@ class Folder:
         others = [path for path in left_out if self._openings[path].epoch != self._epoch]
         copies = [path for path in left_out if path not in others]
         told = []
-        if others:
-            runs = 1 + len({self._openings[path].epoch for path in others})
+        if others and not self._is_chosen:
+            runs = self.epochs()
+            number = next((place for place, one in enumerate(runs, 1) if one.epoch == self._epoch), len(runs))
+            another = f"{self.path}#{number - 1 or 2}"
             told.append(
-                f"{self.path}: segments of {runs} runs lie there: this is the one that began last ({_names(shown)});"
-                f" to see another, give its file ({_names(others)}), or move what is of one run to a folder of its own"
+                f"{self.path}: {len(runs)} runs lie there: this is the one that began last ({_names(shown)});"
+                f" to see another, name it, as in '{another}': 'tca log runs {self.path}' lists them"
             )
         if copies:
             what = "is a segment" if len(copies) == 1 else "are segments"
@@ -93,8 +115,7 @@ class Folder:
             if path not in self._openings and (opening := _opening(path)) is not None:
                 self._openings[path] = opening
         if self._epoch is None and self._openings:
-            newest_first = sorted(self._openings.items(), key=lambda one: (one[1].began, one[0]))
-            self._epoch = newest_first[-1][1].epoch
+            self._epoch = self._in_order()[-1].epoch
 
 
 def segments_in(folder: Path) -> list[Path]:

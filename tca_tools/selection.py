@@ -1,20 +1,22 @@
 """Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure; draws nothing."""
 
-from bisect import bisect_right
-from collections.abc import Collection, Iterable, Mapping
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import islice
 from math import inf
 from operator import attrgetter
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from tca_tools.errors import NotInLog
 from tca_tools.past import Past
-from tca_tools.records import Claim, Message, Queueing, Task
+from tca_tools.records import Claim, Handling, Message, Queueing, Task, Wait
 from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import ROOT, Moment, TaskId
 
-_GRANTED = attrgetter("granted")
+_GRANTED, _START = attrgetter("granted"), attrgetter("start")
+_Span = TypeVar("_Span", Claim, Handling)
 _NAMED = 5
 """How many tasks of one name an error lists."""
 
@@ -56,9 +58,8 @@ def tasks_called(past: Past, text: str) -> list[TaskId]:
     found = found or [TaskId(task.id) for task in past.tasks.values() if task.name == text]
     if not found:
         if wanted.isdecimal() and (message := past.messages.get(int(wanted))):
-            raise NotInLog(
-                f"{printable(str(message))} is a {message.message_class}, no task: 'tca log show' tells of it"
-            )
+            told = f"'tca tree --story {message.id}' tells what became of it"
+            raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
         raise NotInLog(
             f"no task '{printable(text)}' {_in_journal(past)}{_nearest(text, {t.name for t in past.tasks.values()})}"
         )
@@ -67,10 +68,24 @@ def tasks_called(past: Past, text: str) -> list[TaskId]:
 
 def one_task(past: Past, text: str) -> TaskId:
     """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there are several."""
-    found = tasks_called(past, text)
+    return TaskId(_only(tasks_called(past, text), text, "tasks"))
+
+
+def one_message(past: Past, text: str) -> int:
+    """The same of what is no task, too, unless tasks have that name."""
+    wanted = text.strip().strip("{}")
+    if wanted.isdecimal() and int(wanted) in past.messages:
+        return int(wanted)
+    if any(task.name == text for task in past.tasks.values()):
+        return one_task(past, text)
+    found = [message.id for message in past.messages.values() if message.name == text]
+    return _only(found, text, "messages") if found else one_task(past, text)
+
+
+def _only(found: Sequence[int], text: str, what: str) -> int:
     if len(found) > 1:
         numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
-        raise NotInLog(f"{len(found)} tasks are called '{printable(text)}': name one by its number: {numbers}")
+        raise NotInLog(f"{len(found)} {what} are called '{printable(text)}': name one by its number: {numbers}")
     return found[0]
 
 
@@ -139,12 +154,12 @@ def waited_for(past: Past, task: TaskId, of: set[int]) -> set[int]:
     found: set[int] = set()
     for number in of:
         message = past.messages[number]
-        for handling in message.handlings:
-            found.update(wait.awaited for wait in handling.waits)
+        for wait in (wait for handling in message.handlings for wait in handling.waits):
+            found.add(wait.awaited)
+            if claim := past.claims.get(wait.awaited):
+                found |= _had(past, claim.module, claim.resource, wait)
         for queueing in message.queueings:
-            busy = Then(past, queueing.start).running(queueing.module, queueing.resource)
-            found.update(handling.message_id for handling in busy)
-            found.update(past.message_of.get(claim.origin, claim.origin) for claim in _claims_during(past, queueing))
+            found |= _had(past, queueing.module, queueing.resource, queueing)
         if isinstance(message, Task):
             found.update(hold.constraint.before.task for hold in message.holds)
     above = set(lineage(past, task))
@@ -160,13 +175,20 @@ def lineage(past: Past, task: TaskId) -> list[TaskId]:
     return found
 
 
-def _claims_during(past: Past, queueing: Queueing) -> list[Claim]:
-    """The locks and reservations that were in force while something waited."""
-    grants = past.grants.get((queueing.module, queueing.resource), [])
-    end = past.time if queueing.end is None else queueing.end
-    first = max(bisect_right(grants, queueing.start, key=_GRANTED) - 1, 0)
-    during = grants[first : bisect_right(grants, end, key=_GRANTED)]
-    return [claim for claim in during if claim.end is None or claim.end > queueing.start]
+def _had(past: Past, module: str, resource: str, wait: Queueing | Wait) -> set[int]:
+    """What had a resource while something waited for it, one after the other: what was handled there, and for what it
+    was locked or reserved.
+    """
+    end = past.time if wait.end is None else wait.end
+    claims = _during(past.granted(module, resource), wait.start, end, _GRANTED)
+    runs = _during(past.runs.get((module, resource), []), wait.start, end, _START)
+    return {run.message_id for run in runs} | {past.message_of.get(claim.origin, claim.origin) for claim in claims}
+
+
+def _during(spans: list[_Span], start: float, end: float, began: Callable[[_Span], float]) -> Iterator[_Span]:
+    """Those that began before *end* and went on after *start*."""
+    before = islice(spans, bisect_left(spans, end, key=began))
+    return (one for one in before if one.end is None or one.end > start)
 
 
 def _is_of(message: Message, modules: set[str]) -> bool:

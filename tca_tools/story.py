@@ -7,22 +7,24 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from tca_tools.analysis.words import times
-from tca_tools.coping import told_to
+from tca_tools.coping import WATCHING, told_to, watches
 from tca_tools.data import data_text
 from tca_tools.past import Past
-from tca_tools.records import OVER, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
 from tca_tools.then import Then
-from tca_tools.waiting import claim_and_why, clause, kept_busy, of_ahead, watches, why_in_vain, why_waiting
-from tca_wire.points import TaskId
-from tca_wire.vocabulary import Outcome
+from tca_tools.waiting import clause, of_ahead
+from tca_tools.whereabouts import claim_and_why, whereabouts, why_in_vain
+from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
 
 _NEWLINE = "\n"
-_NO_TIME = 1e-6
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
+_IN_VAIN = {State.FAILED: "failed", State.KILLED: "was killed"}
+"""How a task ends that is not achieved."""
 
 
 class Sentence(NamedTuple):
@@ -94,19 +96,12 @@ def _waits_in_queues(past: Past, message: Message, moment: float) -> Iterator[Se
     for queueing in message.queueings:
         if queueing.end == queueing.start:
             continue  # it passed through, to a handler that was free
-        text = "no module handles it"
-        if where := place(queueing.module, queueing.resource):
-            why = _kept_busy(past, queueing, message, moment)
-            text = f"queued for {where}" + (f", {why}" if why else "")
-        yield _spanning(queueing, text)
-
-
-def _kept_busy(past: Past, queueing: Queueing, message: Message, moment: float) -> str:
-    """Who had the resource when the wait began; or who had it for himself when it ended, or at a moment before."""
-    key, start = (queueing.module, queueing.resource), Then(past, queueing.start)
-    end = past.time if queueing.end is None else nextafter(queueing.end, 0.0)
-    last = Then(past, min(end, moment) if queueing.start <= moment else end)
-    return kept_busy(last if last.held_by(*key) and not start.held_by(*key) else start, *key, message)
+        if not queueing.module:
+            yield _spanning(queueing, "no module handles it")
+            continue
+        where = place(queueing.module, queueing.resource)
+        for part in in_queue(past, queueing, message, moment):
+            yield _part(part, f"queued for {where}" + (f", {part.why}" if part.why else ""))
 
 
 def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
@@ -117,12 +112,24 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
     yield _spanning(handling, f"handled by {where}", how)
     for wait in handling.waits:
         claim = past.claims.get(wait.awaited)
-        if claim is None or claim.granted != wait.start:
-            why = why_in_vain(past, wait)
-            yield _spanning(wait, f"its handler waits {awaited(past, wait)}", f", and gives up: {why}" if why else "")
+        if claim is None:
+            yield _wait(past, wait, moment)
+        elif claim.granted != wait.start:
+            yield from _waits_for_claim(past, wait, claim, moment)
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
+    yield from _asked(handling, moment)
+
+
+def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
+    for part in for_claim(past, wait, claim, moment):
+        what = f"{claim}, {OTHERS}" if part.why == OTHERS else part.why
+        yield _part(part, f"its handler waits for the {what}")
+
+
+def _asked(handling: Handling, moment: float) -> Iterator[Sentence]:
+    """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     for query in handling.asked or ():
         fetched = first.get(query.id)
@@ -132,6 +139,23 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
             yield Sentence(query.received, f"its handler asked {query}, and goes on", took, took is None)
         elif fetched.start > query.received:  # it fetches the reply later
             yield Sentence(query.received, f"its handler asked {query}, and goes on", fetched.start - query.received)
+
+
+def _wait(past: Past, wait: Wait, moment: float) -> Sentence:
+    text = f"its handler waits {awaited(past, wait)}{_missing(past, wait, moment)}"
+    if circle := past.deadlock(wait):
+        told = _spanning(wait, text, f", and is refused: {circle}")
+        return told._replace(seconds=None) if wait.end == wait.start else told
+    why = why_in_vain(past, wait)
+    return _spanning(wait, text, f", and gives up: {why}" if why else "")
+
+
+def _missing(past: Past, wait: Wait, moment: float) -> str:
+    """Who has not answered a multi-query that a handler waits for."""
+    message = past.messages.get(wait.awaited)
+    if message is None or message.message_class is not MessageClass.MULTI_QUERY or moment < wait.start:
+        return ""
+    return whereabouts(Then(past, moment), message.id) if wait.end is None or wait.end > moment else ""
 
 
 def awaited(past: Past, wait: Wait) -> str:
@@ -226,22 +250,32 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
     for number, (time, state) in enumerate(task.states):
         after = task.states[number + 1][0] if number + 1 < len(task.states) else None
         is_told = state in _IS_TOLD and state not in OVER
-        if is_told or (after is not None and after - time < _NO_TIME):
+        if is_told or (after is not None and after - time < NO_TIME):
             continue
         if state in OVER:
             is_late = number > 0 and (task.states[number - 1][1] is State.ENDING or _failed_before(task, state, time))
             if state not in _IS_TOLD or is_late:
                 yield Sentence(time, "has ended" if is_late else str(state))
             continue
-        last = past.time if after is None else nextafter(after, 0.0)  # what it waited for at last
-        last = min(last, moment) if time <= moment else last
-        then = Then(past, last)
-        is_silent = state is State.PLANNING or watches(then.tasks[task.id])  # of whose tests other sentences tell
-        reasons = [] if is_silent else why_waiting(then, TaskId(task.id))
-        if state is State.ENDING and not reasons:
-            continue
-        why = f", {' and '.join(reasons)}" if reasons else ""
-        yield Sentence(time, f"{state}{why}", None if after is None else after - time, after is None)
+        for part in in_state(past, task, number, moment):
+            if part.why:
+                yield _part(part, f"{state}, {part.why}", _not_achieved(past, task, part))
+            elif state is not State.ENDING:
+                last = past.time if part.end is None else nextafter(part.end, 0.0)
+                last = min(last, moment) if part.start <= moment else last
+                yield _part(part, WATCHING if watches(task, state, last) else str(state))
+
+
+def _not_achieved(past: Past, task: Task, part: Stretch) -> str:
+    """How what it waited for ended, if not as it was to: who fails or is killed reaches all moments at once."""
+    if part.end is None or (task.killed is not None and task.written("killed") <= part.end):
+        return ""
+    awaited = dict.fromkeys(hold.constraint.before.task for hold in task.holds)
+    for other in (past.tasks[one] for one in awaited if one in past.tasks and one != task.id):
+        ended, how = other.states[-1] if other.states else (0.0, State.ACHIEVED)
+        if ended == part.end and how in _IN_VAIN and str(other) in part.why:
+            return f", but {other} {_IN_VAIN[how]}"
+    return ""
 
 
 def _failed_before(task: Task, state: State, time: float) -> bool:
@@ -272,3 +306,8 @@ def _suspensions(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
 def _spanning(span: Queueing | Handling | Wait | Suspension, text: str, ending: str = "") -> Sentence:
     took = None if span.end is None else span.end - span.start
     return Sentence(span.start, text + ending, took, took is None, ending)
+
+
+def _part(part: Stretch, text: str, ending: str = "") -> Sentence:
+    took = None if part.end is None else part.end - part.start
+    return Sentence(part.start, text + ending, took, took is None, ending)

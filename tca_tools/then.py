@@ -11,13 +11,13 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
-from tca_tools.coping import standing
+from tca_tools.coping import standing, watches
 from tca_tools.past import Past
 from tca_tools.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State, Suspension, Task, Wait
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
-from tca_wire.wording import kill_reason
+from tca_wire.wording import called, kill_reason
 
 _WAITS = 32
 """Waits of a handler that are looked at."""
@@ -75,7 +75,9 @@ class TaskThen:
 
     @property
     def standing(self) -> str:
-        """The same in words; of a failure whether the run went on after it, as far as the journal tells."""
+        """The same in words; of a failure whether the run had gone on after it by then, of a monitor whether it
+        watched.
+        """
         return standing(self._past, self._record, self.state, self._time)
 
     @property
@@ -183,7 +185,7 @@ class TaskThen:
     def waits(self) -> list[Wait]:
         """The same; of an async handler that waits in several places, all that began lately."""
         run = self.handling
-        return _waits(run, self._time) if run else []
+        return _waits(run.waits, self._time) if run else []
 
     @property
     def asking(self) -> list[Message]:
@@ -196,11 +198,9 @@ class TaskThen:
         return is_given_up or (query.answered is not None and query.answered <= self._time)
 
     @property
-    def is_watching(self) -> bool:
-        """Whether a monitor had not come to an end, or was to begin anew."""
-        if not self._record.was("watched", self._time):
-            return True
-        return (self._retried or 0.0) >= self._record.written("watched", self._time)
+    def watches(self) -> bool:
+        """Whether it was a monitor that had begun to watch, and went on."""
+        return watches(self._record, self.state, self._time)
 
     @property
     def _retried(self) -> float | None:
@@ -233,7 +233,7 @@ class Then:
         """What others have worked out of this moment, by whoever did: it never changes."""
         self._running: dict[tuple[str, str], list[Handling]] = {}
         self._holders: dict[tuple[str, str], Claim | None] = {}
-        self._wanted: dict[tuple[str, str], Claim | None] = {}
+        self._wanted: dict[tuple[str, str], list[Claim]] = {}
 
     @classmethod
     def by_clock(cls, past: Past, clock: float | None, now: float | None = None) -> "Then":
@@ -284,6 +284,11 @@ class Then:
             self._running[key] = [run for run in begun if run.end is None or run.end > self.moment]
         return self._running[key]
 
+    def inside(self, module: str, resource: str) -> list[Handling]:
+        """The same of all copies of the module."""
+        copies = [one for one in self.past.modules if called(one) == called(module)]
+        return [run for one in copies for run in self.running(one, resource)]
+
     def queueing_of(self, message: Message) -> Queueing | None:
         """The wait of a message in a queue."""
         return _going_on(message.queueings, self.moment)
@@ -292,21 +297,43 @@ class Then:
         """The run of its handler."""
         return _going_on(message.handlings, self.moment)
 
+    def copies_of(self, query: Message) -> tuple[list[Handling], list[Queueing]]:
+        """Of a multi-query the runs of its handlers, and the waits of its copies in queues."""
+        runs = [run for run in query.handlings if run.start <= self.moment and not _is_over(run, self.moment)]
+        copies = self.past.copies.get(query.id, ())
+        return runs, [one for one in copies if one.start <= self.moment and not _is_over(one, self.moment)]
+
     def waits_of(self, run: Handling) -> list[Wait]:
         """What a handler waited for, like ``TaskThen.waits``."""
-        return _waits(run, self.moment)
+        return _waits(run.waits, self.moment)
 
-    def wanted(self, module: str, resource: str) -> Claim | None:
-        """The lock or reservation that somebody waited for."""
-        key = (module, resource)
+    def waits_outside(self, module: str) -> list[Wait]:
+        """What a module waited for outside of handlers."""
+        known = self.past.modules.get(module)
+        return _waits(known.waits, self.moment) if known else []
+
+    def wanted(self, module: str, resource: str) -> list[Claim]:
+        """The locks and reservations that somebody waited for, oldest first, of all copies of a module."""
+        key = (called(module), resource)
         if key not in self._wanted:
-            claims = self.past.wanted.get(key, [])
+            claims = self.past.asked_for(module, resource)
             begun = islice(claims, bisect_right(claims, self.moment, key=_START))
-            self._wanted[key] = next((claim for claim in begun if self._is_wanted(claim)), None)
+            self._wanted[key] = [claim for claim in begun if not (self.is_granted(claim) or self._has_ended(claim))]
         return self._wanted[key]
 
-    def _is_wanted(self, claim: Claim) -> bool:
-        return all(time is None or time > self.moment for time in (claim.granted, claim.end))
+    def is_granted(self, claim: Claim) -> bool:
+        """Whether it is in force, or was."""
+        return claim.granted is not None and claim.granted <= self.moment
+
+    def _has_ended(self, claim: Claim) -> bool:
+        return claim.end is not None and claim.end <= self.moment
+
+    def capacity(self, module: str, resource: str) -> int:
+        """How many messages a resource took at a time."""
+        known = self.past.modules.get(module)
+        sizes = known.sizes.get(resource, ()) if known else ()
+        begun = bisect_right(sizes, self.moment, key=_SINCE)
+        return sizes[begun - 1][1] if begun else 1
 
     def reached_at(self, point: Point) -> float | None:
         """When a point was reached, if that is known and it was."""
@@ -315,10 +342,10 @@ class Then:
         return time if time is not None and time <= self.moment else None
 
     def held_by(self, module: str, resource: str) -> Claim | None:
-        """The lock or reservation that was in force."""
-        key = (module, resource)
+        """The lock or reservation that was in force, in all copies of a module."""
+        key = (called(module), resource)
         if key not in self._holders:
-            grants = self.past.grants.get(key, [])
+            grants = self.past.granted(module, resource)
             granted = bisect_right(grants, self.moment, key=_GRANTED)
             last = grants[granted - 1] if granted else None
             self._holders[key] = last if last and (last.end is None or last.end > self.moment) else None
@@ -353,6 +380,10 @@ class _Tasks(Mapping[int, TaskThen]):
         return islice(self._past.tasks, self._count)
 
 
+def _is_over(span: _Span, time: float) -> bool:
+    return span.end is not None and span.end <= time
+
+
 def _going_on(spans: list[_Span], time: float) -> _Span | None:
     """The last of them that had begun, if it had not ended."""
     begun = bisect_right(spans, time, key=_START)
@@ -360,7 +391,7 @@ def _going_on(spans: list[_Span], time: float) -> _Span | None:
     return last if last is not None and (last.end is None or last.end > time) else None
 
 
-def _waits(run: Handling, time: float) -> list[Wait]:
-    begun = bisect_right(run.waits, time, key=_START)
-    lately = run.waits[max(begun - _WAITS, 0) : begun]
+def _waits(waits: list[Wait], time: float) -> list[Wait]:
+    begun = bisect_right(waits, time, key=_START)
+    lately = waits[max(begun - _WAITS, 0) : begun]
     return [wait for wait in lately if wait.end is None or wait.end > time]

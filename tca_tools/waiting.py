@@ -2,16 +2,15 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from math import nextafter
 from operator import itemgetter
 
 from tca_tools.analysis import words
-from tca_tools.past import Past
-from tca_tools.records import Ahead, Claim, Hold, Message, State, Wait
+from tca_tools.records import Ahead, Hold, State
 from tca_tools.then import TaskThen, Then
+from tca_tools.whereabouts import claim_and_why, kept_busy, listed, whereabouts
 from tca_wire.points import ROOT, Moment, Point, TaskId, describe_moments
 from tca_wire.vocabulary import MessageClass, Scope
-from tca_wire.wording import GAVE_UP, by_whom, place
+from tca_wire.wording import by_whom, place
 
 _CLAUSES = {
     Moment.START_HANDLING: "is being handled",
@@ -30,10 +29,30 @@ _NEXT = {
     State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
 }
 """The moments that a task may be kept from."""
+_BEFORE = {  # all that comes no later than a moment, and the moment, within a goal and within what only acts
+    True: {
+        Moment.START_HANDLING: (Moment.START_HANDLING, Moment.START_PLANNING),
+        Moment.START_PLANNING: (Moment.START_HANDLING, Moment.START_PLANNING),
+        Moment.END_HANDLING: (Moment.START_HANDLING, Moment.START_PLANNING, Moment.END_HANDLING),
+        Moment.END_PLANNING: (
+            Moment.START_HANDLING, Moment.START_PLANNING, Moment.END_HANDLING, Moment.END_PLANNING,
+        ),
+        Moment.START_ACHIEVING: (Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING),
+        Moment.END_ACHIEVING: tuple(Moment),
+    },
+    False: {
+        Moment.START_HANDLING: (Moment.START_HANDLING, Moment.START_ACHIEVING),
+        Moment.START_PLANNING: (),
+        Moment.END_HANDLING: (Moment.START_HANDLING, Moment.START_ACHIEVING, Moment.END_HANDLING),
+        Moment.END_PLANNING: (),
+        Moment.START_ACHIEVING: (Moment.START_HANDLING, Moment.START_ACHIEVING),
+        Moment.END_ACHIEVING: (
+            Moment.START_HANDLING, Moment.START_ACHIEVING, Moment.END_HANDLING, Moment.END_ACHIEVING,
+        ),
+    },
+}  # fmt: skip
 UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
 """States in which a task waits for what is under it, and until what has come."""
-_NAMED = 3
-"""How many subtasks a reason names."""
 
 
 def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> list[str]:
@@ -45,7 +64,7 @@ def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> l
     if not task or not reasons:
         return []
     found = list(dict.fromkeys(reasons(then, task)))
-    if with_children and task.state in UNTIL_CHILDREN and not task.handling and not watches(task):
+    if with_children and task.state in UNTIL_CHILDREN and not task.handling and not task.watches:
         found += _of_children(then, task, UNTIL_CHILDREN[task.state])
     return found
 
@@ -54,7 +73,7 @@ def waits_how(task: TaskThen) -> str:
     """What goes before the reasons of a task: "waits", "suspended by operator panel,", "asked", "killed,"."""
     if task.state is State.ENDING:
         return "killed,"
-    if watches(task):
+    if task.watches:
         return "watches:"
     if task.handling and not task.wait and task.asking:
         return "asked"
@@ -64,13 +83,15 @@ def waits_how(task: TaskThen) -> str:
 
 def waits_since(task: TaskThen) -> float:
     """From when on a task has waited for that: since its handler blocks or asked, since it is suspended, since an
-    exception handler was called for its failure, or since its state.
+    exception handler was called for its failure, since it is in its queue, or since its state.
     """
     if task.state is State.RECOVERING:
         return task.since if task.called is None else max(task.called, task.since)
     if task.state is State.SUSPENDED and task.suspension:
         return task.suspension.start
-    if task.state is State.ENDING or watches(task) or not task.handling:
+    if task.state is State.QUEUED and task.queueing:
+        return task.queueing.start
+    if task.state is State.ENDING or task.watches or not task.handling:
         return task.since
     return task.wait.start if task.wait else next((one.received for one in task.asking), task.since)
 
@@ -103,48 +124,6 @@ def clause(moment: Moment) -> str:
     return _CLAUSES[moment]
 
 
-def kept_busy(then: Then, module: str, resource: str, message: Message | TaskThen) -> str:
-    """What keeps a resource from a message: ``which controller has locked while handling walk {3}``."""
-    sender = message.sender
-    held_by = then.held_by(module, resource)
-    if held_by and not (held_by.is_reserved and held_by.sender == sender):
-        return f"which {held_by.sender} has {_how(held_by)}{for_whom(then.past, held_by, then.moment)}"
-    if busy := _busy(then, module, resource, message.id):
-        return f"busy with {busy}"
-    wanted = then.wanted(module, resource)
-    return f"which {wanted.sender} waits to {_TO[wanted.is_reserved]}" if wanted else ""
-
-
-_TO = {False: "lock", True: "reserve"}
-
-
-def claim_and_why(then: Then, claim: Claim) -> str:
-    """A claim that waits, and for whom: ``lock of legs {8}, but legs is busy with move {4}``."""
-    held_by = then.held_by(claim.module, claim.resource)
-    if held_by and held_by is not claim:
-        return f"{claim}, but {held_by.sender} has {_how(held_by)} it{for_whom(then.past, held_by, then.moment)}"
-    busy = _busy(then, claim.module, claim.resource)
-    return f"{claim}, but {place(claim.module, claim.resource)} is busy with {busy}" if busy else str(claim)
-
-
-def for_whom(past: Past, claim: Claim, moment: float) -> str:
-    """The message for which a claim was wanted, if that is known: `` while handling walk {3}``."""
-    if claim.by is None:
-        return ""
-    is_over = claim.by.end is not None and claim.by.end <= moment
-    return f" {'for' if is_over else 'while handling'} {past.describe(claim.by.message_id)}"
-
-
-def _how(claim: Claim) -> str:
-    return "reserved" if claim.is_reserved else "locked"
-
-
-def _busy(then: Then, module: str, resource: str, but: int = 0) -> str:
-    """What handlers of a resource run; of a message that waits for it, all but itself."""
-    runs = (run for run in then.running(module, resource) if run.message_id != but)
-    return _listed([then.describe(run.message_id) for run in runs])
-
-
 def _of_held_back(then: Then, task: TaskThen) -> Iterator[str]:
     for blocker in blockers(then, task):
         yield of_blocker(then, task, blocker)
@@ -159,7 +138,7 @@ def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
     yield f"for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
 
 
-def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
+def of_handler(then: Then, task: TaskThen) -> Iterator[str]:
     """A handler that runs may block, or go on while it waits for replies."""
     waits = task.waits
     for wait in waits:
@@ -168,59 +147,23 @@ def _of_handled(then: Then, task: TaskThen) -> Iterator[str]:
         elif wait.awaited in then.past.claims:
             yield f"for the {claim_and_why(then, then.past.claims[wait.awaited])}"
         else:
-            yield f"for the reply to {then.describe(wait.awaited)}{_whereabouts(then, wait.awaited)}"
+            yield f"for the reply to {then.describe(wait.awaited)}{whereabouts(then, wait.awaited)}"
     if not waits and (asking := task.asking):
-        yield f"{_listed([str(one) for one in asking])}{_whereabouts(then, asking[0].id)}, no reply yet"
-
-
-def _whereabouts(then: Then, message_id: int) -> str:
-    """Where a query is: ``, which no module handles``."""
-    query = then.past.messages.get(message_id)
-    if query is None or query.message_class is not MessageClass.QUERY:
-        return ""
-    if queueing := then.queueing_of(query):
-        if not queueing.module:
-            return ", which no module handles"
-        why = kept_busy(then, queueing.module, queueing.resource, query)
-        return f", which is queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
-    run = then.handling_of(query)
-    return f", which {place(run.module, run.resource)} handles" if run else ""
-
-
-def why_in_vain(past: Past, wait: Wait) -> str:
-    """Where a query was when its handler waited no longer for the reply: ``legs had it``; "" if it did not give up."""
-    query = past.messages.get(wait.awaited)
-    is_given_up = query is not None and wait.end is not None and (query.dropped or "").startswith(GAVE_UP)
-    if query is None or wait.end is None or not is_given_up or query.message_class is not MessageClass.QUERY:
-        return ""
-    then = Then(past, nextafter(wait.end, 0.0))
-    if queueing := then.queueing_of(query):
-        if not queueing.module:
-            return "no module handled it"
-        why = kept_busy(then, queueing.module, queueing.resource, query)
-        return f"it was queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else "")
-    run = then.handling_of(query)
-    return f"{place(run.module, run.resource)} had it, and had not answered" if run else "there was no answer yet"
+        yield f"{listed([str(one) for one in asking])}{whereabouts(then, asking[0].id)}, no reply yet"
 
 
 def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
     if task.handling:
-        yield from _of_handled(then, task)
+        yield from of_handler(then, task)
         return
     yield from _of_held_back(then, task)
 
 
 def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
-    if watches(task):
+    if task.watches:
         yield _of_watching(then, task)
         return
     yield from _of_held_back(then, task)
-
-
-def watches(task: TaskThen) -> bool:
-    """Whether it is a monitor that has begun to watch, and goes on."""
-    is_begun = task.message_class.is_monitor and Moment.START_HANDLING in task.reached
-    return is_begun and task.is_watching and task.state in (State.ACHIEVING, State.PLANNING)
 
 
 def _of_watching(then: Then, monitor: TaskThen) -> str:
@@ -238,7 +181,7 @@ def _has_condition(monitor: TaskThen) -> bool:
 def _of_ending(then: Then, task: TaskThen) -> Iterator[str]:
     """A killed task ends when its handler has returned, and with what is done to leave things safe."""
     if task.handling:
-        blocked = "".join(f", and waits {what}" for what in _of_handled(then, task)) if task.wait else ""
+        blocked = "".join(f", and waits {what}" for what in of_handler(then, task)) if task.wait else ""
         yield f"its handler still runs{blocked}"
     yield from (f"waits {what}" for what in _of_children(then, task, Moment.END_ACHIEVING))
     if task.suspension and not task.handling:
@@ -253,7 +196,7 @@ def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
         are = "are" if len(open_ones) > 1 else "is"
         is_over = task.is_retried or task.state is State.ENDING  # however they end
         ended = "have ended" if is_over and len(open_ones) > 1 else "has ended"
-        yield f"until {_listed(open_ones)} {ended if is_over else f'{are} {_CLAUSES[moment][3:]}'}"
+        yield f"until {listed(open_ones)} {ended if is_over else f'{are} {_CLAUSES[moment][3:]}'}"
 
 
 def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
@@ -268,6 +211,12 @@ def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
     yield from blockers_of(then, task, moments)
 
 
+def up_to(task: TaskThen, moment: Moment) -> list[Moment]:
+    """The moments that a task has to reach before that one, and that one, unless it has."""
+    reached = task.reached
+    return [one for one in _BEFORE[task.message_class.is_goal][moment] if one not in reached]
+
+
 def blockers_of(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[Hold | Moment]:
     """What keeps a task from these moments. A wait for a moment of its own, which is added to them, leads on to what
     keeps it from that.
@@ -280,8 +229,8 @@ def blockers_of(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[H
             if before.task != task.id or (hold.constraint.delay and then.has_reached(before)):
                 yield hold
             elif before.moment not in moments:
-                moments.append(before.moment)
-        if moment in _OF_FAMILY and not then.has_reached(Point(task.parent, moment)):
+                moments += [one for one in up_to(task, before.moment) if one not in moments]
+        if moment in _OF_FAMILY and not task.role and not then.has_reached(Point(task.parent, moment)):
             yield moment
 
 
@@ -310,15 +259,10 @@ def _until(then: Then, point: Point, delay: str = "") -> str:
     return f"until {delay}{kind}{then.describe(point.task)} {_CLAUSES[point.moment]}"
 
 
-def _listed(names: list[str]) -> str:
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
 def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
     """What was suspended may be far above; and handlers under this one may still run."""
     if running := [then.describe(run.message_id) for run in then.ran_on(task)]:
-        yield f"until {_listed(running)} {'have' if len(running) > 1 else 'has'} been handled"
+        yield f"until {listed(running)} {'have' if len(running) > 1 else 'has'} been handled"
     if task.suspension:
         yield f"until {then.describe(task.suspension.cause)} is resumed"
 
@@ -336,7 +280,7 @@ def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
     if task.queueing:
         yield from _of_queued(then, task)
     elif task.handling:
-        yield from _of_handled(then, task) if task.wait else ()
+        yield from of_handler(then, task) if task.wait else ()
     else:
         yield from _of_held_back(then, task)
 
@@ -348,7 +292,7 @@ _REASONS = {
     State.QUEUED: _of_queued,
     State.PLANNING: _of_planning,
     State.PLANNED: _of_held_back,
-    State.HANDLING: _of_handled,
+    State.HANDLING: of_handler,
     State.ACHIEVING: _of_achieving,
     State.ENDING: _of_ending,
 }

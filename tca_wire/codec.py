@@ -16,7 +16,17 @@ from tca_wire.headers import ToCentral, ToModule
 from tca_wire.vocabulary import Limit
 
 _LENGTHS = struct.Struct(">II")
-_encode = msgspec.msgpack.Encoder().encode
+
+
+def plain(value: Any) -> int:
+    """A number of a type of its own, as programs have them, goes as a plain one."""
+    if isinstance(value, int):
+        return int(value)
+    msg = f"Encoding objects of type {type(value).__name__} is unsupported"
+    raise TypeError(msg)
+
+
+_encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
 
 # What msgspec raises on hostile bytes; the last two are no MsgspecError.
 _BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)

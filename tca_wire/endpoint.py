@@ -1,9 +1,12 @@
 """Where central listens and keeps its journals when nobody says so: a socket and folders of its user's own."""
 
 import os
+from hashlib import sha256
 from pathlib import Path
 
 VARIABLE = "TCA_CENTRAL"
+
+_HERE = ("tcp://127.0.0.1", "tcp://localhost", "tcp://[::1]", "tcp://0.0.0.0", "tcp://*", "tcp://[::]")
 
 
 def default_folder() -> Path:
@@ -21,3 +24,12 @@ def default_journals() -> Path:
     """The folder that holds a journal per run: ``$XDG_STATE_HOME/tca/journals``, or below ``~/.local/state``."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(state) / "tca" / "journals"
+
+
+def journal_link(address: str) -> Path:
+    """Where the central that listens at an address leaves a link to the journal that it keeps; there may be none. Of
+    the names that a port of this computer has all lead to the same.
+    """
+    host, _, port = address.rpartition(":")
+    key = f"port {port}" if host in _HERE else address
+    return default_journals().parent / "centrals" / sha256(key.encode()).hexdigest()[:16]

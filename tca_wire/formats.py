@@ -30,7 +30,9 @@ def _is_array_type(kind: Any) -> bool:
 
 
 def _encode_custom(value: Any) -> Any:
-    """Encode what msgspec does not know: numpy arrays and numpy's numbers."""
+    """Encode what msgspec does not know: numpy arrays and numpy's numbers, numbers that know more than they are."""
+    if isinstance(value, int):
+        return int(value)
     if _is_array_type(type(value)):
         if value.dtype.hasobject:
             msg = f"an array of dtype {value.dtype} holds Python objects"

@@ -54,7 +54,8 @@ from tca_wire.to_module import (
     Welcome,
 )  # fmt: skip
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
+"""Goes up whenever a header changes: who speaks another one is refused, and told so."""
 
 __all__ = [
     "PROTOCOL_VERSION", "Accepted", "Answer", "Ask", "Attach", "Await", "AwaitAny", "Beat", "Bye", "Cancelled",

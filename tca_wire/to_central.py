@@ -19,8 +19,10 @@ class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
     """What all headers share: an array on the wire, whose first element is the kind."""
 
 
-class Hello(_Header, frozen=True, tag=1):
-    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused."""
+class Hello(_Header, frozen=True, forbid_unknown_fields=False, tag=1):
+    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused. A later version's
+    may have more fields: so it can be read, and refused for its version.
+    """
 
     number: int
     version: int
@@ -128,7 +130,8 @@ class GiveUp(_Header, frozen=True, tag=9):
 
     request: int
     number: int = 0
-    """With a number it is answered: the text of the Answer says why that answer is not there ("": it is, or was)."""
+    """With a number it is answered: the text of the Answer says why that answer is not there ("": it is, or was). Of a
+    multi-query to which nobody has replied it is the first failure, if there was one."""
 
 
 class Await(_Header, frozen=True, tag=26):
@@ -333,10 +336,14 @@ class SetVariable(_Header, frozen=True, tag=21):
 
 
 class WaitUntilHandled(_Header, frozen=True, tag=22):
-    """Answer when each of these messages is handled by somebody, all at the same time."""
+    """Answer when each of these messages is handled by somebody, all at the same time. Before that an Answer with
+    *more* and a text may come: a warning.
+    """
 
     number: int
     messages: list[str]
+    promised: list[str] = []
+    """What the sender will handle as soon as that is so."""
 
 
 ToCentral = (

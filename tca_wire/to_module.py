@@ -45,7 +45,7 @@ class Answer(_Header, frozen=True, tag=36):
     text: str = ""
     more: bool = False
     """Of a multi-query: further answers follow; the one without *more* is the end. It has no body and is *done*, or is
-    the first failure where all who were asked failed."""
+    the first failure where all who were asked failed: the first line of its text names them all."""
 
 
 class Deliver(_Header, frozen=True, tag=37):
@@ -63,9 +63,11 @@ class Deliver(_Header, frozen=True, tag=37):
 
 
 class Cancelled(_Header, frozen=True, tag=38):
-    """The task of this delivery has been killed: its handler should end soon."""
+    """The task of this delivery has been killed, or is to be handled again: its handler should end soon."""
 
     delivery: int
+    why: str = ""
+    """Why, and of a kill by whom."""
 
 
 class Beat(_Header, frozen=True, tag=39):
@@ -74,6 +76,9 @@ class Beat(_Header, frozen=True, tag=39):
 
 class Unknown(_Header, frozen=True, tag=40):
     """Central does not know this connection: say Hello again, then repeat what is not acknowledged."""
+
+    number: int = 0
+    """Of the request that it answers, which is not done: whoever sent that only once knows that nobody has it."""
 
 
 class Closing(_Header, frozen=True, tag=41):

@@ -230,10 +230,15 @@ def subject_of(fact: facts.Fact) -> int:
     return next((number for number in fields if isinstance(number, int)), 0)
 
 
+def called(module: str) -> str:
+    """What a module calls itself: of several copies of a program the others are known as ``legs#2``, ``legs#3``."""
+    return module.partition("#")[0]
+
+
 def by_whom(by: str) -> str:
     """Who asked for something: " by legs", " by the command 'tca kill'"; "" if the journal does not tell."""
     if by.startswith(_COMMAND):
-        return f" by the command '{by.partition('#')[0]}'"
+        return f" by the command '{called(by)}'"
     return f" by {by}" if by else ""
 
 

@@ -16,16 +16,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What fails is due to what was changed: random examples are the same in every run, unless new ones are wanted.
+    """What fails is due to what was changed: random examples are the same in every run, unless new ones are wanted, and
+    may take their time on a busy machine.
 
     Byte code is kept, also where the environment (of many containers) says otherwise: else each of the hundreds of
     processes that the tests start compiles all sources anew.
     """
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    settings.register_profile("the same lives", derandomize=True)
-    if not config.getoption("--new-lives"):
-        settings.load_profile("the same lives")
+    settings.register_profile("ours", derandomize=not config.getoption("--new-lives"), deadline=None)
+    settings.load_profile("ours")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -7,14 +7,13 @@ or resume is the event of *that* entry; and so on, back to where somebody acted 
 time, so a walk costs what it passes through, and a run is walked through in time proportional to its journal.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from operator import attrgetter
 
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Queueing, Suspension, Task, Wait
+from tca_tools.records import Claim, Handling, Message, Queueing, Suspension, Task, Wait
 from tca_wire.points import ROOT, Moment
 from tca_wire.vocabulary import Role
 
@@ -27,7 +26,7 @@ class Doing(StrEnum):
     DELAY = "delay"  # a constraint with a delay
     NO_HANDLER = "no handler"  # nobody handled the message
     QUEUED = "queued"  # for a resource, and no handler is known that had it
-    LOCKED = "locked"  # a resource was locked from outside of any handler
+    LOCKED = "locked"  # a resource was locked from outside of any handler, or a lock was waited for in vain
     SUSPENDED = "suspended"  # and nothing under it ran on any more
     KILLED = "killed"  # it went on until it was killed, or a failure was raised on it, from outside
     HELD = "held"  # by a constraint, or its parent
@@ -65,6 +64,8 @@ class _At:
     time: float
     message_id: int
     handling: Handling | None = None
+    wait: Wait | None = None
+    """The wait that was over then, if the walk came by one."""
 
 
 class Causes:
@@ -80,9 +81,13 @@ class Causes:
                 if handling.end is not None:
                     self._ended[handling.end] = handling
         self._sent = {message.received: message for message in past.messages.values() if not message.role}
-        self._claims_ended = {claim.end: claim for claim in past.claims.values() if claim.end is not None}
+        self._released = {
+            claim.end: claim for claim in past.claims.values() if claim.end is not None and claim.granted is not None
+        }
         self._resumed = {one.end: one for one in past.suspensions() if one.is_resumed}
-        self._waits = {name: _by_end(module.waits) for name, module in past.modules.items()}
+        self._outside = {name: _Outside(past, module.waits) for name, module in past.modules.items()}
+        self._waits: dict[int, list[Wait]] = {}
+        """Of runs of handlers that were walked through, their waits as they ended."""
 
     def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
         """The steps that led to what happened at *time* to a message, or that a handler did then; the newest first."""
@@ -113,46 +118,95 @@ class Causes:
 
     def _in_handler(self, at: _At, handling: Handling) -> tuple[Step, _At]:
         """Back to where the handler last resumed, or else began."""
-        wait = _last_over(handling.waits, at.time)
-        start = handling.start if wait is None else _end_of(wait)
+        wait = self._last_over(handling, at.time)
+        if wait is None:
+            start, before = handling.start, _At(handling.start, handling.message_id)
+        else:
+            start = _end_of(wait)
+            before = _At(start, wait.awaited, wait=wait)
         message = handling.message_id
         step = Step(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
-        return step, _At(start, message if wait is None else wait.awaited)
+        return step, before
+
+    def _last_over(self, handling: Handling, time: float) -> Wait | None:
+        """The one of a handler's waits that was over last by then."""
+        if not handling.waits:
+            return None
+        if (waits := self._waits.get(id(handling))) is None:
+            waits = self._waits[id(handling)] = _by_end(handling.waits)
+        place = bisect_right(waits, time, key=_end_of)
+        return waits[place - 1] if place else None
 
     def _at_event(self, at: _At) -> tuple[Step | None, _At | None]:
         """What the event at a time was, and who brought it about."""
-        if (ended := self._ended.get(at.time)) is not None and ended.start < at.time:
+        if (ended := self._ended_then(at)) is not None:
             return None, _At(at.time, at.message_id, ended)
         if (resumed := self._resumed.get(at.time)) is not None and (stood := _stood(resumed, at.time)):
             return stood, _At(stood.start, resumed.task)
         if (sent := self._sent.get(at.time)) is not None:
-            return self._sent_by(sent, at.time)
-        claim = self._claims_ended.get(at.time)
-        if claim is not None and claim.granted is not None:
-            if holder := self.handling_of(claim.origin, at.time):
-                return None, _At(at.time, at.message_id, holder)
-            step = Step(claim.granted, at.time, Doing.LOCKED, at.message_id, claim.sender)
-            return step, _At(claim.granted, at.message_id)
+            return self._by(sent.sender, sent.origin, sent.id, at.time)
+        if (found := self._at_claim(at)) is not None:
+            return found
+        if (message := self._past.messages.get(at.message_id)) is not None:
+            return self._without_event(message, at)
+        return (None, None) if at.wait is None else self._in_vain(at.wait, at.time)
+
+    def _at_claim(self, at: _At) -> tuple[Step | None, _At | None] | None:
+        """Back into who had a lock until then; or from a lock that was wanted until then, to where it was asked for."""
+        wanted, held = self._past.claims.get(at.message_id), self._released.get(at.time)
+        if held is None or held is wanted or held.granted is None or held.granted >= at.time:
+            return None if wanted is None else self._wanted(wanted, at.time)
+        if holder := self.handling_of(held.origin, at.time):
+            return None, _At(at.time, at.message_id, holder)
+        return Step(held.granted, at.time, Doing.LOCKED, at.message_id, held.sender), _At(held.granted, held.id)
+
+    def _ended_then(self, at: _At) -> Handling | None:
+        """The handler that ended then; of several (a module was lost) that of the message that is looked at. One that
+        was cut off while it waited did nothing.
+        """
         message = self._past.messages.get(at.message_id)
-        return (None, None) if message is None else self._without_event(message, at.time)
+        own = (run for run in reversed(message.handlings) if run.end == at.time) if message else ()
+        ended = next(iter(own), None) or self._ended.get(at.time)
+        waited = at.wait.by if at.wait else None
+        return ended if ended is not None and ended is not waited and ended.start < at.time else None
 
-    def _sent_by(self, sent: Message, time: float) -> tuple[Step | None, _At | None]:
-        """Back into the handler that sent a message; or to where the sender last waited, outside of any handler."""
-        if origin := self.handling_of(sent.origin, time):
-            return None, _At(time, sent.id, origin)
-        waits = self._waits.get(sent.sender, [])
-        place = bisect_right(waits, time, key=_end_of)
-        if sent.origin or not place:
+    def _by(self, module: str, origin: int, message_id: int, time: float) -> tuple[Step | None, _At | None]:
+        """Back into the handler that did something; or to where the program last waited, outside of any handler."""
+        if run := self.handling_of(origin, time):
+            return None, _At(time, message_id, run)
+        if (run := self._deliveries.get(origin)) is not None and run.end is not None and run.end < time:
+            step = Step(run.end, time, Doing.OUTSIDE, message_id, module)  # it went on beside its handler
+            return step, _At(run.end, run.message_id, run)
+        if origin or (outside := self._outside.get(module)) is None or (found := outside.last_over(time)) is None:
             return None, None
-        wait = waits[place - 1]
-        start = _end_of(wait)
-        return Step(start, time, Doing.OUTSIDE, sent.id, sent.sender, resumed=wait), _At(start, wait.awaited)
+        start, wait = found
+        step = Step(start, time, Doing.OUTSIDE, message_id, module, resumed=wait)
+        return step, _At(start, wait.awaited, wait=wait)
 
-    def _without_event(self, message: Message, time: float) -> tuple[Step | None, _At | None]:
+    def _wanted(self, claim: Claim, time: float) -> tuple[Step | None, _At | None]:
+        """Back to where a lock was asked for: nothing is known that let it be granted, or it was wanted in vain."""
+        if claim.start >= time:
+            return self._by(claim.sender, claim.origin, claim.id, time)
+        message = claim.by.message_id if claim.by else claim.id
+        step = Step(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
+        return step, _At(claim.start, claim.id)
+
+    def _in_vain(self, wait: Wait, time: float) -> tuple[Step | None, _At | None]:
+        """Nothing is known that ended a wait: back to what went on of what was waited for, or to where it began."""
+        if (claim := self._past.claims.get(wait.awaited)) is not None:
+            return self._wanted(claim, time)
+        message = self._past.messages.get(wait.awaited)
+        if message is not None and (found := _went_on(self._past, message, time)):
+            return found
+        message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
+        return Step(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
+
+    def _without_event(self, message: Message, at: _At) -> tuple[Step | None, _At | None]:
         """Nobody did anything just then: a time was due, or something happened that the journal does not tell."""
+        time = at.time
         if message.role in (Role.CONDITION, Role.ACTION) and message.received == time:
             return self._monitored(message, time)
-        queueing = next((one for one in message.queueings if one.end == time), None)
+        queueing = self._left_queue(message, time)
         if queueing is not None and queueing.start < time:
             doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
             return _waited(queueing.start, time, doing, message.id, queueing)
@@ -160,13 +214,26 @@ class Causes:
             return held
         if message.received == time:
             return None, (_At(time, message.about) if message.about in self._past.messages else None)
+        return self._until_ended(message, at)
+
+    def _left_queue(self, message: Message, time: float) -> Queueing | None:
+        """The stay in a queue that was over then; of what goes to many, of one of its copies."""
+        queueings = [*message.queueings, *self._past.copies.get(message.id, ())]
+        return next((one for one in queueings if one.end == time), None)
+
+    def _until_ended(self, message: Message, at: _At) -> tuple[Step | None, _At | None]:
+        """It was killed then, or nobody waited for it any longer, and it is not known that anybody did that."""
+        time = at.time
         was_ended = any(when == time and name in ("killed", "failure") for when, name, _ in message.changes)
         if was_ended and isinstance(message, Task) and (stood := self._stood_until(message, time)):
             return None, _At(time, stood.id)
         ends = (run.end for run in reversed(message.handlings) if run.end is not None and run.end < time)
         since = max(next(ends, message.received), message.received)
-        went_on = None if was_ended else _went_on(message, time)
-        return went_on or _waited(since, time, Doing.KILLED if was_ended else Doing.UNKNOWN, message.id)
+        if was_ended:  # a handler that does not heed it goes on
+            return _went_on(self._past, message, time) or _waited(since, time, Doing.KILLED, message.id)
+        if at.wait is not None and at.wait.start < time:
+            return self._in_vain(at.wait, time)
+        return _went_on(self._past, message, time) or _waited(since, time, Doing.UNKNOWN, message.id)
 
     def _held(self, task: Task, time: float) -> tuple[Step | None, _At] | None:
         """A delay of a task was over then, or a suspension, or one began."""
@@ -218,13 +285,14 @@ class Causes:
         return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
 
 
-def _went_on(message: Message, time: float) -> tuple[Step | None, _At] | None:
+def _went_on(past: Past, message: Message, time: float) -> tuple[Step | None, _At] | None:
     """Somebody waited no longer for a message or task that was still handled, or still in a queue: back to that."""
     run = next((run for run in reversed(message.handlings) if _covers(run, time)), None)
     if run is not None:
         wait = next((wait for wait in reversed(run.waits) if _covers(wait, time) and wait.awaited > message.id), None)
         return None, _At(time, wait.awaited) if wait is not None else _At(time, message.id, run)
-    queueing = next((one for one in reversed(message.queueings) if _covers(one, time)), None)
+    queueings = message.queueings or past.copies.get(message.id, [])
+    queueing = next((one for one in reversed(queueings) if _covers(one, time)), None)
     if queueing is None:
         return None
     doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
@@ -257,21 +325,36 @@ def _stood(suspension: Suspension, end: float) -> Step | None:
     return Step(since, end, Doing.SUSPENDED, suspension.cause, "") if since is not None and since < end else None
 
 
-def _last_over(waits: list[Wait], time: float) -> Wait | None:
-    """The last of a handler's waits that was over by then."""
-    place = bisect_right(waits, time, key=attrgetter("start"))
-    while place:
-        place -= 1
-        end = waits[place].end
-        if end is not None and end <= time:
-            return waits[place]
-    return None
-
-
 def _by_end(waits: list[Wait]) -> list[Wait]:
-    """Those that are over, as they ended."""
-    return sorted((wait for wait in waits if wait.end is not None), key=_end_of)
+    """Those that took time and are over, as they ended. What takes no time is over with the event that begins it."""
+    return sorted((wait for wait in waits if wait.end is not None and wait.end > wait.start), key=_end_of)
 
 
 def _end_of(wait: Wait) -> float:
     return wait.start if wait.end is None else wait.end
+
+
+class _Outside:
+    """What a program waited for outside of any handler. Where it looks at what had come so far before, it has waited
+    until then.
+    """
+
+    def __init__(self, past: Past, waits: list[Wait]) -> None:
+        self._ends: list[float] = []
+        self._last: list[tuple[float, Wait]] = []
+        """What was over last until then, and since when."""
+        for wait in sorted((wait for wait in waits if wait.end is not None), key=_end_of):
+            end = since = _end_of(wait)
+            if wait.start == end:
+                task = past.tasks.get(wait.awaited)
+                since = task.reached.get(wait.moment, end) if task is not None and wait.moment else end
+                if since == end:
+                    continue
+            self._ends.append(end)
+            is_last = not self._last or since >= self._last[-1][0]
+            self._last.append((since, wait) if is_last else self._last[-1])
+
+    def last_over(self, time: float) -> tuple[float, Wait] | None:
+        """What was over last when it did something at a time, and since when."""
+        place = bisect_left(self._ends, time)
+        return self._last[place - 1] if place else None

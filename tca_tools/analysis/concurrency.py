@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from math import nextafter
 
 from tca_tools.analysis.causes import Causes, Doing, Step
+from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.spans import Cover
 from tca_tools.past import Past
@@ -131,6 +132,8 @@ def _chances(past: Past, causes: Causes, free: "_Free", acting: Key, runs: list[
 def _chance(past: Past, causes: Causes, acting: Key, pair: tuple[Handling, Handling], gap: float) -> Chance | None:
     """What a gap between two commands holds, if an order held planning back until its start or later."""
     first, second = pair
+    if _was_queued(past, second.message_id, gap):
+        return None  # there was something to act: only it could not begin
     steps: list[Step] = []
     for step in causes.back_from(second.start, second.message_id):
         if step.end <= gap:
@@ -152,10 +155,17 @@ def _chance(past: Past, causes: Causes, acting: Key, pair: tuple[Handling, Handl
     return Chance(acting, first.message_id, second.message_id, held, gap, second.start, planning, reason, remedy, 0.0)
 
 
+def _was_queued(past: Past, message_id: int, time: float) -> bool:
+    """Whether a message stood in a queue at a time, and had since before."""
+    message = past.messages.get(message_id)
+    queueings = message.queueings if message else []
+    return any(one.start < time and (one.end is None or one.end > time) for one in queueings)
+
+
 def _was_held(past: Past, step: Step, gap: float) -> bool:
     """Whether a step could have begun before the gap, had an order not held it back."""
     if step.resumed:
-        return step.resumed.start < gap
+        return step.resumed.start < gap and step.resumed.awaited not in past.claims  # a lock is no order
     message = past.messages.get(step.message_id)
     if message is None or step.doing is not Doing.WORK or not isinstance(message, Task):
         return False
@@ -186,15 +196,21 @@ def _why(past: Past, held: Step) -> tuple[str, str]:
             return f"{who} waited for the reply to {asked}", (
                 f"'{asked.name}' queues behind commands: let a resource of its own handle it"
             )
-        what, name = past.describe(held.resumed.awaited), past.name(held.resumed.awaited)
+        what, name = past.describe(held.resumed.awaited), _quoted(past, held.resumed.awaited)
         remedy = (
-            f"{kind} waits for '{name}' and only then goes on: let it send what follows at once, in a "
+            f"{kind} waits for {name} and only then goes on: let it send what follows at once, in a "
             "sequence with plan_ahead=1"
         )
         return f"{who} waited for {what}", remedy
     task = past.tasks[held.message_id]
     reasons = why_waiting(Then(past, nextafter(held.start, 0.0)), TaskId(task.id))
     return f"{task} was held {' and '.join(reasons)}", _remedy(past, task, held.start)
+
+
+def _quoted(past: Past, number: int) -> str:
+    """The name of a message in quotes, where it has one."""
+    name = named(past, number)
+    return f"'{name}'" if name == past.name(number) else name
 
 
 def _queued_question(past: Past, wait: Wait) -> Message | None:

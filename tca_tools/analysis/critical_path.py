@@ -8,14 +8,17 @@ from dataclasses import dataclass, field
 from math import nextafter
 
 from tca_tools.analysis.causes import Causes, Doing, Step
+from tca_tools.analysis.given_up import still_handled
+from tca_tools.analysis.releases import released, released_by
 from tca_tools.analysis.standing import going_on
 from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.analysis.words import moment, seconds
-from tca_tools.past import Past
-from tca_tools.records import Message, Queueing, Suspension, Task
+from tca_tools.past import UNKNOWN, Past
+from tca_tools.records import Message, Queueing, Suspension, Task, Wait
 from tca_tools.story import awaited
 from tca_tools.then import Then
-from tca_tools.waiting import kept_busy, of_blocker, why_in_vain, why_waiting
+from tca_tools.waiting import of_blocker, why_waiting
+from tca_tools.whereabouts import kept_busy, why_in_vain
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.wording import by_whom, place
 
@@ -92,7 +95,7 @@ def shares(past: Past, path: CriticalPath) -> list[Share]:
     """Where the path's time went, by message and place: the longest first."""
     found: dict[tuple[Doing, str, str], Share] = {}
     for step in path.steps:
-        name, where = past.name(step.message_id), where_of(step)
+        name, where = named(past, step.message_id), where_of(step)
         if step.doing is Doing.OUTSIDE:
             name = ""
         share = found.setdefault((step.doing, name, where), Share(step.doing, name, where, 0, 0.0, 0.0))
@@ -101,6 +104,14 @@ def shares(past: Past, path: CriticalPath) -> list[Share]:
     for share in found.values():
         share.share = share.seconds / path.seconds if path.seconds > 0 else 0.0
     return sorted(found.values(), key=lambda share: -share.seconds)
+
+
+def named(past: Past, number: int) -> str:
+    """What a message, or a lock, is called, without its number."""
+    if (claim := past.claims.get(number)) is not None:
+        return f"{'reservation' if claim.is_reserved else 'lock'} of {place(claim.module, claim.resource)}"
+    name = past.name(number)
+    return "what was sent before the journal begins" if name == UNKNOWN else name
 
 
 def where_of(step: Step) -> str:
@@ -122,17 +133,45 @@ def why_then(past: Past, step: Step) -> str:
     if message and step.doing in _WHY and (why := _WHY[step.doing](past, message, step)):
         return why
     if step.resumed:
-        why = why_in_vain(past, step.resumed)
         who = "sender" if step.doing is Doing.OUTSIDE else "handler"
-        return f"its {who} waited {awaited(past, step.resumed)}{f', in vain: {why}' if why else ''}"
+        return f"its {who} waited {awaited(past, step.resumed)}{_in_vain(past, step.resumed)}"
     if queueing := queueing_before(past, step):
-        return f"{seconds(step.start - queueing.start)} in the queue for {place(queueing.module, queueing.resource)}"
+        still = still_handled(Then(past, nextafter(step.start, 0.0)), message.id, step.start) if message else ""
+        return _in_queue(queueing, step.start) + (f"; {still}" if still else "")
     if message is None or message.received == step.start:
-        return f"{message.role} for {past.describe(message.about)}" if message and message.role else ""
+        return _made_for(past, message) if message and message.role else ""
     if isinstance(message, Task):
         reasons = why_waiting(Then(past, nextafter(step.start, 0.0)), TaskId(message.id))
-        return f"it waited {' and '.join(reasons)}" if reasons else ""
+        return f"it waited {' and '.join(reasons)}{released(past, message, step.start)}" if reasons else ""
     return ""
+
+
+def _in_queue(queueing: Queueing, until: float) -> str:
+    waited = seconds(until - queueing.start)
+    if not queueing.module:
+        return f"{waited} without a module that handles it"
+    return f"{waited} in the queue for {place(queueing.module, queueing.resource)}"
+
+
+def _made_for(past: Past, message: Message) -> str:
+    """What central made a message for; and if that could not go on before, why."""
+    about, text = past.tasks.get(message.about), f"{message.role} for {past.describe(message.about)}"
+    if about is None or about.received >= message.received:
+        return text
+    then = Then(past, nextafter(message.received, 0.0))
+    held = next((words for words, _ in released_by(then, about, message.received)), "")
+    return f"{text}, which waited {held}{released(past, about, message.received)}" if held else text
+
+
+def _in_vain(past: Past, wait: Wait) -> str:
+    """``, in vain``, with what is known of why; "" if what was waited for came."""
+    end = past.time if wait.end is None else wait.end
+    if why := past.deadlock(wait) or why_in_vain(past, wait):
+        still = still_handled(Then(past, nextafter(end, 0.0)), wait.awaited, end)
+        return f", in vain: {why}" + (f"; {still}" if still else "")
+    claim, task = past.claims.get(wait.awaited), past.tasks.get(wait.awaited)
+    came = claim.granted if claim else task.reached.get(wait.moment) if task and wait.moment else end
+    return ", in vain" if came is None or came > end else ""
 
 
 def _why_delayed(past: Past, message: Message, step: Step) -> str:
@@ -170,8 +209,11 @@ def _suspended(suspension: Suspension, step: Step) -> str:
 
 
 def _why_queued(past: Past, message: Message, step: Step) -> str:
-    why = kept_busy(Then(past, nextafter(step.end, 0.0)), step.module, step.resource, message)
-    return f"for {place(step.module, step.resource)}, {why}" if why else ""
+    then = Then(past, nextafter(step.end, 0.0))
+    why = kept_busy(then, step.module, step.resource, message)
+    still = still_handled(then, message.id, step.end)
+    where = place(step.module, step.resource)
+    return f"for {where}, {why}" + (f"; {still}" if still else "") if why else ""
 
 
 def _why_held(past: Past, message: Message, _step: Step) -> str:

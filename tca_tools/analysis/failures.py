@@ -11,11 +11,11 @@ from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
-from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, fate, told_to
+from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, failing, fate, told_to, went_on
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Task
-from tca_tools.story import exhausted
-from tca_wire.failures import BAD_DATA, HANDLER_ERROR, NOT_BY_CHOICE
+from tca_tools.records import Handling, Message, Task, Wait
+from tca_tools.story import awaited, exhausted
+from tca_wire.failures import BAD_DATA, DEADLOCK, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, place
@@ -82,9 +82,16 @@ class Kind:
         """How many were not overcome."""
         return sum(case.fate not in GOOD_FATES for case in self.cases)
 
+    @property
+    def untold(self) -> int:
+        """Of how many nobody was told."""
+        return sum(case.fate is Fate.UNTOLD for case in self.cases)
+
 
 def failures(past: Past) -> list[Kind]:
-    """The failures by name and message: first those of which most were not overcome, then by what they cost."""
+    """The failures by name and message: first those of which most were not overcome, then by what they cost. With what
+    nobody was told of nothing else failed: it comes after those.
+    """
     kinds: dict[tuple[str, str], Kind] = {}
     for message in past.messages.values():
         if not message.failure and not message.changes:
@@ -92,7 +99,9 @@ def failures(past: Past) -> list[Kind]:
         for case in _cases(past, message):
             key = (case.failure, message.name)
             kinds.setdefault(key, Kind(*key)).cases.append(case)
-    return sorted(kinds.values(), key=lambda kind: (-kind.bad, -kind.cost))
+    for name, case in _refused(past):
+        kinds.setdefault((DEADLOCK, name), Kind(DEADLOCK, name)).cases.append(case)
+    return sorted(kinds.values(), key=lambda kind: (kind.untold - kind.bad, -kind.bad, -kind.cost))
 
 
 def _cases(past: Past, message: Message) -> Iterator[Case]:
@@ -112,6 +121,35 @@ def _cases(past: Past, message: Message) -> Iterator[Case]:
         if isinstance(message, Task):
             _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
         yield case
+
+
+def _refused(past: Past) -> Iterator[tuple[str, Case]]:
+    """Those that were refused to wait, since that would have been a deadlock, and did not fail with that."""
+    if not past.deadlocks:
+        return
+    waits = [wait for run in past.handlings for wait in run.waits]
+    waits += [wait for module in past.modules.values() for wait in module.waits]
+    for wait in waits:
+        circle = past.deadlock(wait)
+        if not circle or wait.end is None or (became := _became(past, wait)) is None:
+            continue
+        run = wait.by if isinstance(wait.by, Handling) else None
+        message, name = (run.message_id, run.name) if run else (0, past.name(wait.awaited))
+        of, text = past.describe(message) if run else str(wait.by), circle.removeprefix(f"{DEADLOCK}: ")
+        why = f"it was to wait {awaited(past, wait)}"
+        yield name, Case(message, of, DEADLOCK, text, wait.end, "central", [], became, why, 0.0, 0.0)
+
+
+def _became(past: Past, wait: Wait) -> Fate | None:
+    """What became of a wait that was refused; None if its handler failed with that, which is told as any failure."""
+    if not isinstance(wait.by, Handling):
+        return Fate.TOLD
+    run, failed = wait.by, failing(past, wait.by)
+    if run.outcome is not Outcome.FAILED or run.end is None:
+        return Fate.COPED
+    if isinstance(failed, Message) and failed.was("failure", run.end).startswith(DEADLOCK):
+        return None
+    return Fate.COPED if went_on(past, failed, run.end) else Fate.ANSWERED
 
 
 def _lost(message: Message, case: Case, failed: Handling | None) -> float:

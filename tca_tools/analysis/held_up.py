@@ -9,33 +9,46 @@ been saved. The spans left out do not overlap, so they are never more than the p
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
+from tca_tools.analysis.locks import Locks
 from tca_tools.analysis.spans import Cover, Span
-from tca_tools.analysis.waits import WaitKind, locked_during
 from tca_tools.past import Past
-from tca_tools.records import Claim
-from tca_wire.wording import place
+from tca_tools.records import Claim, Queueing, Wait
+from tca_tools.whereabouts import why_in_vain
+from tca_wire.wording import called, place
+
+
+class Reason(StrEnum):
+    """What a step had to wait for."""
+
+    QUEUE = "queue"  # a slot of a resource
+    LOCK = "lock"  # the end of somebody's lock or reservation, or of his wait for it, most of the time
+    CLAIM = "claim"  # a lock or reservation, until what was handled there was done
+    REPLY = "reply"  # the reply to a query
+    IN_VAIN = "in vain"  # the same, and it was given up
 
 
 class Before(NamedTuple):
     """The wait that was over when a step began."""
 
-    kind: WaitKind
-    """RESOURCE, LOCK or REPLY."""
+    reason: Reason
     name: str
     """The resource, or the message that was asked."""
     start: float
     end: float
     claim: Claim | None = None
     """Who had the resource in whose queue it stood, locked or reserved."""
+    queueing: Queueing | None = None
+    """If it was a wait in a queue: that."""
 
     @property
-    def key(self) -> tuple[WaitKind, str]:
+    def key(self) -> tuple[Reason, str]:
         """What its like have in common."""
-        return self.kind, self.name
+        return self.reason, self.name
 
     @property
     def seconds(self) -> float:
@@ -47,7 +60,7 @@ class Before(NamedTuple):
 class HeldUp:
     """All waits of one kind and name on a path."""
 
-    kind: WaitKind
+    reason: Reason
     name: str
     times: int
     seconds: float
@@ -61,48 +74,69 @@ class HeldUp:
 
 def held_up(past: Past, causes: Causes, path: CriticalPath, window: Span, at_least: float) -> list[HeldUp]:
     """What the steps of a path waited for before they began, where it took *at_least* so many seconds in a window."""
-    found: dict[tuple[WaitKind, str], list[tuple[Before, Step]]] = {}
+    waits = _Waits(past)
+    found: dict[tuple[Reason, str], list[tuple[Before, Step]]] = {}
     for step in path.steps:
-        if (before := waited_before(past, step)) is not None:
+        if (before := waits.before(step)) is not None:
             found.setdefault(before.key, []).append((before, step))
     told = []
-    for (kind, name), waits in found.items():
-        seconds = Cover((before.start, before.end) for before, _ in waits).within(*window)
+    for (reason, name), alike in found.items():
+        seconds = Cover((before.start, before.end) for before, _ in alike).within(*window)
         if seconds >= at_least:
-            saving = _saving(past, causes, waits[-1][1], window)
-            longest, step = max(waits, key=lambda wait: wait[0].seconds)
-            told.append(HeldUp(kind, name, len(waits), seconds, saving, longest, step))
+            saving = _saving(waits, causes, alike[-1][1], window)
+            longest, step = max(alike, key=lambda wait: wait[0].seconds)
+            told.append(HeldUp(reason, name, len(alike), seconds, saving, longest, step))
     return told
 
 
-def waited_before(past: Past, step: Step) -> Before | None:
-    """What a step had waited for in a queue, or its handler for a reply or a lock; None if it was nothing of these."""
-    if (queueing := queueing_before(past, step)) is not None:
-        if not queueing.module:
+class _Waits:
+    """What the steps of a run had waited for."""
+
+    def __init__(self, past: Past) -> None:
+        self.past = past
+        self._locks = Locks(past)
+
+    def before(self, step: Step) -> Before | None:
+        """What a step had waited for in a queue, or its handler for a reply or a lock; None if it was neither."""
+        if (queueing := queueing_before(self.past, step)) is not None:
+            return self._in_queue(queueing, step) if queueing.module else None
+        wait, asker = step.resumed, self.past.messages.get(step.message_id)
+        if wait is None or wait.moment or asker is None or step.doing is not Doing.WORK:
             return None
-        claim = locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end)
-        kind = WaitKind.LOCK if claim else WaitKind.RESOURCE
-        return Before(kind, place(queueing.module, queueing.resource), queueing.start, step.start, claim)
-    wait, asker = step.resumed, past.messages.get(step.message_id)
-    if wait is None or wait.moment or asker is None or asker.message_class.has_reply or step.doing is not Doing.WORK:
-        return None  # the questions that a reply needs itself are part of the wait for it
-    if (wanted := past.claims.get(wait.awaited)) is not None:
-        return Before(WaitKind.LOCK, place(wanted.module, wanted.resource), wait.start, step.start)
-    return Before(WaitKind.REPLY, past.name(wait.awaited), wait.start, step.start)
+        if asker.message_class.has_reply:
+            return None  # the questions that a reply needs itself are part of the wait for it
+        if (wanted := self.past.claims.get(wait.awaited)) is not None:
+            return self._of_claim(wanted, wait, step)
+        reason = Reason.IN_VAIN if why_in_vain(self.past, wait) else Reason.REPLY
+        return Before(reason, self.past.name(wait.awaited), wait.start, step.start)
+
+    def _in_queue(self, queueing: Queueing, step: Step) -> Before:
+        where, start, end = (queueing.module, queueing.resource), queueing.start, step.start
+        message = self.past.messages.get(queueing.message_id)
+        locked = self._locks.kept_out(*where, message.sender if message else "", start, end)
+        if locked * 2 <= end - start:
+            return Before(Reason.QUEUE, place(*where), start, end, queueing=queueing)
+        holder = self._locks.last_before(*where, end)
+        return Before(Reason.LOCK, place(called(where[0]), where[1]), start, end, holder, queueing)
+
+    def _of_claim(self, wanted: Claim, wait: Wait, step: Step) -> Before:
+        by_others = self._locks.ahead_of(wanted, step.start)
+        reason = Reason.LOCK if by_others * 2 > step.start - wait.start else Reason.CLAIM
+        return Before(reason, place(called(wanted.module), wanted.resource), wait.start, step.start)
 
 
-def _saving(past: Past, causes: Causes, last: Step, window: Span) -> float:
+def _saving(waits: _Waits, causes: Causes, last: Step, window: Span) -> float:
     """What a walk back from the last of the steps leaves out, in seconds of the window."""
-    left_out = Cover(span for step in _without(past, causes, last) for span in _not_unhandled(past, step))
+    left_out = Cover(span for step in _without(waits, causes, last) for span in _not_unhandled(waits, step))
     return left_out.within(*window)
 
 
-def _without(past: Past, causes: Causes, last: Step) -> Iterator[Step]:
+def _without(waits: _Waits, causes: Causes, last: Step) -> Iterator[Step]:
     """The steps before which a walk leaves out a wait such as the one before *last*; the newest first."""
-    key = before.key if (before := waited_before(past, last)) else None
+    key = before.key if (before := waits.before(last)) else None
 
     def since(step: Step) -> float | None:
-        found = waited_before(past, step)
+        found = waits.before(step)
         return found.start if found is not None and found.key == key else None
 
     yield last
@@ -111,11 +145,12 @@ def _without(past: Past, causes: Causes, last: Step) -> Iterator[Step]:
             yield step
 
 
-def _not_unhandled(past: Past, step: Step) -> Iterator[Span]:
+def _not_unhandled(waits: _Waits, step: Step) -> Iterator[Span]:
     """The wait before a step, without the time in which nobody handled what was asked: that is told of elsewhere."""
-    if (before := waited_before(past, step)) is None:
+    if (before := waits.before(step)) is None:
         return
-    asked = past.messages.get(step.resumed.awaited) if step.resumed and before.kind is WaitKind.REPLY else None
+    is_asked = step.resumed is not None and before.reason in (Reason.REPLY, Reason.IN_VAIN)
+    asked = waits.past.messages.get(step.resumed.awaited) if step.resumed and is_asked else None
     since = before.start
     for queueing in asked.queueings if asked else ():
         if not queueing.module and queueing.end is not None and queueing.end <= before.end:

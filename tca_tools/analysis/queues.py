@@ -80,7 +80,7 @@ def _growing(past: Past, key: Key, queued: list[Queueing]) -> Growing | None:
     handled = sum(time > start for time in given)
     is_steady = len(left) / 4 <= middle <= len(left) * 3 / 4
     is_more = len(left) >= max(_GROWTH * handled, _CHANCE * sqrt(handled))
-    if not is_steady or not is_more or handled < _HANDLED or past.grants.get(key):
+    if not is_steady or not is_more or handled < _HANDLED or past.granted(*key):
         return None
     names = Counter(past.name(one.message_id) for one in left)
     longest = end - min(one.start for one in left)

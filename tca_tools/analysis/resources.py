@@ -90,7 +90,8 @@ def busy(runs: list[Handling], capacity: int, start: float, end: float) -> Busy:
 def _use(past: Past, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
     runs = [clipped(handling.start, handling.end, start, end) for handling in handled]
     lines = [clipped(queueing.start, queueing.end, start, end) for queueing in queued]
-    locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in past.grants.get(key, [])]
+    grants = past.granted(*key)
+    locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in grants]
     capacity = capacity_of(past, key)
     had = busy(handled, capacity, start, end)
     return Use(

@@ -52,8 +52,8 @@ def _running(past: Past, messages: Iterable[Message]) -> GoingOn | None:
     """The first handler that waits for nothing; replies that are waited for are followed."""
     for one in messages:
         last = _awaited_last(past, one)
-        if last.handling and not _wait_of(last):
-            return GoingOn(past.time, last.id, last.handling, found_at=one.id)
+        if (run := _run_of(last)) and not _wait_of(last):
+            return GoingOn(past.time, last.id, run, found_at=one.id)
     return None
 
 
@@ -70,12 +70,13 @@ class _Standing(NamedTuple):
 def _longest(
     messages: Iterable[Message], end: Then, standing: Callable[[Message, Then], Iterator[_Standing]]
 ) -> GoingOn | None:
-    """What has stood longest."""
-    all_found = [(found, one.id) for one in messages for found in standing(one, end) if found.step.seconds > 0]
+    """What has stood longest; it may have come to stand just when the journal ends."""
+    all_found = [(found, one.id) for one in messages for found in standing(one, end)]
     if not all_found:
         return None
     found, found_at = min(all_found, key=lambda one: one[0].step.start)
-    return GoingOn(found.step.start, found.cause, found.handling, found.step, found_at)
+    step = found.step if found.step.seconds > 0 else None
+    return GoingOn(found.step.start, found.cause, found.handling, step, found_at)
 
 
 def _stopped(message: Message, end: Then) -> Iterator[_Standing]:
@@ -91,14 +92,14 @@ def _stopped(message: Message, end: Then) -> Iterator[_Standing]:
                 start, cause = delay_of(past, message, before.task, before.moment, hold.added)
                 yield _Standing(Step(start, past.time, Doing.DELAY, message.id, ""), cause)
     last = _awaited_last(past, message)
-    if last.is_queued:
-        queueing = last.queueings[-1]
+    queueings = [*last.queueings[-1:], *past.copies.get(last.id, ())]
+    if (queueing := next((one for one in queueings if one.end is None), None)) is not None:
         doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
         yield _Standing(Step(queueing.start, past.time, doing, last.id, queueing.module, queueing.resource), last.id)
     wait = _wait_of(last)
     if wait and (holder := _holder(end, wait)) and holder.by is None:
         since = max(wait.start, holder.granted or wait.start)
-        handling = last.handling if since == wait.start else None
+        handling = _run_of(last) if since == wait.start else None
         yield _Standing(Step(since, past.time, Doing.LOCKED, last.id, holder.sender), last.id, handling)
 
 
@@ -158,10 +159,10 @@ class _Way:
         last = _awaited_last(past, message)
         if not (wait := _wait_of(last)):
             return
-        holder = _holder(self._end, wait)
-        awaited_id = holder.by.message_id if holder and holder.by else wait.awaited
-        if (other := past.messages.get(awaited_id)) is not None:
-            yield other, f"the handler of {last} waits {awaited(past, wait)}", wait.moment is Moment.END_ACHIEVING
+        words, whole = f"the handler of {last} waits {awaited(past, wait)}", wait.moment is Moment.END_ACHIEVING
+        for number in _keeping(self._end, wait):
+            if (other := past.messages.get(number)) is not None:
+                yield other, words, whole
 
     def _leads_of_task(self, task: Task) -> Iterator[tuple[Task, str, bool]]:
         tasks, then = self._end.past.tasks, self._then_of(task)
@@ -195,10 +196,29 @@ def _awaited_last(past: Past, message: Message) -> Message:
     return message
 
 
+def _run_of(message: Message) -> Handling | None:
+    """The run of its handler that goes on; of several (it goes to many) one that waits for nothing."""
+    runs = [run for run in message.handlings if run.end is None]
+    return next((run for run in runs if not _waits(run)), runs[-1] if runs else None)
+
+
 def _wait_of(message: Message) -> Wait | None:
     """What the handler of a message waits for."""
-    waits = message.handling.waits if message.handling else []
-    return waits[-1] if waits and waits[-1].end is None else None
+    return _waits(run) if (run := _run_of(message)) else None
+
+
+def _waits(run: Handling) -> Wait | None:
+    return run.waits[-1] if run.waits and run.waits[-1].end is None else None
+
+
+def _keeping(end: Then, wait: Wait) -> list[int]:
+    """The messages that keep a handler waiting: what it awaits, or what those handle who have what it wants to lock."""
+    claim, holder = end.past.claims.get(wait.awaited), _holder(end, wait)
+    if claim is None:
+        return [wait.awaited]
+    if holder is not None:
+        return [holder.by.message_id] if holder.by else []
+    return [run.message_id for run in end.inside(claim.module, claim.resource)]
 
 
 def _holder(end: Then, wait: Wait) -> Claim | None:

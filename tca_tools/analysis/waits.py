@@ -5,19 +5,20 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 from operator import attrgetter
 
-from tca_tools.analysis.words import moment
+from tca_tools.analysis.words import moment, seconds
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
 from tca_tools.story import awaited
-from tca_tools.then import Then
-from tca_tools.waiting import for_whom, why_in_vain, why_waiting
-from tca_wire.points import TaskId
+from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
+from tca_tools.whereabouts import why_in_vain
 from tca_wire.wording import by_whom, place
 
-_NO_TIME = 1e-6
-"""What takes less only tells what came first."""
+_NAMED = 3
+"""Causes of one wait that are named."""
+_BUSY = "busy with "
 
 
 class WaitKind(StrEnum):
@@ -68,12 +69,12 @@ def waits(past: Past, at_most: int = 10) -> list[Waits]:
     for number, found in enumerate(_all(past)):
         kind, of_kind = found[0], by_kind[found[0]]
         end = past.time if found[3] is None else found[3]
-        seconds = end - found[2]
-        if seconds < _NO_TIME:
+        length = end - found[2]
+        if length < NO_TIME:
             continue
         of_kind.number += 1
-        of_kind.seconds += seconds
-        item = (seconds, -number, found)
+        of_kind.seconds += length
+        item = (length, -number, found)
         if len(heaps[kind]) < at_most:
             heapq.heappush(heaps[kind], item)
         else:
@@ -118,14 +119,14 @@ def _kind(past: Past, wait: Wait) -> WaitKind:
 
 def locked_during(past: Past, module: str, resource: str, start: float, end: float | None) -> Claim | None:
     """The last lock or reservation of a resource that was in force at some time between *start* and *end*."""
-    grants = past.grants.get((module, resource), [])
+    grants = past.granted(module, resource)
     place_before = bisect_left(grants, past.time if end is None else end, key=attrgetter("granted"))
     last = grants[place_before - 1] if place_before else None
     return last if last and (last.end is None or last.end > start) else None
 
 
 def _told(past: Past, found: _Found) -> LongWait:
-    """A wait with its reason: of a task, as it was in the middle."""
+    """A wait with its reasons, and of several how long each was one."""
     kind, message, start, end, record = found
     told = LongWait(kind, past.describe(message), start, past.time if end is None else end, end is None)
     if isinstance(record, Queueing):
@@ -135,7 +136,7 @@ def _told(past: Past, found: _Found) -> LongWait:
     elif isinstance(record, Wait):
         told.who = f"the handler of {told.who}"
         why = why_in_vain(past, record)
-        told.what = awaited(past, record) + (f", in vain: {why}" if why else _where_handled(past, record))
+        told.what = _awaited(past, record) + (f", in vain: {why}" if why else _where_handled(past, record))
     else:
         told.what = _why_held(past, past.tasks[message], told)
     return told
@@ -151,11 +152,51 @@ def _until_resumed(suspension: Suspension) -> str:
 
 
 def _why_held(past: Past, task: Task, wait: LongWait) -> str:
-    """What held a task in the middle of its wait."""
-    if reasons := why_waiting(Then(past, (wait.start + wait.end) / 2), TaskId(task.id)):
-        return " and ".join(reasons)
+    """What held a task."""
+    number = next(number for number, (time, _) in enumerate(task.states) if time == wait.start)
     is_killed = task.killed is not None and task.written("killed") <= wait.end
-    return "until it was killed" if is_killed else "for something that the journal does not tell of"
+    unknown = "until it was killed" if is_killed else "for something that the journal does not tell of"
+    return _by_cause(past, in_state(past, task, number), unknown)
+
+
+def _awaited(past: Past, wait: Wait) -> str:
+    """What a handler waited for."""
+    claim = past.claims.get(wait.awaited)
+    if claim is None:
+        return awaited(past, wait)
+    parts = [part._replace(why=part.why.removeprefix(f"{claim}, but ")) for part in for_claim(past, wait, claim)]
+    if all(part.why == str(claim) for part in parts):
+        return f"for the {claim}"
+    untold = [part._replace(why="" if part.why == str(claim) else part.why) for part in parts]
+    return f"for the {claim}, but {_by_cause(past, untold, 'nobody has it')}"
+
+
+def _by_cause(past: Past, parts: list[Stretch], unknown: str) -> str:
+    """The causes of a wait; of several those with the greatest shares, with how long each was one: ``busy with grip {3}
+    (3.00 s), move {4} (2.00 s), and 2 more (0.52 s)``.
+    """
+    lengths: dict[str, float] = {}
+    for start, end, why in parts:
+        cause = why or unknown
+        length = (past.time if end is None else end) - start
+        if length >= NO_TIME or len(parts) == 1:
+            lengths[cause] = lengths.get(cause, 0.0) + length
+    if len(lengths) <= 1:
+        return next(iter(lengths), unknown)
+    greatest = sorted(lengths, key=lambda why: -1.0 if why == OTHERS else lengths[why], reverse=True)[:_NAMED]
+    named = [why for why in lengths if why in greatest and why != OTHERS]
+    told = [f"{said} ({seconds(lengths[why])})" for why, said in zip(named, _once(named), strict=True)]
+    if more := [why for why in lengths if why not in named]:
+        many = "others" if OTHERS in more else f"{len(more)} more"
+        told.append(f"and {many} ({seconds(sum(lengths[why] for why in more))})")
+    return ", ".join(told)
+
+
+def _once(whys: list[str]) -> Iterator[str]:
+    """What resource is busy with something is said once of several in a row."""
+    for before, why in pairwise(["", *whys]):
+        resource, busy, _ = why.partition(_BUSY)
+        yield why.removeprefix(resource + busy) if busy and before.startswith(resource + busy) else why
 
 
 def _where_handled(past: Past, wait: Wait) -> str:
@@ -168,11 +209,7 @@ def _where_handled(past: Past, wait: Wait) -> str:
 def _queue_reason(past: Past, queueing: Queueing) -> str:
     if not queueing.module:
         return f"for a module that handles {past.name(queueing.message_id)}"
-    where = place(queueing.module, queueing.resource)
-    if claim := locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end):
-        how = "reserved" if claim.is_reserved else "locked"
-        return f"for {where}, which {claim.sender} had {how}{for_whom(past, claim, claim.start)}"
-    runs = Then(past, queueing.start).running(queueing.module, queueing.resource)
-    busy = [run for run in runs if run.message_id != queueing.message_id]
-    with_what = f", busy with {past.describe(busy[0].message_id)}" if busy else ""
-    return f"for {where}{with_what}" + (f" and {len(busy) - 1} more" if len(busy) > 1 else "")
+    message = past.messages.get(queueing.message_id)
+    parts = in_queue(past, queueing, message) if message else []
+    causes = _by_cause(past, parts, "for no reason told") if any(part.why for part in parts) else ""
+    return f"for {place(queueing.module, queueing.resource)}" + (f", {causes}" if causes else "")

@@ -37,7 +37,8 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
     """Check that a run kept the rules of task-level control.
 
     LOG is a journal directory or one of its segments; without it, the newest run is checked. Properties of your own are
-    texts, or come from Python files. Exit code 0: all is well; 1: something is broken, or the journal is damaged.
+    texts, or come from Python files. Exit code 0: all is well; 1: something is broken, or the journal is damaged (one
+    that only stops is not: central still runs, or was killed).
 
     \b
     never P, always P, eventually P, P before P, at most N P [in all], never stuck
@@ -192,22 +193,24 @@ def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything:
         why = still if journal.is_being_written else "central was stopped by force, or this is a copy"
         click.echo(click.style(f"  it is not closed: {why}", fg="yellow"))
     rules = {violation.rule for violation in run.violations if violation.source}
-    kept = len(RULES) - len(rules)
-    click.echo(
-        click.style(f"good: {kept} rules", fg="green") if not rules else f"{kept} of {len(RULES)} rules are kept"
-    )
+    is_whole, kept = not checker.gaps, len(RULES) - len(rules)
+    click.echo(f"{kept} of {len(RULES)} rules are kept" if rules else _good(f"{kept} rules", is_whole=is_whole))
     for stated in run.unbroken:
-        click.echo(_unbroken(stated, misnamed.get(stated, stated.vacuous), is_whole=not checker.gaps))
+        click.echo(_unbroken(stated, misnamed.get(stated, stated.vacuous), is_whole=is_whole))
     _show_violations(run.violations, journal, everything=everything)
 
 
 def _unbroken(stated: Property, idle: str, *, is_whole: bool) -> str:
     """What there is to say of a property of which no breach was found, and (*idle*) none could be."""
-    words = printable(str(stated))
-    good = click.style(f"good: {words}", fg="green") if is_whole else f"no breach in what can be read: {words}"
+    good = _good(printable(str(stated)), is_whole=is_whole)
     if idle:
         good += click.style(f" (which says nothing: {printable(idle)})", fg="yellow")
     return good
+
+
+def _good(what: str, *, is_whole: bool) -> str:
+    """Of a journal that is not whole only that no breach was seen."""
+    return click.style(f"good: {what}", fg="green") if is_whole else f"no breach in what can be read: {what}"
 
 
 def _show_violations(violations: list[Violation], journal: Log, *, everything: bool) -> None:

@@ -135,7 +135,7 @@ def _may_go_to(world: World, item: Item, place: Place) -> None:
     if world.is_whole and handled_in != place.name:
         instead = f", which handles it in '{handled_in}'" if handled_in else ", which does not handle it"
         world.broken(HANDLES, item.id, f"{item} was given to {said(place)}{instead}")
-    held_by = place.held_by
+    held_by = place.claims.held_by
     if held_by is not None:
         is_own = item.message_class.has_reply and item.sender == place.module
         if not (held_by.is_reserved and (item.sent_by in (held_by.sender, "") or is_own)):
@@ -247,14 +247,15 @@ def _check_capacity(world: World, place: Place, capacity: int) -> None:
         names += f" and {len(place.runs) - _NAMED} more" if len(place.runs) > _NAMED else ""
         last = next(reversed(place.runs.values()))
         world.broken(CAPACITY, last.id, f"{said(place)} takes {capacity} at a time, and has {len(place.runs)}: {names}")
-    is_empty = bool(capacity) and not (place.waiting or place.runs or place.nested)
-    if is_empty and place.claims and place.held_by is None and world.is_whole:
-        claim = next(iter(place.claims.values()))
+    claims = place.claims
+    is_empty = bool(capacity) and not any(one.waiting or one.runs or one.nested for one in claims.places)
+    if is_empty and claims.waiting and claims.held_by is None and world.is_whole:
+        claim = next(iter(claims.waiting.values()))
         world.broken(FREE, claim.origin, f"{claim.sender} waits to lock or reserve {said(place)}, and nobody is in it")
     if not (place.waiting and world.is_whole) or len(place.runs) + len(place.nested) >= capacity:
         return
     first = next(iter(place.waiting.values()))
-    if place.held_by is None and not place.claims:
+    if claims.held_by is None and not claims.waiting:
         what = f"{first} waits for {said(place)}, which takes {capacity} and has {len(place.runs)}"
         world.broken(FREE, first.id, what)
 

@@ -86,7 +86,7 @@ def claimed(world: World, fact: facts.Claimed) -> None:
     if not world.new_number(fact.id):
         world.broken(NUMBERS, 0, f"claim {{{fact.id}}} came after {world.name(world.newest)}")
     world.claims[fact.id] = fact
-    world.place(fact.module, fact.resource).claims[fact.id] = fact
+    world.place(fact.module, fact.resource).claims.waiting[fact.id] = fact
     holder = world.deliveries.get(fact.origin) or world.items.get(fact.origin)
     if holder is not None:
         holder.claims[fact.id] = fact
@@ -99,14 +99,14 @@ def granted(world: World, fact: facts.Granted) -> None:
         _unknown(world, fact.id, "granted")
         return
     place = world.place(claim.module, claim.resource)
-    if place.held_by is not None:
-        what = "twice" if place.held_by is claim else f"while {place.held_by.sender} had it ({{{place.held_by.id}}})"
+    if (other := place.claims.held_by) is not None:
+        what = "twice" if other is claim else f"while {other.sender} had it ({{{other.id}}})"
         world.broken(GRANTED, claim.origin, f"{_said(claim)} was granted {what}")
-    inside = [item for item in place.runs.values() if not _is_own(claim, place, item)]
+    inside = [item for one in place.claims.places for item in one.runs.values() if not _is_own(claim, one, item)]
     if inside:
-        world.later.append(lambda: _check_alone(world, claim, place, inside))
-    place.claims.pop(fact.id, None)
-    place.held_by = claim
+        world.later.append(lambda: _check_alone(world, claim, inside))
+    place.claims.waiting.pop(fact.id, None)
+    place.claims.held_by = claim
 
 
 def _is_own(claim: facts.Claimed, place: Place, item: Item) -> bool:
@@ -114,9 +114,9 @@ def _is_own(claim: facts.Claimed, place: Place, item: Item) -> bool:
     return item.given_as == claim.origin or (claim.sender == place.module and len(place.runs) == 1)
 
 
-def _check_alone(world: World, claim: facts.Claimed, place: Place, inside: list[Item]) -> None:
+def _check_alone(world: World, claim: facts.Claimed, inside: list[Item]) -> None:
     """Who was in when it was granted was lost with the same event, or should not have been."""
-    if still := [item for item in inside if item.place is place]:
+    if still := [item for item in inside if item.place is not None]:
         world.broken(GRANTED, still[0].id, f"{_said(claim)} was granted while {still[0]} was in it")
 
 
@@ -127,9 +127,9 @@ def claim_ended(world: World, fact: facts.ClaimEnded) -> None:
         _unknown(world, fact.id, "released or given up")
         return
     place = world.place(claim.module, claim.resource)
-    place.claims.pop(fact.id, None)
-    if place.held_by is claim:
-        place.held_by = None
+    place.claims.waiting.pop(fact.id, None)
+    if place.claims.held_by is claim:
+        place.claims.held_by = None
     holder = world.deliveries.get(claim.origin) or world.items.get(claim.origin)
     if holder is not None:
         holder.claims.pop(fact.id, None)

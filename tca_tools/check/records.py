@@ -38,19 +38,29 @@ class Hold:
         return self.before is None or bool(self.before.reached & self.needs)
 
 
+class Claims:
+    """Who has a resource for himself, or wants it: of a program that runs in several copies, in all of them."""
+
+    __slots__ = ("held_by", "places", "waiting")
+
+    def __init__(self) -> None:
+        self.places: list[Place] = []
+        self.waiting: dict[int, facts.Claimed] = {}  #: locks and reservations that are waited for
+        self.held_by: facts.Claimed | None = None
+
+
 class Place:
     """A resource of a module."""
 
-    __slots__ = ("capacity", "claims", "held_by", "module", "name", "nested", "runs", "waiting")
+    __slots__ = ("capacity", "claims", "module", "name", "nested", "runs", "waiting")
 
-    def __init__(self, module: str, name: str) -> None:
-        self.module, self.name = module, name
+    def __init__(self, module: str, name: str, claims: Claims) -> None:
+        self.module, self.name, self.claims = module, name, claims
+        claims.places.append(self)
         self.capacity: int | None = None  #: None: not known
         self.runs: dict[int, Item] = {}  #: what its handlers have, by delivery
         self.nested: dict[int, Item] = {}  #: what a handler that waits for its own module may have taken in between
         self.waiting: dict[int, Item] = {}  #: by delivery
-        self.claims: dict[int, facts.Claimed] = {}  #: locks and reservations that are waited for
-        self.held_by: facts.Claimed | None = None
 
 
 class Item:

@@ -8,13 +8,14 @@ from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
 
-from tca_tools.check.records import FAN_OUT, Item, Place
+from tca_tools.check.records import FAN_OUT, Claims, Item, Place
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.past import Past
 from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import MessageClass
+from tca_wire.wording import called
 from tca_wire.wording import place as words_of_place
 
 
@@ -47,6 +48,8 @@ class World:
         self.joined: dict[str, None] = {}
         self.handlers: dict[str, dict[str, str]] = {}  #: for each message its handlers: module and resource
         self.places: dict[tuple[str, str], Place] = {}
+        self._claims: dict[tuple[str, str], Claims] = {}
+        """By what the module calls itself, and the resource."""
         self.claims: dict[int, facts.Claimed] = {}
         self.taps: dict[int, facts.TapAdded] = {}
         self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: those that hold, by message
@@ -90,7 +93,7 @@ class World:
     @property
     def held_by(self) -> dict[tuple[str, str], facts.Claimed]:
         """The locks and reservations in force, by module and resource."""
-        return {key: place.held_by for key, place in self.places.items() if place.held_by}
+        return {key: place.claims.held_by for key, place in self.places.items() if place.claims.held_by}
 
     @property
     def unfinished(self) -> tuple[str, ...]:
@@ -227,7 +230,8 @@ class World:
         """A resource; one without a name stands for all that waits for a handler."""
         place = self.places.get((module, resource))
         if place is None:
-            place = self.places[module, resource] = Place(module, resource)
+            claims = self._claims.setdefault((called(module), resource), Claims())
+            place = self.places[module, resource] = Place(module, resource, claims)
         self.places_touched[place] = None
         return place
 

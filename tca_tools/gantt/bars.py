@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 from math import inf
 from operator import attrgetter
 from typing import Any
@@ -13,12 +13,16 @@ from tca_tools.coping import has_coped, went_on
 from tca_tools.gantt import titles
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.stretches import in_state
 from tca_tools.terminal import cut, printable
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
 NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""
+SUSPENDED = "(suspended)"
+"""The row of suspended tasks. It stands on top, then that of what nobody handles, as in the viewer's chart."""
+_ON_TOP = (("", SUSPENDED), ("", ""))
 
 _HELD = (State.HELD, State.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
@@ -71,6 +75,10 @@ class Bar:
     is_suspended: bool = False
     why: Callable[[], str] | None = None
     """Of what is held: what that waits for, with its name; it stands on the bar if there is room for some of it."""
+    first: "Bar | None" = None
+    """Of what is held by one thing after the other the bar of the first, in whose lane it is ..."""
+    lasts_until: float = -inf
+    """... and of that, when the last of them ends."""
     is_beside: bool = False
     """Whether it is not what was asked for, but what that waited for."""
     lane: int = 0
@@ -110,7 +118,7 @@ class Row:
     connected: list[tuple[float, float]] = field(default_factory=list)
     handled: list[Bar] = field(default_factory=list)
     queued: list[Bar] = field(default_factory=list)
-    """What waits for the resource, or is suspended and would be handled there."""
+    """What waits for the resource."""
     held_back: list[Bar] = field(default_factory=list)
     """What constraints hold back that would be handled there."""
     held: list[Held] = field(default_factory=list)
@@ -193,7 +201,9 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
         row.handled, row.queued, row.held_back = (
             _in_lanes(bars, start, end) for bars in (row.handled, row.queued, row.held_back)
         )
-    shown = [row for row in rows.values() if row.bars or _shows_empty(row, pick)]
+    on_top = [rows[key] for key in _ON_TOP if key in rows]
+    others = [row for key, row in rows.items() if key not in _ON_TOP]
+    shown = [row for row in (*on_top, *others) if row.bars or _shows_empty(row, pick)]
     return Chart(start, end, shown, list(names))
 
 
@@ -252,9 +262,11 @@ class _Filler:
                 self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
         for task in self.past.tasks.values():
             self._add_kept(task)
-        for key, claims in self.past.grants.items():
-            if self.pick.row(key[0]):
-                self._row(*key).held += [self._held(claim) for claim in claims]
+        for claim in filter(self._wants_claim, chain.from_iterable(self.past.grants.values())):
+            self._row(claim.module, claim.resource).held.append(self._held(claim))
+
+    def _wants_claim(self, claim: Claim) -> bool:
+        return self.pick.row(claim.module)
 
     def _wants(self, one: Handling | Queueing) -> bool:
         return self.pick.row(one.module) and self.pick.message(one.message_id)
@@ -273,7 +285,7 @@ class _Filler:
     def _row(self, module: str, resource: str) -> Row:
         key = (module, resource)
         if key not in self.rows:
-            self.rows[key] = Row(place(*key) if module else NO_HANDLER)
+            self.rows[key] = Row(place(*key) if module else resource or NO_HANDLER)
         return self.rows[key]
 
     def _until(self, end: float | None) -> float:
@@ -301,9 +313,8 @@ class _Filler:
 
     def _queued(self, queueing: Queueing) -> Bar:
         tell = partial(titles.queued, self.past, queueing)
-        bar = Bar(
-            self.past.name(queueing.message_id), tell, queueing.start, self._until(queueing.end), queueing.end is None
-        )
+        name, end = self.past.name(queueing.message_id), self._until(queueing.end)
+        bar = Bar(name, tell, queueing.start, end, queueing.end is None)
         bar.is_beside = self._is_beside(queueing.message_id)
         bar.raised = self._raised(queueing.message_id, bar)
         return bar
@@ -322,23 +333,39 @@ class _Filler:
         ]
 
     def _add_kept(self, task: Task) -> None:
-        """The spans in which a task was suspended or held, in the row where it was or would be handled."""
+        """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
         wanted = (State.SUSPENDED, *_HELD) if task.id in self.pick.held else (State.SUSPENDED,)
-        if not any(state in wanted for _, state in task.states):
+        if not any(state in wanted for _, state in task.states) or not self.pick.message(task.id):
             return
         ends = [*task.states[1:], (None, State.SUSPENDED)]
-        for (start, state), (end, _) in zip(task.states, ends, strict=True):
-            if state not in wanted or not self.pick.message(task.id):
+        for number, ((start, state), (end, _)) in enumerate(zip(task.states, ends, strict=True)):
+            where = _home(self.past, task, start, end) if state in wanted else None
+            if where is None or not self.pick.row(where[0]):
                 continue
-            where = _home(self.past, task, start, end)
-            if self.pick.row(where[0]):
-                is_suspended = state is State.SUSPENDED
-                tell = partial(titles.suspended if is_suspended else titles.held_back, self.past, task, start, end)
-                bar = Bar(task.name, tell, start, self._until(end), end is None, is_suspended=is_suspended)
-                bar.is_beside = self._is_beside(task.id)
-                bar.why = None if is_suspended else partial(titles.why_held, self.past, task, end)
-                row = self._row(*where)
-                (row.queued if is_suspended else row.held_back).append(bar)
+            if state is State.SUSPENDED:
+                tell = partial(titles.suspended, self.past, task, start, end)
+                self._row("", SUSPENDED).queued.append(self._kept(task, start, end, tell, is_suspended=True))
+            else:
+                self._row(*where).held_back += self._held_back(task, number)
+
+    def _held_back(self, task: Task, number: int) -> list[Bar]:
+        """A bar for each cause, one after the other in a lane."""
+        bars: list[Bar] = []
+        for part in self._showing(in_state(self.past, task, number)):
+            bar = self._kept(task, part.start, part.end, partial(titles.held_back, self.past, task, part))
+            bar.why = partial(titles.why_held, task, part, is_named=not bars)
+            bar.first = bars[0] if bars else None
+            bars.append(bar)
+        if bars:
+            bars[0].lasts_until = bars[-1].end
+        return bars
+
+    def _kept(
+        self, task: Task, start: float, end: float | None, tell: Callable[[], str], *, is_suspended: bool = False
+    ) -> Bar:
+        bar = Bar(task.name, tell, start, self._until(end), end is None, is_suspended=is_suspended)
+        bar.is_beside = self._is_beside(task.id)
+        return bar
 
     def _held(self, claim: Claim) -> Held:
         start = claim.start if claim.granted is None else claim.granted
@@ -363,20 +390,11 @@ def _in_lanes(bars: list[Bar], start: float, end: float) -> list[Bar]:
     busy: list[tuple[float, int]] = []
     free: list[int] = []
     for bar in bars:
+        if bar.first is not None:
+            bar.lane = bar.first.lane
+            continue
         while busy and busy[0][0] <= bar.start:
             heapq.heappush(free, heapq.heappop(busy)[1])
         bar.lane = heapq.heappop(free) if free else len(busy)
-        heapq.heappush(busy, (bar.end, bar.lane))
+        heapq.heappush(busy, (max(bar.end, bar.lasts_until), bar.lane))
     return bars
-
-
-def longest_queue(bars: Iterable[Bar]) -> list[tuple[float, float, int]]:
-    """How many of the bars there are at a time, as steps: from, to, number."""
-    changes = sorted(chain(((bar.start, 1) for bar in bars), ((bar.end, -1) for bar in bars)))
-    steps: list[tuple[float, float, int]] = []
-    number = 0
-    for (start, change), (end, _) in pairwise(changes):
-        number += change
-        if end > start and number:
-            steps.append((start, end, number))
-    return steps

@@ -6,8 +6,9 @@ However many bars there are, a lane becomes no more things to draw than it has c
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from itertools import chain, pairwise
 
-from tca_tools.gantt.bars import Bar, longest_queue
+from tca_tools.gantt.bars import Bar
 
 _NAMED = 4
 """How many messages the title of a block names."""
@@ -92,7 +93,7 @@ def in_blocks(bars: Iterable[Bar], start: float, column: float, narrow: float) -
 def queue_lengths(bars: list[Bar], start: float, column: float) -> list[tuple[float, float, int]]:
     """How many waited at most in each column, where anything did: from, to, number."""
     longest: dict[int, int] = {}
-    for begin, end, number in longest_queue(bars):
+    for begin, end, number in _longest_queue(bars):
         if end < start or column <= 0:
             continue
         first, last = (max(int((time - start) / column), 0) for time in (begin, end))
@@ -110,3 +111,15 @@ def _joined(columns: list[tuple[int, int]], time_of: Callable[[int], float]) -> 
         else:
             steps.append([at, at + 1, number])
     return [(time_of(first), time_of(behind), number) for first, behind, number in steps]
+
+
+def _longest_queue(bars: Iterable[Bar]) -> list[tuple[float, float, int]]:
+    """How many of the bars there are at a time, as steps: from, to, number."""
+    changes = sorted(chain(((bar.start, 1) for bar in bars), ((bar.end, -1) for bar in bars)))
+    steps: list[tuple[float, float, int]] = []
+    number = 0
+    for (start, change), (end, _) in pairwise(changes):
+        number += change
+        if end > start and number:
+            steps.append((start, end, number))
+    return steps

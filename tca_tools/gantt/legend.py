@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from html import escape
 
+from tca_tools.drawing import width_of
 from tca_tools.gantt.bars import Chart
 from tca_tools.gantt.colours import dark
-from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, LONGEST_LABEL, MARGIN
-from tca_tools.terminal import columns_of, cut, printable
+from tca_tools.gantt.shapes import COPED, FAILED, LONGEST_LABEL, MARGIN
+from tca_tools.terminal import cut, printable
 
 _LINE = 24.0
 _MOST_NAMES = 40
@@ -48,7 +49,7 @@ def _in_lines(items: list[tuple[str, str]], width: float, top: float) -> tuple[l
     lines: list[str] = []
     x, y = MARGIN, top
     for look, words in items:
-        needed = columns_of(words) * CHARACTER + 36
+        needed = width_of(words) + 36
         if x + needed > width and x > MARGIN:
             x, y = MARGIN, y + _LINE
         lines.append(f'<rect {look} x="{x:.1f}" y="{y:.1f}" width="14" height="12"/>')

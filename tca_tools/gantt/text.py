@@ -38,13 +38,14 @@ class Blocks(NamedTuple):
     queued: str = "░"
     suspended: str = "┄"
     held: str = "·"
+    next_cause: str = "╎"
     locked: str = "╳"  # noqa: RUF001 - looks like no letter where it is a long line
     reserved: str = "╱"  # noqa: RUF001
     axis: str = "╵"
     connected: str = "─"
 
 
-UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", ":", "x", "/", "'", "_")
+UNICODE, ASCII = Blocks(), Blocks("#", "|", "=", ".", "-", ":", "|", "x", "/", "'", "_")
 
 
 @dataclass(slots=True)
@@ -157,6 +158,8 @@ def _held_back(row: Row, chart: Chart, columns: int, blocks: Blocks, colours: di
             first, behind = _columns(bar.start, bar.end, chart, columns)
             words = bar.words(behind - first - 4)
             _paint_run(lanes[bar.lane], bar.start, bar.end, chart, blocks.held, words, colours[bar.name])
+            if bar.first is not None:
+                lanes[bar.lane].characters[first] = blocks.next_cause
     if (more := row.held_lanes - _MOST_QUEUE_LANES) > 0:
         told = cut(f"and up to {more} more are held", columns).ljust(columns)
         lanes.append(_Cells(list(told), [None] * columns))

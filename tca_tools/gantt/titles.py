@@ -1,13 +1,12 @@
 """What a bar says when it is asked: which message, where, when, for how long. Pure."""
 
-from math import inf, nextafter
+from math import inf
 
 from tca_tools.coping import failing, told_to
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Queueing, Raised, Task, Wait
-from tca_tools.then import Then
-from tca_tools.waiting import for_whom, why_waiting
-from tca_wire.points import TaskId
+from tca_tools.stretches import Stretch
+from tca_tools.whereabouts import for_whom
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, place, raised_by
 
@@ -56,21 +55,15 @@ def suspended(past: Past, task: Task, start: float, end: float | None) -> str:
     return f"{task} suspended{by} {_span(past, start, end)}"
 
 
-def held_back(past: Past, task: Task, start: float, end: float | None) -> str:
+def held_back(past: Past, task: Task, part: Stretch) -> str:
     """``take steps {3} held until take steps {2} is achieved from ...``."""
-    why = _reasons(past, task, end)
-    return f"{task} held{why and f' {why}'} {_span(past, start, end)}"
+    return f"{task} held{part.why and f' {part.why}'} {_span(past, part.start, part.end)}"
 
 
-def why_held(past: Past, task: Task, end: float | None) -> str:
-    """``take steps {3}: until take steps {2} is achieved``."""
-    return f"{task}: {_reasons(past, task, end) or 'held'}"
-
-
-def _reasons(past: Past, task: Task, end: float | None) -> str:
-    """What a task waited for until *end*: of several things, one after the other, the last."""
-    last = past.time if end is None else nextafter(end, 0.0)
-    return ", and ".join(why_waiting(Then(past, last), TaskId(task.id)))
+def why_held(task: Task, part: Stretch, *, is_named: bool) -> str:
+    """``take steps {3}: until take steps {2} is achieved``; or without the name."""
+    why = part.why or "held"
+    return f"{task}: {why}" if is_named else why
 
 
 def held(past: Past, claim: Claim) -> str:

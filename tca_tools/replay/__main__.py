@@ -24,7 +24,8 @@ def replay(log_path: Path | None, speed: float, at: float | None, text: bool) ->
 
     LOG is a journal directory or one of its segments; without it, the newest run. Keys: right and left for the next
     message and the one before, space to play, + and - for the speed, f for the next failure, / to search, g to go to a
-    time, up and down to choose a task. Without a terminal the tree's growth is printed, a line for each step.
+    time, up and down to choose a task, page up and down to read its story. Without a terminal the tree's growth is
+    printed, a line for each step.
     """
     journal = open_log(log_path)
     as_text = text or not (sys.stdout.isatty() and sys.stdin.isatty())

@@ -52,6 +52,8 @@ class Replay(App[None]):
         Binding("down", "select(1)", show=False, priority=True),
         Binding("shift+right,ctrl+right", f"step({_FAR})", show=False),
         Binding("shift+left,ctrl+left", f"step({-_FAR})", show=False),
+        Binding("pageup", "scroll_story(1)", "story back", show=False, priority=True),
+        Binding("pagedown", "scroll_story(-1)", "story on", show=False, priority=True),
         Binding("home", "go_to_start", show=False, priority=True),
         Binding("end", "go_to_end", show=False, priority=True),
         Binding("ctrl+c", "quit", show=False, priority=True),
@@ -96,7 +98,7 @@ class Replay(App[None]):
         self.query_one("#messages").border_title = "messages"
         self.set_focus(self.query_one(TreePane))  # now: later it would take the focus from what is asked for meanwhile
         self.set_interval(1 / FRAMES, self._pass)
-        self.call_after_refresh(self.go_to, self.place)
+        self.call_after_refresh(lambda: self.go_to(self.place, self._said))  # what keys have said meanwhile stays
 
     def _heading(self) -> str:
         recording = self.recording
@@ -220,6 +222,11 @@ class Replay(App[None]):
     def _select(self, task: int) -> None:
         self.selected, self.follows = task, False
         self.go_to(self.place)
+
+    def action_scroll_story(self, pages: int) -> None:
+        """Go back in the story of the selected task, or forward."""
+        story = self.query_one(StoryPane)
+        story.scroll_by(pages * max(story.size.height // 2, 1))
 
     def action_fold(self) -> None:
         """Open or close the selected task."""

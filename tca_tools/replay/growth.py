@@ -15,6 +15,8 @@ _DEEPEST = 12
 _SHORTEST_STATE = 12
 """Columns that are kept for a state."""
 _SHORTEST_NAME = 8
+_FAR = 100
+"""Waits: what is waited for beyond so many is not looked for, or a long run would take very long."""
 
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
@@ -35,7 +37,7 @@ def growth_lines(recording: Recording, start: float, width: int | None) -> Itera
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
         room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
         line = f"{start_of_line}{cut(words.called(task), room)}: "
-        note = words.note(then, task, with_end=False)
+        note = words.note(then, task, within=_FAR)
         rest = cut(
             note if note.startswith(state) else f"{state}" + (f", {note}" if note else ""),
             None if width is None else max(width - columns_of(line), _SHORTEST_STATE - 2),

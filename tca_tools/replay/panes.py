@@ -3,7 +3,7 @@
 Each draws only the lines that are seen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 
 from rich.text import Text
 from textual.events import Click, Key
@@ -14,6 +14,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Input
 
+from tca_tools.ages import age
 from tca_tools.coping import coped_with
 from tca_tools.data import data_text
 from tca_tools.ends import in_the_end
@@ -24,12 +25,16 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut, printable
 from tca_tools.then import Then
-from tca_tools.waiting import coming, waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, waits_how, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import TaskId
 
 _STATE_WIDTH = 11
 _SHORTEST_NOTE = 8
+_WHEEL = 2
+"""Lines that the mouse wheel moves a story."""
+_LEAST_STORY = 6
+"""Lines of a story that are seen however much is said above it."""
 _NAME_WIDTH = 44
 _SHARE_OF_NAMES = 0.4
 """Of the pane's width; the rest is for states and reasons."""
@@ -95,9 +100,8 @@ class TreePane(ScrollView, can_focus=True):
         name = Text.assemble((row.guides, "dim"), (self._called(row), "bold reverse" if is_chosen else ""))
         name.truncate(self._name_width, overflow="ellipsis", pad=True)
         note = words.note_of(then, task)
-        lasted = "" if note.since is None else words.lasting(then.time - note.since)
-        room = self.scrollable_content_region.width - self._name_width - _STATE_WIDTH - 3 - len(lasted)
-        told = note.within(max(room, _SHORTEST_NOTE)) + lasted
+        room = self.scrollable_content_region.width - self._name_width - _STATE_WIDTH - 3
+        told = note.within(max(room, _SHORTEST_NOTE), then.time)
         return self._strip(
             Text.assemble(name, "  ", (f"{standing:{_STATE_WIDTH}}", colour_of(standing)), " ", (told, "dim"))
         )
@@ -156,7 +160,7 @@ class MessagesPane(Widget):
             said = (
                 f"{kind:15} {printable(self._recording.wording.words(fact))}  {data_text(getattr(fact, 'body', b''))}"
             )
-            style = _TINTS[self._recording.is_bad_news(place, fact)] or ("bold" if is_here else "dim")
+            style = _TINTS[self._recording.is_bad_news(place, fact, self._place)] or ("bold" if is_here else "dim")
             line = Text.assemble((start, "bold" if is_here else "dim"), (said.rstrip(), style))
             line.truncate(max(self.size.width, 1), overflow="ellipsis")
             line.no_wrap = True
@@ -165,21 +169,38 @@ class MessagesPane(Widget):
 
 
 class StoryPane(Widget):
-    """What became of the selected task until now, and why it waits."""
+    """What became of the selected task until now, and why it waits. The newest sentences are seen; others are scrolled
+    to, with the mouse wheel or page up and down.
+    """
 
     def __init__(self, recording: Recording) -> None:
         super().__init__(id="story")
         self._recording = recording
         self._shown = 0
         self._then: Then | None = None
+        self._back = 0
+        """How many lines before the last the window ends."""
 
     def show(self, task: int, then: Then) -> None:
         """Show another task, or another moment."""
-        self._shown, self._then = task, then
+        self._shown, self._then, self._back = task, then, 0
         self.refresh()
 
+    def scroll_by(self, lines: int) -> None:
+        """Go back so many lines, or forward."""
+        self._back = max(self._back + lines, 0)
+        self.refresh()
+
+    def on_mouse_scroll_up(self) -> None:
+        """The wheel goes back."""
+        self.scroll_by(_WHEEL)
+
+    def on_mouse_scroll_down(self) -> None:
+        """The wheel goes forward."""
+        self.scroll_by(-_WHEEL)
+
     def render(self) -> Text:
-        """The newest sentences, as many as there is room for."""
+        """What the task is and why it waits; below, the newest lines of its story, or those that were scrolled to."""
         then = self._then
         if then is None or self._shown not in then.tasks:
             return Text("no task is selected: up and down choose one, / looks for one", style="dim")
@@ -189,22 +210,34 @@ class StoryPane(Widget):
         if data := words.data(task):
             lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
         if reasons := why_waiting(then, TaskId(self._shown)):
-            waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(then.time - waits_since(task))}"
+            waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(age(then, task), then.time)}"
             lines.append(Text.assemble((printable(waits), "yellow")))
         if end := in_the_end(then, task):
             lines.append(Text.assemble((printable(f"in the end {end}"), "yellow")))
         lines += [Text.assemble((printable(said), "yellow")) for said in coming(then, task)]
+        above = [line for text in lines for line in self._wrapped(text, self.size.width)]
+        above = above[: max(self.size.height - _LEAST_STORY, 1)]
         told = [one for one in story(then.past, self._shown, then.moment) if one.time <= then.moment]
-        room = max(self.size.height - 2 * len(lines), 1)
-        return Text("\n").join([*lines, Text(), *(self._sentence(sentence, then) for sentence in told[-room:])])
+        body = [line for sentence in told for line in self._sentence(sentence, then)]
+        room = max(self.size.height - len(above) - 1, 1)
+        self._back = min(self._back, max(len(body) - room, 0))
+        last = len(body) - self._back
+        return Text("\n").join([*above, Text(), *body[max(last - room, 0) : last]])
 
-    def _sentence(self, sentence: Sentence, then: Then) -> Text:
+    def _wrapped(self, text: Text, width: int) -> Iterable[Text]:
+        """The lines that it takes."""
+        return text.wrap(self.app.console, max(width, 1))
+
+    def _sentence(self, sentence: Sentence, then: Then) -> Iterator[Text]:
         past, clock = self._recording.past, self._recording.time(self._recording.place_of_record(sentence.time))
         text = printable(sentence.by(then.moment, then.time))
         style = "red" if text.startswith(("failed", "killed")) else ""
-        if style and coped_with(past, past.tasks[self._shown], sentence.time):
+        if style and coped_with(past, past.tasks[self._shown], sentence.time, then.moment):
             style = _HANDLED
-        return Text.assemble((f"{clock:9.3f}  ", "dim"), (text, style))
+        start = f"{clock:9.3f}  "
+        for line in self._wrapped(Text(text, style), self.size.width - len(start)):
+            yield Text.assemble((start, "dim"), line)
+            start = " " * len(start)
 
 
 class TimeBar(Widget):

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
+from math import inf
 
 from tca_tools.coping import went_on
 from tca_tools.history import History
@@ -27,7 +28,7 @@ class Recording:
         self.past: Past = History.until(self._kept(entries))
         self.wording = Wording(self.past.name)
         self.bad = {place for place, number in self._failed if not self._has_coped(place, number)}
-        """Those of them after which the run did not go on."""
+        """Those of them after which the run did not go on, as far as the journal tells."""
         self.depths = _depths(self.past)
         self.sizes = _sizes(self.past)
 
@@ -48,14 +49,16 @@ class Recording:
         if self.failures[-1:] != [place]:
             self.failures.append(place)
 
-    def _has_coped(self, place: int, number: int) -> bool:
+    def _has_coped(self, place: int, number: int, known: float = inf) -> bool:
         failed = self.past.delivered(number)
-        return failed is not None and went_on(self.past, failed, self.past.times[place])
+        return failed is not None and went_on(self.past, failed, self.past.times[place], known)
 
-    def is_bad_news(self, place: int, fact: facts.Fact) -> bool | None:
-        """Whether a fact is bad news; None: it was, and the run went on."""
+    def is_bad_news(self, place: int, fact: facts.Fact, now: int) -> bool | None:
+        """Whether a fact is bad news; None: it was, and the run had gone on by the place that is looked at *now*; of
+        what comes later, as far as the journal tells.
+        """
         if isinstance(fact, facts.Failed):
-            return None if self._has_coped(place, fact.id) else True
+            return None if self._has_coped(place, fact.id, self.past.times[now] if place <= now else inf) else True
         return kind_of(fact) in BAD_NEWS
 
     @property

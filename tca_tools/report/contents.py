@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from tca_tools.analysis.advice import Advice, advice
+from tca_tools.analysis.advice import advice
+from tca_tools.analysis.advised import Advice
 from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import (
@@ -68,7 +69,9 @@ class Contents:
     uses: list[Use]
     path: ShownPath | None
     longest: ShownPath | None
-    """The critical path of the task that took longest, where that of the last one tells little of the run."""
+    """The critical path of the task that took longest, where that of the last one tells little of the run. Advice says
+    which of the two it is about.
+    """
     advice: list[Advice]
 
     @property
@@ -92,7 +95,7 @@ def contents(past: Past) -> Contents:
     other = None
     if path and longest and longest is not last and path.seconds < run.seconds / 2:
         other = critical_path(past, causes, longest)
-    told = advice(past, causes, other or path, overlaps(past, causes), use, kinds, run.seconds * _WORTH_SAYING)
+    told = advice(past, causes, path, overlaps(past, causes), use, kinds, run.seconds * _WORTH_SAYING, other)
     return Contents(
         run,
         kinds,
@@ -109,7 +112,7 @@ def _stories(past: Past, kinds: list[Kind]) -> dict[int, list[Sentence]]:
     """The stories of the first failing message of each kind, then of others."""
     firsts = [kind.cases[0].message_id for kind in kinds]
     others = [case.message_id for kind in kinds[:_KINDS] for case in kind.cases[1:_STORIES_EACH]]
-    chosen = list(dict.fromkeys([*firsts, *others]))[:_STORIES]
+    chosen = [one for one in dict.fromkeys([*firsts, *others]) if one in past.messages][:_STORIES]
     return {message: story(past, message)[:_SENTENCES] for message in chosen}
 
 

@@ -49,7 +49,8 @@ def stats(log_path: Path | None, start: float | None, end: float | None, sort: s
     sent to start  from when a message was sent until its handler began
     runs failed    how often handlers failed, whatever became of that
     handling       how long handlers ran
-    sent to end    until the sender had the answer, or the task was achieved
+    sent to end    until the sender had the answer, or the task was achieved;
+                   the line below the table says what it is without
     busy           the share of a resource's slots that ran handlers, from the
                    first task to the end of the last (or from --from on)
     waiting        the share of that in which these waited themselves
@@ -106,6 +107,7 @@ def _plain(name: str, measured: Stats, messages: list[MessageStats]) -> dict[str
         "live": measured.is_live,
         "busy_from": measured.busy_in[0],
         "busy_to": measured.busy_in[1],
+        "deadlocks": measured.deadlocks,
         "messages": [_plain_message(stats, measured.seconds) for stats in messages],
         "resources": [_plain_resource(stats) for stats in measured.resources],
     }

@@ -78,7 +78,7 @@ class MessageStats:
     handling: Times = field(default_factory=Times)
     """Each run of its handler."""
     to_end: Times = field(default_factory=Times)
-    """From when it was sent until its sender had the answer, or until it was achieved."""
+    """From when it was sent until its sender had the answer, or until it was achieved; nothing of what ended else."""
     queued: Times = field(default_factory=Times)
     """Each wait in a queue, or for a module that handles it."""
 
@@ -123,11 +123,24 @@ class Stats:
     """
     is_part: bool
     """Whether the start was asked for."""
+    deadlocks: int = 0
+    """How often somebody was refused to wait, since that would have been a deadlock."""
 
     @property
     def has_tasks(self) -> bool:
         """Whether any task was sent."""
         return any(stats.is_of_tasks and stats.sent for stats in self.messages)
+
+    @property
+    def tasks_in_vain(self) -> int:
+        """How many tasks ended otherwise than achieved: how long they took is in no figure."""
+        return sum(stats.failed + stats.killed for stats in self.messages if stats.is_of_tasks)
+
+    @property
+    def queries_in_vain(self) -> int:
+        """The same of queries: how many were dropped, as a rule since their senders gave up."""
+        asked = [stats for stats in self.messages if stats.message_class and not stats.is_of_tasks]
+        return sum(stats.dropped for stats in asked if MessageClass(stats.message_class).has_reply)
 
     @property
     def seconds(self) -> float:
@@ -152,7 +165,9 @@ def measure(past: Past, start: float | None = None) -> Stats:
             times.sort()
     busy_in = span_of(past) if start is None else (first, past.time)
     resources = _resources(past, first, busy_in)
-    return Stats(first, past.time, past.is_live, list(messages.values()), resources, busy_in, start is not None)
+    deadlocks = sum(time >= first for time, _ in past.deadlocks)
+    found = list(messages.values())
+    return Stats(first, past.time, past.is_live, found, resources, busy_in, start is not None, deadlocks)
 
 
 def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate, compress
 
-from tca_tools.analysis.words import seconds
+from tca_tools.analysis.words import counted, seconds
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
 from tca_tools.terminal import columns_of, cut, padded, printable
 from tca_wire.wording import place
@@ -44,6 +44,7 @@ def stats_lines(
         heads = ["sent", "/s", "open", "dropped", "failed", *("p50", "p99", "max") * 3]
         rows = [(printable(one.name), _message_cells(one, stats.seconds)) for one in messages]
         lines += _table("message", groups, heads, rows, _SPARE_OF_MESSAGES, width, if_any=(_OPEN, _DROPPED))
+        lines += [cut(line, width) for line in _left_out(stats)]
     if resources:
         groups = [("", 5), ("in the queue", 6)]
         heads = ["slots", "handled", "/s", "busy", "waiting", "queued", "open", "p50", "p99", "max", "longest"]
@@ -51,7 +52,20 @@ def stats_lines(
         rows = [(title, _resource_cells(one, stats.seconds)) for title, one in titled]
         table = _table("resource", groups, heads, rows, _SPARE_OF_RESOURCES, width, if_any=(_OPEN_WAITS,))
         lines += ["", *table, *(cut(line, width) for line in _notes(stats, table))]
+    if stats.deadlocks:
+        lines.append(
+            cut(f"{counted(stats.deadlocks, 'deadlock')} found: who was refused to wait is in tca report", width)
+        )
     return lines
+
+
+def _left_out(stats: Stats) -> Iterator[str]:
+    """What the column "sent to end" does not have."""
+    tasks, queries = stats.tasks_in_vain, stats.queries_in_vain
+    without = [f"{counted(tasks, 'task')} that failed or {'was' if tasks == 1 else 'were'} killed"] * bool(tasks)
+    without += [f"{queries:,} {'query that was' if queries == 1 else 'queries that were'} dropped"] * bool(queries)
+    if without:
+        yield f"sent to end: without {' and '.join(without)}"
 
 
 def _notes(stats: Stats, table: list[str]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from tca_tools.history import History
 from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output
-from tca_tools.selection import Forest, check_modules, one_task, part_of, tasks_called
+from tca_tools.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, outline, whole_outline
@@ -21,7 +21,7 @@ from tca_tools.then import Then
 
 @click.command()
 @shared_options
-@click.option("--story", metavar="TASK", help="What happened to this task, in sentences, and how its failure went on.")
+@click.option("--story", metavar="TASK", help="What happened to this task (or query, ...) and how its failure went on.")
 @click.option(
     "-o",
     "--output",
@@ -61,8 +61,8 @@ def tree(
 
 
 def _tell(history: History, story: str, output: Path | None) -> None:
-    """Print or write the story of a task."""
-    lines = story_lines(history, one_task(history, story), None if output else line_width())
+    """Print or write the story of a task, or of another message."""
+    lines = story_lines(history, one_message(history, story), None if output else line_width())
     text = "\n".join(lines)
     if output is None:
         click.echo(text)

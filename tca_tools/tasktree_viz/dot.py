@@ -10,7 +10,7 @@ from itertools import pairwise, starmap
 from operator import itemgetter
 from textwrap import wrap
 
-from tca_tools.coping import HANDLED, STANDINGS
+from tca_tools.coping import HANDLED, STANDINGS, WATCHING
 from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
@@ -27,6 +27,7 @@ FILLS: dict[str, str] = {
     State.PLANNED: "#d6e4ff",
     State.HANDLING: "#ffcf70",
     State.ACHIEVING: "#ffe4b0",
+    WATCHING: "#cdeef2",
     State.ACHIEVED: "#cfeccb",
     State.RECOVERING: "#ffc9a3",
     State.SUSPENDED: "#e6e6c8",

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
-from tca_tools.coping import ENDED_TASKS, Fate, fate
+from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, fate, is_told
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.selection import lineage, subtree
@@ -32,20 +32,25 @@ def failure_chain(past: Past, number: TaskId, moment: float = inf) -> list[Link]
     """
     task = past.tasks[number]
     links: list[Link] = []
-    waiting: list[tuple[Message, int]] = [(task, 0)]
+    waiting: list[tuple[Message, int, float]] = [(task, 0, moment)]
     seen = {task.id}
-    if not _raised(task) and task.killed is not None:
-        links.append(Link(task.written("killed"), 0, f"{task} was killed: {task.why_killed}"))
-        waiting = [(culprit, 1) for culprit in _culprits(past, task)]
+    killed = _killed(task)
+    if not _raised(task) and killed <= moment:
+        links.append(Link(killed, 0, f"{task} was killed: {task.why_killed}"))
+        waiting = [(culprit, 1, killed) for culprit in _culprits(past, task)]
     while waiting and len(links) < _MOST_LINKS:
-        message, depth = waiting.pop()
+        message, depth, until = waiting.pop()
         if message.id in seen and depth:
             continue
         seen.add(message.id)
-        links += _links_of(past, message, depth, moment)
-        waiting += [(cause, depth + 1) for cause in reversed(_causes(past, message))]
+        links += [link for link in _links_of(past, message, depth, until) if link.time <= until]
+        waiting += [(cause, depth + 1, time) for cause, time in reversed(_causes(past, message, until))]
     links = [link for link in links if link.time <= moment]
     return links if seen - {task.id} or _raised(task) else []
+
+
+def _killed(task: Task) -> float:
+    return inf if task.killed is None else task.written("killed")
 
 
 def _raised(message: Message) -> list[tuple[float, str]]:
@@ -64,9 +69,14 @@ def _links_of(past: Past, message: Message, depth: int, moment: float) -> Iterat
     if isinstance(message, Task):
         told += _recoveries(Then(past, moment), message, depth)
         if end := _end(past, message, moment):
-            killed_or_over = message.states[-1][0] if message.killed is None else message.written("killed")
+            was_killed = message.was("killed", moment) is not None
+            killed_or_over = message.written("killed", moment) if was_killed else _newest_state(message, moment)
             told.append(Link(killed_or_over, depth, end))
     yield from sorted(told, key=lambda link: link.time)
+
+
+def _newest_state(task: Task, moment: float) -> float:
+    return next((time for time, _ in reversed(task.states) if time <= moment), task.received)
 
 
 def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
@@ -85,31 +95,50 @@ def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
 
 
 def _end(past: Past, task: Task, moment: float) -> str:
-    """What became of it, if it failed; of what it is under only what was known at *moment*."""
-    if not (raised := _raised(task)):
+    """What had become of it at *moment*, if it had failed."""
+    then = Then(past, moment).tasks.get(task.id)
+    if then is None or not (raised := [one for one in _raised(task) if one[0] <= moment]):
         return ""
-    became = fate(past, task, raised[-1][0])
+    became, state = fate(past, task, raised[-1][0], moment), then.state
     if became is Fate.OPEN:
         return f"{task} is being recovered"
     if became not in ENDED_TASKS:
-        return f"{task}: its failure was dealt with" if became is Fate.DEALT_WITH else f"{task}: {task.state} after all"
-    end = f"{task}: nobody dealt with its failure" if task.killed is None else f"{task} was killed: {task.why_killed}"
-    is_replaced = became is Fate.REPLACED and past.tasks[task.top].states[-1][0] <= moment
-    return end + (f"; {past.describe(task.top)} was achieved without it" if is_replaced else "")
+        return f"{task}: its failure was dealt with" if became is Fate.DEALT_WITH else f"{task}: {state} after all"
+    end = (
+        f"{task}: nobody dealt with its failure" if then.why_killed is None else f"{task} was killed: {then.why_killed}"
+    )
+    return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
 
 
-def _causes(past: Past, message: Message) -> list[Message]:
-    """What its handler had sent and waited for when that failed, newest first."""
-    waits = [wait for handling in message.handlings if handling.outcome is Outcome.FAILED for wait in handling.waits]
-    awaited = [past.messages[wait.awaited] for wait in waits[-1:] if wait.awaited in past.messages]
-    own = [one for one in awaited if _raised(one) and _is_named(one, message)]
-    handlers = [past.tasks[number] for number in getattr(message, "caught_by", []) if number in past.tasks]
-    return own + [handler for handler in handlers if _raised(handler)]
+def _causes(past: Past, message: Message, moment: float) -> list[tuple[Message, float]]:
+    """What its handler had sent and waited for when that failed, with when its wait was over, newest first; then the
+    exception handlers that failed before it was decided. As it was known at *moment*: what failed later is no cause.
+    """
+    failed = [run for run in message.handlings if run.outcome is Outcome.FAILED and (run.end or 0.0) <= moment]
+    found: list[tuple[Message, float]] = []
+    for wait, end in [(wait, run.end) for run in failed for wait in run.waits][-1:]:
+        until = min(moment if one is None else one for one in (wait.end, end))
+        awaited = past.messages.get(wait.awaited)
+        if awaited is not None and _is_named(past, awaited, until, message):
+            found.append((awaited, until))
+    if isinstance(message, Task):
+        handlers = [past.tasks[number] for number in message.caught_by if number in past.tasks]
+        calls = [(one, min(moment, _decided(message, one.received))) for one in handlers]
+        found += [(one, until) for one, until in calls if any(time <= until for time, _ in _raised(one))]
+    return found
 
 
-def _is_named(cause: Message, failed: Message) -> bool:
-    """Whether the failure of one is that of the other."""
-    names = {text.partition(":")[0] for _, text in _raised(cause)}
+def _decided(task: Task, failed: float) -> float:
+    """When it was decided what became of a task that had failed."""
+    states = (time for time, state in task.states if time > failed and state not in UNDECIDED)
+    return min(next(states, inf), _killed(task), task.reached.get(Moment.END_ACHIEVING, inf))
+
+
+def _is_named(past: Past, cause: Message, until: float, failed: Message) -> bool:
+    """Whether the failure of one, of which its asker was told by then, is that of the other."""
+    told = [one for one in _raised(cause) if one[0] <= until]
+    told = [one for one in told if isinstance(cause, Task) or is_told(past, cause, one[0])]
+    names = {text.partition(":")[0] for _, text in told}
     return any(name in text for _, text in _raised(failed) for name in names)
 
 

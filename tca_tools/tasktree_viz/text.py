@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import click
 
-from tca_tools.coping import HANDLED
-from tca_tools.records import State
+from tca_tools.coping import HANDLED, WATCHING
+from tca_tools.records import OVER, State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, padded
@@ -20,6 +20,7 @@ COLOURS: dict[str, str] = {
     State.PLANNED: "blue",
     State.HANDLING: "cyan",
     State.ACHIEVING: "cyan",
+    WATCHING: "cyan",
     State.ACHIEVED: "green",
     State.RECOVERING: "bright_red",
     State.SUSPENDED: "yellow",
@@ -34,14 +35,14 @@ _SHORTEST_NAME = 20
 """Columns that guides must leave for a name; on a narrow terminal, two fifths of what there is."""
 _LEAST_NOTE = 4
 """Columns: where there are fewer nothing is noted."""
-_SHORTEST_NOTE = 12
-"""Columns of a note that must be left to say for how long it is so, too."""
 _WIDE = 8
 """Levels whose guides have room."""
 _STATE_WIDTH = max(map(len, State))
 _TIMES_WIDTH = 13
 _GAP = 2
 """Columns between two columns."""
+_NOTE_WIDTH = 24
+"""Columns of notes before which times give way while something goes on: what a task waits for says more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,8 @@ def tree_lines(
     labels = [before + _name(row) for row, (before, _) in zip(rows, prefixes, strict=True)]
     name_width = min(max(map(columns_of, labels)), widest)
     beside = name_width + state_width + 3 * _GAP + 2 * _TIMES_WIDTH
-    columns = _Columns(state_width, width is None or beside <= width)
+    goes_on = any(row.task and row.task.state not in OVER for row in rows)
+    columns = _Columns(state_width, width is None or beside + _NOTE_WIDTH * goes_on <= width)
     times = f"  {'planning':{_TIMES_WIDTH}}  achieving" if columns.has_times else ""
     yield click.style(cut(f"{padded('task', name_width)}  {'state':{state_width}}{times}", width), dim=True)
     for row, label, (_, below) in zip(rows, labels, prefixes, strict=True):
@@ -100,15 +102,12 @@ def _task_line(then: Then, task: TaskThen, label: str, columns: _Columns, width:
     intervals = (Interval.PLANNING, Interval.ACHIEVING) if columns.has_times else ()
     spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in intervals]
     found = words.note_of(then, task)
-    lasted = "" if found.since is None else words.lasting(then.time - found.since)
     rest, room = "  ".join([f"{state:{states}}", *spans]), _rest_of(width, label)
     left = None if room is None else room - len(rest) - _GAP  # for the note
     if left is None:
-        rest = f"{rest}  {found.within(None)}".rstrip() + lasted
-    elif left - len(lasted) > _SHORTEST_NOTE:  # how long is the last to be cut
-        rest = f"{rest}  {found.within(left - len(lasted))}".rstrip() + lasted
+        rest = f"{rest}  {found.within(None, then.time)}".rstrip()
     elif left >= _LEAST_NOTE:
-        rest = cut(f"{rest}  {found.within(left)}".rstrip() + lasted, room)
+        rest = f"{rest}  {found.within(left, then.time)}".rstrip()
     else:
         rest = cut(rest, room)
     return f"{label}  {click.style(rest[:states], fg=COLOURS[state])}{rest[states:]}"

@@ -1,4 +1,4 @@
-"""The story of one task as text: where it stands, what happened to it, and the chain of its failure."""
+"""The story of one message as text; of a task also where it stands, and the chain of its failure."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -8,6 +8,7 @@ import click
 from tca_tools.coping import standing
 from tca_tools.ends import in_the_end
 from tca_tools.past import Past
+from tca_tools.records import Message, Task
 from tca_tools.selection import lineage
 from tca_tools.story import story
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -25,19 +26,11 @@ _SHORTEST = 8
 """Columns that are left for words."""
 
 
-def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterator[str]:
+def story_lines(past: Past, number: int, width: int | None = None) -> Iterator[str]:
     """The story as far as the past goes, line by line, wrapped to *width*."""
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
-    task = past.tasks[number]
-    above = list(reversed(lineage(past, number)))[:-1]
-    stands = standing(past, task, task.state)
-    name = cut(printable(str(task)), width - len(stands) - 2)
-    yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
-    if above:
-        yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
-    then = Then(past)
-    if end := in_the_end(then, then.tasks[number]):
-        yield from _wrapped("waits in the end ", end, width)
+    message = past.messages[number]
+    yield from _task_lines(past, message, width) if isinstance(message, Task) else _message_lines(message, width)
     yield ""
     for sentence in story(past, number, past.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
@@ -47,12 +40,31 @@ def story_lines(past: Past, number: TaskId, width: int | None = None) -> Iterato
             yield from _wrapped(f"{sentence.time:9.3f}  ", sentence.text + took + so_far, width)
         else:
             yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
-    chain = failure_chain(past, number)
+    chain = failure_chain(past, TaskId(number)) if isinstance(message, Task) else []
     if chain:
         yield ""
         yield from _wrapped("", "its failure, step by step:", width)
     for link in chain:
         yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", failure_line(link.text), width)
+
+
+def _message_lines(message: Message, width: int) -> Iterator[str]:
+    """What is no task has no place in the tree."""
+    kind = str(message.message_class)
+    yield f"{cut(printable(str(message)), width - len(kind) - 2)}: {kind}"
+
+
+def _task_lines(past: Past, task: Task, width: int) -> Iterator[str]:
+    """Where a task stands, what it is under and what it waits for in the end."""
+    above = list(reversed(lineage(past, TaskId(task.id))))[:-1]
+    stands = standing(past, task, task.state)
+    name = cut(printable(str(task)), width - len(stands) - 2)
+    yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
+    if above:
+        yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
+    then = Then(past)
+    if end := in_the_end(then, then.tasks[task.id]):
+        yield from _wrapped("waits in the end ", end, width)
 
 
 def _wrapped(start: str, text: str, width: int) -> Iterator[str]:

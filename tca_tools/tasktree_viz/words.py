@@ -1,25 +1,35 @@
 """What the text and the picture say about a task: its times, why it waits, how it failed; and about a whole tree."""
 
+import re
 from collections import Counter
 from typing import NamedTuple
 
+from tca_tools.ages import Age, age
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import STANDINGS
 from tca_tools.data import data_text
-from tca_tools.ends import in_the_end
+from tca_tools.ends import last_of
 from tca_tools.records import OVER, State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import columns_of, cut, printable
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import coming, dealing, waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, dealing, waits_how, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.wording import by_whom
 
 _LONGEST_FAILURE = 200
-_SHORTEST_TEXT = 30
-"""Columns that a reason keeps beside what comes of it in the end."""
-_THEN = "; "
+_SHORTEST_TEXT, _SHORTEST_BESIDE_NAME = 30, 16
+"""Columns that a reason keeps beside what comes of it in the end, and beside the name of that alone."""
+_THEN, _IN_THE_END = "; ", "in the end "
+_CLAUSE = re.compile(r"( (is|has been) [a-z ]+)?")
+"""What may stand behind the name of what is waited for."""
+_END = re.compile(r"^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$")
+"""What it is in the end, why that stands, and how many more there are."""
+_SHORTEST_NAME = 5
+"""Columns that are left of the name of an end."""
+_SHORTEST_NOTE = 12
+"""Columns of a note that must be left to say for how long it is so, too."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
 
@@ -46,55 +56,99 @@ def called(task: TaskThen) -> str:
 
 
 class Note(NamedTuple):
-    """What is said beside a task's state."""
+    """What is said beside a task's state: ``waits until move {4} is achieved, for 3.00 s (8.00 s in all); in the end
+    for ...``.
+    """
 
     text: str
     """What keeps it waiting, or how it ended if not well."""
-    since: float | None = None
-    """Since when it waits."""
+    age: Age | None = None
+    """Since when that keeps it waiting, and since when it waits in all."""
     end: str = ""
-    """What it waits for in the end, if that says more: ``in the end for calibrate {3}, which no module handles``."""
+    """What it waits for in the end, if that says more: ``in the end for calibrate {3}, which no module handles``; where
+    the text names that already, why it waits for nothing else: ``no module handles that``."""
+    alone: str = ""
+    """The end where there is no room for the text."""
 
-    def within(self, room: int | None) -> str:
-        """As much of both as there is room for: of the text its beginning, before the end is cut."""
-        if not self.end or not self.text:
-            return cut(self.text or self.end, room)
-        if room is not None:
-            least = max(room - len(self.end) - len(_THEN), _SHORTEST_TEXT)
-            return cut(f"{cut(self.text, least)}{_THEN}{self.end}", room)
-        return f"{self.text}{_THEN}{self.end}"
+    def within(self, room: int | None, time: float) -> str:
+        """As much of it at a *time* as there is room for. How long it waits stands behind what it is said of, and gives
+        way where that is less than the whole wait. The text is cut before the end is; where both have no room, the
+        end's name is what a reader needs: what is next stands near by, as a rule.
+        """
+        lasted, in_all = _lasted(self.age, time)
+        whole, without = (self._whole(one) for one in (f"{lasted}{in_all}", lasted))
+        if room is None or columns_of(whole) <= room:
+            return whole
+        if columns_of(without) <= room:
+            return without
+        if not self.end:
+            left = room - columns_of(lasted)
+            return cut(self.text, left) + lasted if left > _SHORTEST_NOTE else cut(without, room)
+        return self._beside_end(room, lasted)
+
+    def _whole(self, lasted: str) -> str:
+        told = f"{self.text}{lasted}" if self.text else lasted.removeprefix(", ").strip()
+        return _THEN.join(filter(None, (told, self.end)))
+
+    def _beside_end(self, room: int, lasted: str) -> str:
+        """What there is room for. How long it waits gives way before the name of the end, and after all else."""
+        end = self.alone or self.end
+        brief = _END.sub(r"\1\3", end)
+        for one, least in ((end, _SHORTEST_TEXT), (brief, _SHORTEST_BESIDE_NAME)):
+            left = room - columns_of(lasted + _THEN + one)
+            if self.text and left >= min(least, columns_of(self.text)):
+                return f"{cut(self.text, left)}{lasted}{_THEN}{one}"
+        ends = [end, end.removeprefix(_IN_THE_END), brief, brief.removeprefix(_IN_THE_END)]
+        found = [f"{lasted.removeprefix(', ')}{_THEN}{one}" for one in ends if lasted] + ends
+        return next((one for one in found if columns_of(one) <= room), _shortened(ends[-1], room))
 
 
-def note(then: Then, task: TaskThen, *, with_end: bool = True) -> str:
+def _shortened(end: str, room: int) -> str:
+    """An end in little room: with its number, by which it is found."""
+    named, space, number = end.partition(" {")
+    number = f"{space}{number.partition('}')[0]}}}"
+    left = room - columns_of(number)
+    return cut(named, left) + number if space and left >= _SHORTEST_NAME else cut(end, room)
+
+
+def note(then: Then, task: TaskThen, *, within: int | None = None) -> str:
     """What keeps it waiting and for how long it has, and what it waits for in the end; or how it ended if not well.
 
-    Looking for the end may lead through all that waits at that moment, though through each only once.
+    Looking for the end may lead through all that waits at that moment, though through each only once: *within* at most
+    so many waits, else nothing is said of it.
     """
-    found = note_of(then, task) if with_end else Note(*_text_since(then, task))
-    return found.within(None) + (lasting(then.time - found.since) if found.since is not None else "")
+    return note_of(then, task, within).within(None, then.time)
 
 
-def note_of(then: Then, task: TaskThen) -> Note:
+def note_of(then: Then, task: TaskThen, within: int | None = None) -> Note:
     """The same in its parts."""
-    text, since = _text_since(then, task)
-    end = in_the_end(then, task)
-    if not end:
-        return Note(text, since)
-    return Note(text, waits_since(task) if since is None else since, printable(f"in the end {end}"))
+    text, its_age = _text_and_age(then, task)
+    last = last_of(then, task, within)
+    if not last:
+        return Note(text, its_age)
+    alone = printable(f"{_IN_THE_END}{last}")
+    end = printable(last.that + last.others) if _names_only(text, printable(last.thing)) else alone
+    return Note(text, its_age or age(then, task), end, alone)
 
 
-def _text_since(then: Then, task: TaskThen) -> tuple[str, float | None]:
+def _names_only(text: str, thing: str) -> bool:
+    """Whether a wait is for that alone, and no more is said of it."""
+    before, found, after = text.partition(thing)
+    return bool(found) and "{" not in before and bool(_CLAUSE.fullmatch(after))
+
+
+def _text_and_age(then: Then, task: TaskThen) -> tuple[str, Age | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.state is State.ENDING:
-        return _ending(then, task), waits_since(task)
+        return _ending(then, task), age(then, task)
     if task.state is State.RECOVERING:
-        return _recovering(then, task), waits_since(task)
+        return _recovering(then, task), age(then, task)
     if task.failure and task.state in OVER:
         return failure_line(task.failure), None
     if task.why_killed is not None:
         return _why_killed(then, task), None
-    text, since = _going_on(then, task)
-    return "; ".join(filter(None, (failure_line(task.failure), text))), since
+    text, its_age = _going_on(then, task)
+    return "; ".join(filter(None, (failure_line(task.failure), text))), its_age
 
 
 def _recovering(then: Then, task: TaskThen) -> str:
@@ -104,17 +158,18 @@ def _recovering(then: Then, task: TaskThen) -> str:
     return printable(f"{waits_how(task)} {', and '.join([dealing(then, task, failure), *more])}")
 
 
-def _going_on(then: Then, task: TaskThen) -> tuple[str, float | None]:
+def _going_on(then: Then, task: TaskThen) -> tuple[str, Age | None]:
     """What keeps it from going on, or else what is to come."""
     reasons = why_waiting(then, TaskId(task.id), with_children=False)  # they are shown
     ahead = coming(then, task)
     if reasons:
         more = f" ({'; '.join(ahead)})" if ahead else ""
-        return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), waits_since(task)
+        return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), age(then, task, with_children=False)
     if task.suspension and task.handling:
-        return printable(
-            f"still runs, though {then.describe(task.suspension.cause)} is suspended{by_whom(task.suspension.by)}"
-        ), task.suspension.start
+        start, by = task.suspension.start, by_whom(task.suspension.by)
+        return printable(f"still runs, though {then.describe(task.suspension.cause)} is suspended{by}"), Age(
+            start, start
+        )
     return printable("; ".join(ahead)), None
 
 
@@ -132,9 +187,19 @@ def _ending(then: Then, task: TaskThen) -> str:
     return f"{why}; {keeps}" if keeps else why
 
 
-def lasting(length: float) -> str:
-    """``, for 3.40 s``."""
-    return f", for {seconds(length)}" if length >= _SHORTEST else ""
+def lasting(its_age: Age, time: float) -> str:
+    """``, for 3.40 s (8.00 s in all)``."""
+    return "".join(_lasted(its_age, time))
+
+
+def _lasted(its_age: Age | None, time: float) -> tuple[str, str]:
+    """``, for 3.40 s`` and, if it waited for something else before, `` (8.00 s in all)``."""
+    if its_age is None:
+        return "", ""
+    since, begun = its_age
+    for_this = f", for {seconds(time - since)}" if since is not None and time - since >= _SHORTEST else ""
+    is_all = since is not None and since - begun < _SHORTEST
+    return for_this, "" if is_all or time - begun < _SHORTEST else f" ({seconds(time - begun)} in all)"
 
 
 def failure_line(text: str) -> str:

@@ -49,7 +49,7 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
 
         config = uvicorn.Config(application(runs, hosts), log_level="warning", timeout_graceful_shutdown=1)
         runs.show(None)
-        click.echo(f"{log.name}: {address}  (Ctrl-C ends)")
+        click.echo(f"{runs.first.name}: {address}  (Ctrl-C ends)")
         if log.is_empty:
             click.echo("it is empty: what central writes to it will be shown")
         if browser:

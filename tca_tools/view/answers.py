@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
+from tca_tools.ages import age
 from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import Fate, coped_with, fate, told_to
@@ -17,7 +18,7 @@ from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
-from tca_tools.waiting import coming, waits_how, waits_since, why_waiting
+from tca_tools.waiting import coming, waits_how, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.wording import Wording, subject_of
@@ -77,19 +78,18 @@ def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, An
     return {
         "failure": failure,
         "handled": coped_with(past, message, moment),
-        "replaced": bool(failure) and fate(past, message, time) is Fate.REPLACED,
-        "told": told_to(past, message, time) if failure else "",
+        "replaced": bool(failure) and fate(past, message, time, moment) is Fate.REPLACED,
+        "told": told_to(past, message, time, moment) if failure else "",
     }
 
 
 def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
     return {
         "state": task.standing,
-        "reasons": why_waiting(then, task.id),
+        "reasons": [{"text": one} | age(then, task, one)._asdict() for one in why_waiting(then, task.id)],
         "end": in_the_end(then, task),
         "how": waits_how(task),
         "coming": coming(then, task),
-        "since": waits_since(task),
         "failure": task.failure,
         "killed": task.why_killed,
         "data": data_text(task.body),
@@ -125,8 +125,8 @@ def _constraint_text(past: Past, constraint: Any) -> str:
 
 
 def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, dict[str, Any]]:
-    """For tasks, what keeps each waiting and since when, or how it ended if not well; that as a whole; and what it
-    waits for in the end.
+    """For tasks, what keeps each waiting, since when, and since when it waits in all, or how it ended if not well; that
+    as a whole; and what it waits for in the end.
     """
     with reading:
         then = reading.then(moment)
@@ -143,7 +143,8 @@ def _note(then: Then, task: TaskThen) -> dict[str, Any]:
     whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else note.text
     whole = f"{note.text}\n\n{whole}" if task.state is State.RECOVERING else whole
     whole = "\n\n".join(filter(None, (whole, note.end)))
-    return {"text": note.text, "since": note.since, "whole": whole, "end": note.end}
+    its_age = note.age._asdict() if note.age else None
+    return {"text": note.text, "age": its_age, "whole": whole, "end": note.end, "alone": note.alone}
 
 
 def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from tca_tools.tasktree_viz.dot import FILLS
 from tca_tools.view.answers import causes_answer, message_answer, messages_answer, notes_answer, numbers
 from tca_tools.view.feed import OUTCOMES, ROLES, STATES, SpanKind
 from tca_tools.view.reading import Reading
-from tca_tools.view.runs import Run, Runs, Shown
+from tca_tools.view.runs import Runs, Shown
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
@@ -76,11 +76,13 @@ async def _page(_request: Request) -> Response:
 async def _runs(runs: Runs, _request: Request) -> Response:
     """Those that can be chosen, newest first."""
     found = await run_in_threadpool(runs.all)
-    return JSONResponse([{"name": run.name, "label": _label(run), "began": run.began} for run in reversed(found)])
-
-
-def _label(run: Run) -> str:
-    return f"{run.path.resolve().parent.name}/{run.name}" if run.path.name == "journal" else run.name
+    last = runs.newest.address if runs.follows else found[-1].address if found else ""
+    return JSONResponse(
+        [
+            {"run": run.address, "name": run.name, "began": run.began, "isNewest": run.address == last}
+            for run in reversed(found)
+        ]
+    )
 
 
 async def _frame(runs: Runs, request: Request) -> Response:
@@ -92,10 +94,10 @@ async def _frame(runs: Runs, request: Request) -> Response:
 
 
 def _next_frame(
-    runs: Runs, name: str | None, since: dict[str, int], token: str | None, patience: float | None
+    runs: Runs, address: str | None, since: dict[str, int], token: str | None, patience: float | None
 ) -> Response:
-    if (shown := runs.show(name)) is None:
-        return _no_run(name)
+    if (shown := runs.show(address)) is None:
+        return _no_run(address)
     if since and token is not None and token != shown.token:
         return JSONResponse({"error": "this is read anew: what was told before does not count"}, 410)
     return Response(_columns(runs, shown, since, patience), media_type="application/octet-stream")
@@ -108,18 +110,18 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             if patience is None:
                 patience = _PATIENCE if reading.state == "live" else _OF_OTHERS
             reading.wait_for_more(since.get("entry", 0), patience)
-    newest = runs.newest
     with reading:
+        run, newest = runs.names(shown)
         history = reading.feed.history
         told = {
-            "run": shown.name,
+            "run": run.address,
             "token": shown.token,
-            "name": reading.log.name,
+            "name": run.name,
             "began": history.began,
             "caughtUp": reading.caught_up,
             "state": reading.state,
             "now": reading.now,
-            "problem": reading.problem or reading.log.cut,
+            "problem": reading.problem or reading.cut,
             "remark": reading.remark,
             "states": [{"name": state, "colour": FILLS[state]} for state in STATES],
             "handled": {"name": HANDLED, "colour": FILLS[HANDLED]},
@@ -128,22 +130,22 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             "roles": ROLES,
             "kinds": [kind.name.lower() for kind in SpanKind],
             "follows": runs.follows,
-            "newest": newest,
+            "newest": {"run": newest.address, "name": newest.name},
         }
         return reading.feed.columns.frame(since, told)
 
 
-def _no_run(name: str | None) -> Response:
-    return JSONResponse({"error": f"there is no run '{name}' any more"}, 404)
+def _no_run(address: str | None) -> Response:
+    return JSONResponse({"error": f"there is no run '{address}' any more"}, 404)
 
 
 def _asked(runs: Runs, answer: Callable[[Reading, Request], Any]) -> Callable[[Request], Awaitable[Response]]:
     """Answers a question about the run that the page shows; with "not found" where there is no answer."""
 
     def answered(request: Request) -> Response:
-        name = request.query_params.get("run")
-        if (shown := runs.show(name)) is None:
-            return _no_run(name)
+        address = request.query_params.get("run")
+        if (shown := runs.show(address)) is None:
+            return _no_run(address)
         if (found := answer(shown.reading, request)) is None:
             return JSONResponse({"error": f"no message {request.path_params['id']} in this journal"}, 404)
         return JSONResponse(found)

@@ -9,7 +9,7 @@ from enum import IntEnum, IntFlag
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.coping import Failing, failing
+from tca_tools.coping import WATCHING, Failing, failing, watches
 from tca_tools.gantt.bars import NO_HANDLER
 from tca_tools.gantt.colours import dark
 from tca_tools.history import History
@@ -22,7 +22,7 @@ from tca_wire.vocabulary import Outcome, Role
 from tca_wire.wording import by_whom, kill_reason, place
 
 _LONGEST_SAID = 300
-STATES = list(State)
+STATES: list[str] = [*State, WATCHING]
 OUTCOMES = [None, *Outcome]
 ROLES = list(Role)
 TABLES = {
@@ -43,7 +43,8 @@ TABLES = {
     "failure.span": "i",  # the run of a handler that ended with it, or what it was raised beside; or -1
     "failure.beside": "B",  # whether it was raised beside the handler
     "verdict.failure": "i",  # the row of a failure
-    "verdict.good": "B",  # whether the run went on after it, from now on
+    "verdict.good": "B",  # whether the run went on after it, from then on
+    "verdict.time": "d",
     "said.message": "i",
     "said.time": "d",
     "said.text": "i",  # a text: how it failed, or why it was killed
@@ -95,6 +96,7 @@ class Feed:
         self._connected: dict[str, dict[str, int]] = {}  # the spans of modules that are connected, by resource
         self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
+        self._watching: set[int] = set()  # the monitors that do
         self._names: dict[str, None] = {}  # of messages, as they came
         self._direct: dict[str, int] = {}  # of those that came without central, with the row of the first one
         self._ended_badly: list[tuple[Handling, int]] = []  # with the newest entry: runs of handlers with their spans
@@ -124,7 +126,7 @@ class Feed:
         self._tell_said([fact for fact in entry.facts if isinstance(fact, Failed | Killed)])
         self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
-            columns.add("verdict", row, is_good)
+            columns.add("verdict", row, is_good, history.time)
 
     def _tell_failures(self, failed: list[Failed]) -> None:
         for fact in failed:
@@ -171,8 +173,12 @@ class Feed:
     def _tell_task(self, task: Task) -> None:
         if (told := self._states.get(task.id, 0)) == 0:
             self._tell_birth(task)
+        if task.message_class.is_monitor:
+            self._tell_watching(task, has_changed=told < len(task.states))
+        else:
+            for time, state in task.states[told:]:
+                self.columns.add("state", task.id, time, STATES.index(state))
         for time, state in task.states[told:]:
-            self.columns.add("state", task.id, time, STATES.index(state))
             if state is State.SUSPENDED:
                 by = next((one.by for one in reversed(task.suspensions) if one.start <= time), "")
                 self.columns.add("suspended", self.columns.text(by_whom(by)))
@@ -183,6 +189,14 @@ class Feed:
             self.columns.add("hold", task.id, hold.constraint.before.task, kind, hold.added)
         if task.holds:
             self._holds[task.id] = len(task.holds)
+
+    def _tell_watching(self, monitor: Task, *, has_changed: bool) -> None:
+        """A monitor watches, and goes on when it does no longer, in one state of its task."""
+        state = monitor.states[-1][1]
+        is_watching = watches(monitor, state)
+        if has_changed or is_watching != (monitor.id in self._watching):
+            self.columns.add("state", monitor.id, self.history.time, STATES.index(WATCHING if is_watching else state))
+        (self._watching.add if is_watching else self._watching.discard)(monitor.id)
 
     def _tell_handling(self, handling: Handling) -> None:
         row = self._row(handling.module, handling.resource)

@@ -45,6 +45,8 @@ class Reading:
         """Whether central ended of its own will: nothing more comes."""
         self.problem = ""
         """Why nothing more can be read."""
+        self.cut = ""
+        """What there is to say of a last entry that is not whole."""
         self._worked_out: tuple[int, dict[object, Any]] | None = None
         """How many entries there were at the moment that was looked at last, and what was worked out of it."""
         self._grown = threading.Condition()
@@ -113,11 +115,13 @@ class Reading:
 
         While a long journal is being read, news are told together.
         """
-        state = self.state
+        state, cut = self.state, self.cut
         if not self.caught_up:
             self._grown.wait_for(lambda: self.caught_up or self.is_over, min(seconds, _WHILE_READING))
         else:
-            self._grown.wait_for(lambda: self.entries > entries or self.is_over or self.state != state, seconds)
+            self._grown.wait_for(
+                lambda: self.entries > entries or self.is_over or (self.state, self.cut) != (state, cut), seconds
+            )
 
     def then(self, moment: float) -> Then:
         """The run as it was at a moment, with what was worked out of it since the entry before. Only inside of
@@ -176,6 +180,10 @@ class Reading:
                 self._grown.notify_all()
         if not self.caught_up:
             self._catch_up()
+        if (cut := self.log.cut) != self.cut:
+            with self:
+                self.cut = cut
+                self._grown.notify_all()
         self._look_who_writes()
         if self._stopped.wait(_POLL_SECONDS):
             raise _Stopped

@@ -1,9 +1,12 @@
 """Which runs a page can show, and their readings. Without a LOG those in central's folder of journals; of a LOG those
 that lie in it, and those beside it if it lies in that folder.
+
+A run has an *address*, by which pages ask for it: folder and epoch, the same whatever comes to lie beside it. People
+see its *name*, which tells it from the others there are now: of a folder with one run "FOLDER", else "FOLDER#2".
 """
 
 import threading
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 from secrets import token_hex
@@ -11,7 +14,7 @@ from time import monotonic
 from typing import NamedTuple
 
 from tca_tools.errors import UnusableLog
-from tca_tools.logs import Log, newest_journal, open_log
+from tca_tools.logs import Log, called, newest_journal, open_log
 from tca_tools.segments import Folder, listed, segments_in
 from tca_tools.view.reading import Reading
 from tca_wire.endpoint import default_journals
@@ -21,15 +24,24 @@ _KEPT = 4
 _UNASKED = 60.0
 """Seconds."""
 _KNOWN = 1.0
-"""Seconds until it is looked again which run is the newest."""
+"""Seconds until it is looked again which runs there are."""
+
+
+class Named(NamedTuple):
+    """How a run is asked for, and what people call it."""
+
+    address: str
+    """As LOG names it: "FOLDER#EPOCH" with the whole path; while its journal is empty, and of a file, the path."""
+    name: str
 
 
 class Run(NamedTuple):
     """One run that can be shown."""
 
+    address: str
     name: str
-    """Of its folder; with its epoch, if other runs in that folder began before."""
     path: Path
+    """Of the folder, or the file, itself: links to it come and go."""
     epoch: str | None
     began: float | None
     """Wall-clock time, if its journal tells."""
@@ -38,10 +50,15 @@ class Run(NamedTuple):
 class Shown(NamedTuple):
     """A run that is being read."""
 
-    name: str
+    place: Path
     reading: Reading
     token: str
     """Another one for each reading: what a page has of one does not go on in another."""
+
+    @property
+    def address(self) -> str:
+        """What it is now; one that was empty had none with an epoch."""
+        return _address(self.place, self.reading.log.run)
 
 
 class Runs:
@@ -52,44 +69,58 @@ class Runs:
         """The one that was asked for, or was the newest then."""
         self.follows = follows
         """Whether the newest one is shown, whichever that is."""
+        self._own = log.path.resolve()
         self._shown: OrderedDict[str, tuple[Shown, float]] = OrderedDict()
         self._folders: dict[Path, Folder] = {}
+        self._places = {self._own: None}
+        """Where runs lie that are to be found though no link leads there (any more)."""
         self._lock = threading.Lock()
         self._is_stopped = False
         self._given: Log | None = log
-        self._first = self._newest = self._last_in(log.path)
+        self._names: dict[str, str] = {}
+        """Of all runs that there were, by address."""
+        self._first = self._newest = _address(self._own, log.run)
         self._look_again = 0.0
+        self.all()
 
     def all(self) -> list[Run]:
         """Those there are now, oldest first."""
         with self._lock:
-            return list(self._all())
+            return self._look()
 
     @property
-    def newest(self) -> str:
-        """The name of the one that began last; of a LOG the last that lies in it. Known for a while."""
-        if monotonic() >= self._look_again:
-            self._newest, self._look_again = self._look(), monotonic() + _KNOWN
-        return self._newest
+    def first(self) -> Named:
+        """The one to begin with."""
+        return self.newest if self.follows else self._named(self._first)
 
-    def _look(self) -> str:
-        try:
-            return self._last_in(newest_journal() if self.follows else self.log.path)
-        except UnusableLog:  # its folder is gone
-            return self._first
-
-    def show(self, name: str | None) -> Shown | None:
-        """A run by its name (None: the one to begin with); None if there is none of that name."""
-        name = name or (self.newest if self.follows else self._first)
+    @property
+    def newest(self) -> Named:
+        """The one that began last; of a LOG the last that lies in it. Known for a while."""
         with self._lock:
-            if name not in self._shown:
-                if (log := self._open(name)) is None or self._is_stopped:
+            if monotonic() >= self._look_again:
+                self._look()
+        return self._named(self._newest)
+
+    def names(self, shown: Shown) -> tuple[Named, Named]:
+        """Of a run that is being read, and of the newest one, at one time."""
+        newest, address = self.newest, shown.address
+        if newest.address.startswith(f"{address}#"):  # it was empty until now: its reading will learn it
+            return newest, newest
+        return self._named(address), newest
+
+    def show(self, address: str | None) -> Shown | None:
+        """A run by its address (None: the one to begin with); None if there is none."""
+        address = address or self.first.address
+        with self._lock:
+            kept = self._being_read(address)
+            if kept not in self._shown:
+                if (log := self._open(kept)) is None or self._is_stopped:
                     return None
                 reading = Reading(log)
                 reading.start()
-                self._shown[name] = Shown(name, reading, token_hex(8)), 0.0
-            shown, _ = self._shown.pop(name)
-            self._shown[name] = shown, monotonic()  # the last one that was asked for is the last in it
+                self._shown[kept] = Shown(log.path.resolve(), reading, token_hex(8)), 0.0
+            shown, _ = self._shown.pop(kept)
+            self._shown[kept] = shown, monotonic()  # the last one that was asked for is the last in it
             self._forget()
             return shown
 
@@ -100,59 +131,92 @@ class Runs:
             for shown, _ in self._shown.values():
                 shown.reading.stop()
 
-    def _open(self, name: str) -> Log | None:
-        if name == self._first and self._given:  # it is open
+    def _named(self, address: str) -> Named:
+        return Named(address, self._names.get(address) or called(Path(address.partition("#")[0])))
+
+    def _being_read(self, address: str) -> str:
+        """By which address it was asked for first: a journal that was empty then had no epoch."""
+        if address not in self._shown:
+            for kept, (shown, _) in self._shown.items():
+                if address == shown.address:
+                    return kept
+        return address
+
+    def _open(self, address: str) -> Log | None:
+        if address == self._first and self._given:  # it is open
             log, self._given = self._given, None
             return log
-        found = next((run for run in self._all() if run.name == name), None)
+        runs = self._look()
+        found = next((run for run in runs if run.address == address), None)
+        found = found or next((run for run in runs if str(run.path) == address), None)  # it was empty
         try:
             return open_log(found.path, found.epoch) if found else None
         except UnusableLog:
             return None
 
-    def _all(self) -> Iterator[Run]:
-        for path in self._paths():
-            yield from self._in(path)
-
-    def _paths(self) -> list[Path]:
-        """Folders with a run; of links to one folder the first."""
-        own, journals = self.log.path, default_journals()
-        beside: list[Path] = []
-        if self.follows or own.resolve().parent == journals.resolve():
+    def _look(self) -> list[Run]:
+        """Those there are now, oldest first; what they are called is known from now on, and which is the newest."""
+        newest = self._own
+        if self.follows:
             try:
-                beside = [path for path in listed(journals) if path.is_dir() and segments_in(path)]
+                newest = newest_journal().resolve()
+            except UnusableLog:  # its folder is gone
+                newest = Path()
+            else:
+                self._places.setdefault(newest)
+        found = list(self._all())
+        self._names.update((run.address, run.name) for run in found)
+        self._newest = next((run.address for run in reversed(found) if run.path == newest), self._newest)
+        self._look_again = monotonic() + _KNOWN
+        return found
+
+    def _all(self) -> Iterator[Run]:
+        for place, name in _told_apart(self._all_places()).items():
+            yield from self._in(place, name)
+
+    def _all_places(self) -> list[Path]:
+        """Folders with a run, and the file that was named as LOG; of links to one folder the last counts."""
+        journals = default_journals()
+        beside: list[Path] = []
+        if self.follows or self._own.parent == journals.resolve():
+            try:
+                beside = [path.resolve() for path in listed(journals) if path.is_dir() and segments_in(path)]
             except UnusableLog:
                 beside = []
-        by_place: dict[Path, Path] = {}
-        for path in [*beside, own]:
-            by_place.setdefault(path.resolve(), path)
-        return list(by_place.values())
+        last_first = dict.fromkeys([*reversed(beside), *reversed(self._places)])
+        return list(reversed(last_first))
 
-    def _in(self, path: Path) -> Iterator[Run]:
-        if not path.is_dir():
-            yield Run(path.name, path, None, None)
+    def _in(self, place: Path, name: str) -> Iterator[Run]:
+        if place.is_file():
+            yield Run(_address(place, None), name, place, None, None)
             return
-        folder = self._folders.setdefault(path, Folder(path))
         try:
-            epochs = folder.epochs()
+            epochs = self._folders.setdefault(place, Folder(place)).epochs()
         except UnusableLog:
             return
-        name = path.name or path.resolve().name
         if not epochs:
-            yield Run(name, path, None, None)
-        for number, opened in enumerate(epochs):
-            yield Run(f"{name}/{opened.epoch}" if number else name, path, opened.epoch, opened.began)
-
-    def _last_in(self, path: Path) -> str:
-        """The name of the last run that lies in a folder, or of a file."""
-        place = path.resolve()
-        with self._lock:
-            names = [run.name for run in self._all() if run.path.resolve() == place]
-        return names[-1] if names else path.name
+            yield Run(_address(place, None), name, place, None, None)
+        for number, opened in enumerate(epochs, 1):
+            one = name if len(epochs) == 1 else f"{name}#{number}"
+            yield Run(_address(place, opened.epoch), one, place, opened.epoch, opened.began)
 
     def _forget(self) -> None:
         """Those that nobody looks at any more, but the last few."""
-        for name, (shown, asked) in list(self._shown.items())[:-_KEPT]:
+        for address, (shown, asked) in list(self._shown.items())[:-_KEPT]:
             if monotonic() - asked > _UNASKED:
                 shown.reading.stop()
-                del self._shown[name]
+                del self._shown[address]
+
+
+def _told_apart(places: list[Path]) -> dict[Path, str]:
+    """What each is called: as in titles; of several of the same name with as much of the path as tells them apart."""
+    names = {place: called(place) for place in places}
+    while len(count := Counter(names.values())) < len(names):
+        for place, name in names.items():
+            if count[name] > 1:
+                names[place] = "/".join(place.parts[-2 - name.count("/") :])
+    return names
+
+
+def _address(place: Path, epoch: str | None) -> str:
+    return f"{place}#{epoch}" if epoch else str(place)

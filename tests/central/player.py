@@ -60,7 +60,7 @@ class Player:
             connection,
             headers.Hello(
                 self.number(connection),
-                1,
+                headers.PROTOCOL_VERSION,
                 module,
                 incarnation or f"run of {module}",
                 number,

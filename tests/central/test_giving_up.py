@@ -88,6 +88,16 @@ def test_a_lock_in_the_way_is_named(robot: Player) -> None:
     assert why(robot, "user", 101) == "it waited for resource 'map' of 'map', which module 'arm' had locked"
 
 
+def test_who_waits_behind_a_lock_that_somebody_wants_is_told_of_that(robot: Player) -> None:
+    robot.send("user", "where", number=100)
+    robot.module("arm")
+    robot.receive("arm", headers.Lock(robot.number("arm"), "map"))
+    robot.send("user", "where", number=101)
+    robot.numbers["user"] = 101
+    told = "it waited for resource 'map' of 'map', which module 'arm' waited to have for itself"
+    assert why(robot, "user", 101) == told
+
+
 def test_who_waits_no_longer_for_a_task_is_told_how_far_it_was(robot: Player) -> None:
     def wait(task: int) -> str:
         number = robot.number("user")

@@ -56,6 +56,44 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(monkeypatch: pytest
     assert len(player.facts_of("dropped")) == 1
 
 
+def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here messages of another kind, which are tasks: they are never turned away, and fill it beyond the limit."""
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
+    player = Player()
+    player.module("map", "command survey", "query where", "inform note", "multi-query all")
+    player.module("user")
+    player.declare("user", "command survey", "query where", "inform note", "multi-query all")
+    first, second, *_ = [player.task("user", "survey", flags=Flags.NONE, priority=-1) for _ in range(4)]
+    full = f"""3 messages wait for resource 'map' of 'map' already, busy with 'survey' {{{first}}}, \
+'survey' {{{second}}} first in line; from 2 on only tasks are let in"""
+    (refused,) = player.send("user", "where")
+    assert (refused.refusal, refused.text) == (Refusal.OVERLOAD, f"{full}: try later")
+    player.send("user", "note")
+    assert [dropped.why for dropped in player.facts_of("dropped")] == [full]
+    player.send("user", "all")
+    assert [failed.text for failed in player.facts_of("failed")] == [full]
+
+
+def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
+    player = Player()
+    player.module("map", "query where")
+    player.module("user")
+    player.declare("user", "query where")
+    player.receive("user", headers.Lock(player.number("user"), "map"))
+    player.send("user", "where")
+    assert player.send("user", "where")[0].text == (
+        "1 messages wait for resource 'map' of 'map' already, which module 'user' has locked, 'where' {2} first in "
+        "line; from 1 on only tasks are let in: try later"
+    )
+    player.module("camera", "query look", pool="eyes")
+    player.module("camera 2", "query look", pool="eyes")
+    player.declare("user", "query look")
+    for _ in range(3):
+        player.send("user", "look")
+    assert "and 1 more that handle 'look' are as full, 'look' {" in player.send("user", "look")[0].text
+
+
 def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
     player = Player()
     player.module("eyes", "query look")
@@ -161,7 +199,8 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(monke
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 0)
     player.task("user", "check")
     (failed,) = player.facts_of("failed")
-    assert (failed.failure, failed.text) == ("overload", "too many messages wait for the handler of 'where'")
+    text = "nobody handles 'where', and 0 wait already; from 0 on no more are let in"
+    assert (failed.failure, failed.text) == ("overload", f"its condition 'where' could not be asked: {text}")
     assert not player.central.tree.tasks
 
 

@@ -85,6 +85,7 @@ def test_the_longest_waits_come_first() -> None:
         ("'where' {6}", "resource 'user' of 'user'", 10.0),
         ("'other'", "the reply to 'where' {6}", 10.0),
     ]
+    assert [one["busy"] for one in told["waits"]] == ["", f"busy with 'step' {{{first}}}", "busy with 'where' {1}", ""]
     assert resource(told, "legs")["oldest"] == 12.0
 
 
@@ -102,6 +103,7 @@ def test_claims_and_who_holds_a_resource() -> None:
         ("a claim of 'second'", "resource 'legs' of 'legs'", 3.0),
         ("'second'", "resource 'legs' of 'legs'", 3.0),
     ]
+    assert told["waits"][0]["busy"] == "which module 'first' has locked"
 
 
 def test_a_handler_that_waits_is_named_with_what_it_waits_for() -> None:
@@ -210,7 +212,7 @@ def test_killed_tasks_whose_handlers_still_run_say_what_these_wait_for() -> None
     robot.send("planner/1", "where", origin=walk)
     assert load(robot.central)["killed"] == []
     robot.receive("user", headers.Kill(robot.number("user"), TaskId(walk), "enough"))
-    told = {"task": walk, "what": f"'walk' {{{walk}}}", "why": "enough", "module": "planner"}
+    told = {"task": walk, "what": f"'walk' {{{walk}}}", "why": "enough (by user)", "module": "planner"}
     asked = f"the reply to 'where' {{{walk + 1}}}"
     assert load(robot.central)["killed"] == [{**told, "for": asked}]
     robot.receive("planner/1", headers.WaitUntilHandled(robot.number("planner/1"), ["where"]))

@@ -8,7 +8,7 @@ from central.player import Player
 from tca_central.events import ConnectionId
 from tca_central.pulses import Pulses
 from tca_central.registry import Connection, Module
-from tca_wire.headers import Hello, Refused
+from tca_wire.headers import PROTOCOL_VERSION, Hello, Refused
 from tca_wire.vocabulary import Limit, Refusal
 
 NUMBERS = count(1)
@@ -84,7 +84,7 @@ def test_a_line_that_is_not_there_blames_nobody() -> None:
 
 @pytest.mark.parametrize("length", [Limit.NAME, Limit.NAME + 1])
 def test_a_pulse_is_named_by_so_many_bytes(length: int) -> None:
-    hello = Hello(1, 1, "legs", "1", pulse=bytes(length))
+    hello = Hello(1, PROTOCOL_VERSION, "legs", "1", pulse=bytes(length))
     (answer, *_) = Player().receive("legs", hello)
     if length > Limit.NAME:
         assert answer == Refused(1, Refusal.PROTOCOL, "a pulse is named by at most 128 bytes")

@@ -195,7 +195,7 @@ def test_nonsense_is_refused_and_leaves_nothing(player: Player, header: Any, ref
 @pytest.mark.parametrize("endpoint", ["inproc://x", "ipc:///a\nb", "tcp://" + "x" * 300])
 def test_an_entrance_has_an_address(endpoint: str) -> None:
     player = Player()
-    hello = headers.Hello(1, 1, "map", "run", 1, "map", "here:1", Entrance(endpoint, "key"))
+    hello = headers.Hello(1, headers.PROTOCOL_VERSION, "map", "run", 1, "map", "here:1", Entrance(endpoint, "key"))
     (answer,) = player.receive("map/1", hello)
     assert answer.refusal is Refusal.PROTOCOL
 

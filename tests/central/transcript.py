@@ -15,7 +15,7 @@
     NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority N] | release | unlock RESOURCE
     NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
     NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
-    NAME: await MESSAGE, ... | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
+    NAME: await MESSAGE, ... (to handle MESSAGE then) | set VARIABLE NUMBER | swap VARIABLE NUMBER | get VARIABLE
     lose NAME | garbage NAME | pass SECONDS | tree
 
 ``here``: the handler that NAME runs does nothing else until the answer is there.
@@ -126,9 +126,10 @@ class Transcript:
     def end_monitor(self, name: str, task: str) -> list[Any]:
         return self.player.receive(name, headers.EndMonitor(self.player.number(name), TaskId(int(task))))
 
-    def await_(self, name: str, messages: str) -> list[Any]:
+    def await_(self, name: str, messages: str, promised: str) -> list[Any]:
         names = [message.strip() for message in messages.split(",")]
-        return self.player.receive(name, headers.WaitUntilHandled(self.player.number(name), names))
+        promises = [promised] if promised else []
+        return self.player.receive(name, headers.WaitUntilHandled(self.player.number(name), names, promises))
 
     def variable(self, name: str, what: str, variable: str, value: str) -> list[Any]:
         if (name, variable) not in self.declared:
@@ -256,7 +257,7 @@ OPTIONS = r"(?: capacity (?P<capacity>\d+))?(?: pool (?P<pool>\w+))?(?: pending 
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
     (rf"{NAME}: await the last (?P<number>\d+)", Transcript.awaits),
-    (rf"{NAME}: await (?P<messages>.*)", Transcript.await_),
+    (rf"{NAME}: await (?P<messages>.*?)(?: to handle (?P<promised>.*))?", Transcript.await_),
     (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
     (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),

@@ -1,7 +1,8 @@
 """States that are taken for the same are the same: whatever can happen next leads to the same states again."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from random import Random
 
 import msgspec
@@ -33,6 +34,7 @@ from tca_central.watching import Watch
 from tca_explorer import Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
 from tca_explorer.play import Action, Kind, Play
+from tca_explorer.snapshot import Snapshots
 from tca_explorer.world import Name, World
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
 from tca_wire.declarations import Variable
@@ -145,16 +147,17 @@ def play(scenario: Scenario, path: Path) -> Play:
 
 
 def following(
-    scenario: Scenario, path: Path, detail: Detail, views: dict[bytes, object]
-) -> Iterator[tuple[Path, bytes]]:
+    path: Path, played: Callable[[], Play], detail: Detail, views: dict[bytes, object]
+) -> Iterator[tuple[Path, Play, bytes]]:
     """What follows, each with its state; and what properties see of that is what they saw of an equal one."""
-    for action in play(scenario, path).actions():
-        after = play(scenario, (*path, action))
+    for action in played().actions():
+        after = played()
+        after.perform(action)
         key, order = recognised(after, (), detail)
-        after.fold.forget_what_is_over()
+        after.fold.forget_what_is_over()  # as the next action does first
         view = seen_in(World(after.fold, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path
-        yield (*path, action), key
+        yield (*path, action), after, key
 
 
 def seen_in(world: World) -> object:
@@ -180,19 +183,19 @@ def seen_in(world: World) -> object:
 @pytest.mark.parametrize("detail", [Detail(), Detail(names=True)], ids=["short", "with names"])
 def test_what_follows_equal_states_is_equal(name: str, detail: Detail) -> None:
     make, number = SCENARIOS[name]
-    scenario = make()
+    snapshots = Snapshots()
     views: dict[bytes, object] = {}
     known: dict[bytes, set[bytes]] = {}
-    paths: list[tuple[Path, bytes]] = [((), b"")]
+    paths: list[tuple[Path, bytes, bytes]] = [((), snapshots.save(Play(make())), b"")]
     merged = 0
-    for path, key in paths:
-        ways = list(following(scenario, path, detail, views))
-        if key in known:
-            merged += 1
-            assert known[key] == {state for _, state in ways}, path
-        else:
-            known[key] = {state for _, state in ways}
-            paths += ways[: max(0, number - len(paths))]
+    for path, snapshot, key in paths:
+        following_here = set()
+        for longer, after, reached in following(path, partial(snapshots.load, snapshot), detail, views):
+            following_here.add(reached)
+            if key not in known and len(paths) < number:
+                paths.append((longer, snapshots.save(after), reached))
+        merged += key in known
+        assert known.setdefault(key, following_here) == following_here, path
     assert merged > number / (10 if detail == Detail() else 20)
 
 

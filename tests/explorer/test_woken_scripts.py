@@ -8,7 +8,7 @@ from explorer.accepting import those
 from explorer.scenarios import HEIGHTS, LIFT, NOTE, REST, STEP, WALK, WHERE
 
 from tca_explorer import Scenario, Task, World, begun, explore, failed, never, report, within
-from tca_module import TaskKilled
+from tca_module import Stopped, TaskKilled
 
 HELD = "arm"
 
@@ -33,10 +33,10 @@ def returned(world: World) -> object:
     return [walk for walk in those(world, WALK, "is_killed") if not walk.is_handled]
 
 
-def asking(handler: Callable[[Task], Any], *properties: Any) -> Scenario:
+def asking(handler: Callable[[Task], Any], *properties: Any, **planner: Any) -> Scenario:
     """A walk that asks, and may be killed; nobody answers it, ends what it waits for or frees the arm."""
     scenario = Scenario("asking", *properties)
-    scenario.module("planner").handles(WALK)(handler)
+    scenario.module("planner", **planner).handles(WALK)(handler)
     others = scenario.module("others", capacity=3)
     for message in (WHERE, HEIGHTS, STEP):
         others.handles(message)(lambda task: task.hang())
@@ -50,7 +50,8 @@ def asking(handler: Callable[[Task], Any], *properties: Any) -> Scenario:
         me.command(STEP, sequential=False)
         me.goal(WALK, sequential=False)
 
-    scenario.may_kill(WALK)
+    if not planner:
+        scenario.may_kill(WALK)
     return scenario
 
 
@@ -85,3 +86,49 @@ def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
     result = explore(asking(waits_on, within(0, killed, returned)), limit=20_000)
     assert not result.ok
     assert "waits for the answer to query where" in report(result)
+
+
+# --- its module ends --------------------------------------------------------------------------------------------------
+
+
+def lost(world: World) -> object:
+    return [walk for walk in those(world, WALK, "failure") if walk.failure == "module lost"]
+
+
+def gone(world: World) -> bool:
+    return "planner" not in world.modules
+
+
+@pytest.mark.parametrize("how", WAITS)
+def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
+    """With Stopped, as on the robot: the walk fails, and the module can go."""
+    seen = set()
+
+    def asks(task: Task) -> None:
+        try:
+            WAITS[how](task)
+        except Stopped:
+            seen.add(task.cancelled)
+            task.wait_until_handled(NOTE)
+            raise
+
+    result = explore(asking(asks, may_leave=True), limit=20_000)
+    assert result.ok, report(result)
+    assert seen == {True}
+    result = explore(asking(asks, never(lost), may_leave=True), limit=20_000)
+    assert result.violation is not None
+    result = explore(asking(asks, never(gone), may_leave=True), limit=20_000)
+    assert result.violation is not None
+
+
+def test_who_knows_that_its_module_ends_and_returns_may_have_done_half_of_it() -> None:
+    def returns(task: Task) -> None:
+        if task.cancelled:
+            return
+        try:
+            task.query(WHERE)
+        except Stopped:
+            return
+
+    result = explore(asking(returns, never(lost), may_leave=True), limit=20_000)
+    assert result.violation is not None

@@ -1,7 +1,6 @@
 """The daemon as a process, as its users and its enemies meet it."""
 
 import os
-import shutil
 import signal
 import socket as sockets
 from contextlib import ExitStack
@@ -28,7 +27,7 @@ from tca_module import (
     connect,
 )
 from tca_tools.history import History
-from tca_tools.logs import newest_journal, open_log
+from tca_tools.logs import open_log
 from tca_wire import codec, facts, headers
 from tca_wire.endpoint import default_journals
 
@@ -50,7 +49,7 @@ SQUARES = """
 """
 
 MOVES = """
-    import os, sys
+    import os, sys, time
     from tca_module import *
     module = Module("legs")
     @module.handles(Command("move", int, result=int))
@@ -59,7 +58,7 @@ MOVES = """
         if number < 0:
             os.kill(os.getpid(), 9)
         while number > 100 and not task.cancelled:
-            pass
+            time.sleep(0.01)
         return number
     with module.running():
         print("ready", flush=True)
@@ -147,7 +146,7 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         enemy = context.socket(zmq.DEALER)
         enemy.linger = 0
         enemy.connect(daemon.address)
-        hello = codec.pack([(headers.Hello(1, 1, "enemy", "x"), b"")])
+        hello = codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "enemy", "x"), b"")])
         future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
         send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
         for frames in ([b""], [b"garbage"], [os.urandom(5000)], [b"a", b"b", b"c"], [future], [send], [hello], [send],
@@ -161,7 +160,7 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         enemy.close()
         context.term()
         said = daemon.stop()
-    assert "speaks protocol 99, central 1: use one version" in said
+    assert f"speaks protocol 99, central {headers.PROTOCOL_VERSION}: use one version" in said
     assert "3 frames; a packet is one" in said
     assert "Traceback" not in said
 
@@ -267,7 +266,7 @@ def test_two_centrals_do_not_write_to_one_folder(tmp_path: Path) -> None:
         assert sorted(path.name for path in daemon.journal.iterdir()) == before
 
 
-def test_central_restarted_in_the_middle_is_noticed_and_modules_serve_on(tmp_path: Path) -> None:
+def test_a_central_that_was_restarted_in_the_middle_is_asked_and_modules_serve_on(tmp_path: Path) -> None:
     with central(tmp_path) as first:
         with program(SQUARES, first.address) as squares, connect("user", first.address) as user:
             ready(squares)
@@ -276,24 +275,23 @@ def test_central_restarted_in_the_middle_is_noticed_and_modules_serve_on(tmp_pat
             first.process.wait()
             (tmp_path / "again").mkdir()
             with central(tmp_path / "again", bind=first.address):
-                with pytest.raises(CentralLost, match="central was restarted meanwhile"):
-                    user.query(SQUARE, 3, timeout=30)
                 assert user.query(SQUARE, 3, timeout=30) == 9
 
 
 def test_a_stopped_central_blames_nobody(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs, connect("user", daemon.address) as user:
+    with central(tmp_path) as daemon, program(MOVES, daemon.address) as legs:
         ready(legs)
-        move = user.command(MOVE, 1000)
-        assert legs.stdout
-        assert legs.stdout.readline() == "moving\n"
-        daemon.signal(signal.SIGSTOP)
-        with pytest.raises(CentralLost):
-            move.wait()
-        daemon.signal(signal.SIGCONT)
-        assert user.status("modules")
-        move.kill()
-        assert move.wait(timeout=10) is Outcome.KILLED
+        with connect("user", daemon.address, patience=3.0) as user:
+            move = user.command(MOVE, 1000)
+            assert legs.stdout
+            assert legs.stdout.readline() == "moving\n"
+            daemon.signal(signal.SIGSTOP)
+            with pytest.raises(CentralLost):
+                move.wait()
+            daemon.signal(signal.SIGCONT)
+            assert user.status("modules")
+            move.kill()
+            assert move.wait(timeout=10) is Outcome.KILLED
 
 
 def test_the_journal_of_a_killed_central_can_be_read(tmp_path: Path) -> None:
@@ -305,17 +303,6 @@ def test_the_journal_of_a_killed_central_can_be_read(tmp_path: Path) -> None:
         daemon.process.wait()
     history = History.until(open_log(daemon.journal))
     assert sum(task.state == "achieved" for task in history.tasks.values()) == 20
-
-
-def test_tools_find_the_newest_run_wherever_its_journal_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    with central(tmp_path / "old") as old:
-        pass
-    assert newest_journal().resolve() == old.journal.resolve()
-    shutil.rmtree(old.journal)
-    with central(tmp_path / "new") as new:
-        assert newest_journal().resolve() == new.journal.resolve()
-    assert len(list((tmp_path / "state/tca/journals").iterdir())) == 1  # of what is gone no link stays
 
 
 def test_handlers_may_be_threads_of_this_process_too(tmp_path: Path) -> None:

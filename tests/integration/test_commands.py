@@ -52,7 +52,7 @@ def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) 
     found[0].kill("enough")
     waiting.join(SOON)
     assert killed[0][0] == 1
-    assert killed[0][2].endswith(f"task {found[0].id} 'later' was killed: enough\n")
+    assert killed[0][2].endswith(f"task {found[0].id} 'later' was killed: enough (by user)\n")
 
 
 def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> None:

@@ -122,7 +122,11 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             step.kill()
             hear(legs, "was told")
             assert step.wait(timeout=SOON) is Outcome.KILLED
-        daemon.stop()
+            legs.terminate()
+            late = f"the answer of task 1 'step' came too late: the module had been lost ({why})\n"
+            assert legs.communicate()[1] == late
+        log = [line for line in daemon.stop().splitlines() if "refused" in line or "nothing done" in line]
+        assert log == [f"central: nothing done for module 'legs': {late.strip()}"]
         assert silent(daemon.journal) == ["legs"]
 
 
@@ -235,10 +239,33 @@ def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
         with pytest.raises(Timeout, match=r"query 'look' was not answered within 0.5 s"):
             user.query(LOOK, timeout=0.5)
         assert user.multi_query(VIEWS, timeout=0.5) == []
+        with pytest.raises(Timeout, match=r"the wait for handlers was not over within 0.5 s: "):
+            user.wait_until_handled(STEP, timeout=0.5)
         daemon.signal(signal.SIGCONT)
         user.modules()
         with eyes_at(daemon.address).running():
             assert user.query(LOOK, timeout=SOON) == "clear"
+        assert user.handlers(STEP) == []
+        daemon.signal(signal.SIGSTOP)
+        with pytest.raises(
+            Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'; central did not"
+        ):
+            user.wait_until_handled(LOOK, STEP, timeout=0.1)  # it knows these
+        daemon.signal(signal.SIGCONT)
+
+
+def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, connect("user", daemon.address, patience=0.5) as user:
+        daemon.signal(signal.SIGSTOP)
+        stands_still = "does not answer: it is there, but its process stands still"
+        with pytest.raises(CentralLost, match=stands_still):
+            user.modules()
+        with pytest.raises(CentralLost, match=stands_still):
+            connect("other", daemon.address, patience=0.5)
+        daemon.signal(signal.SIGCONT)
+        daemon.stop()
+        with pytest.raises(CentralLost, match="does not answer: start it with 'tca central'"):
+            connect("other", daemon.address, patience=0.5)
 
 
 def test_a_second_is_no_silence(tmp_path: Path) -> None:

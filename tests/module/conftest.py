@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from module.robot import Robot
 
-from tca_module import Client, Module, connect
+from tca_module import Client, Module, connect, connection, keeper, module, session
 from tca_module.testing import LocalCentral
 
 
@@ -20,6 +20,18 @@ def user(central: LocalCentral) -> Iterator[Client]:
     """Whoever sends from outside of handlers."""
     with connect("user", central) as client:
         yield client
+
+
+@pytest.fixture
+def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules soon notice that they are to end, or that a central which broke off says nothing: with the usual times
+    that takes up to 0.2 s, and 3.
+    """
+    monkeypatch.setattr(session, "QUIET", 0.2)
+    monkeypatch.setattr(session, "REPEAT", 0.1)
+    monkeypatch.setattr(keeper, "TEND_PERIOD", 0.05)
+    monkeypatch.setattr(module, "TEND_PERIOD", 0.05)
+    monkeypatch.setattr(connection, "STEP", 0.02)
 
 
 @pytest.fixture

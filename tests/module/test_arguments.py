@@ -120,7 +120,7 @@ def test_none_says_that_there_is_no_bound(user: Client, legs: Module) -> None:
     with legs.running():
         user.on_failure(SLIPPED, SHRUG, maximum=None)
         watch = user.monitor(LOOK_AGAIN, period=0.01, maximum=None, duration=None, until=None, for_ever=True)
-        assert user.command(REST, deadline=None, delay=0).wait(SOON) is Outcome.DONE
+        assert user.command(REST, delay=0).wait(SOON) is Outcome.DONE
         assert watch.info() is not None
         watch.end()
 

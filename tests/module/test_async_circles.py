@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from module.real_central import RealCentral, until
 
-from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed, connect
+from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed, awaiting, connect
 from tca_module.testing import LocalCentral
 from tca_wire.facts import RequestRefused
 
@@ -16,6 +16,13 @@ DRAW, MAP = Command("draw"), Command("map")
 LOOK, WHERE = Query("look", reply=int), Query("where", reply=int)
 HOLD, REST = Command("hold"), Command("rest")
 SOON = 20.0
+
+
+@pytest.fixture(autouse=True)
+def _soon_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Central hears of a coroutine that waits after 0.2 s already, and not after 1 s."""
+    monkeypatch.setattr(awaiting, "BRIEF", 0.2)
+
 
 How = Callable[[Awaitable[Any]], Coroutine[Any, Any, Any]]
 

@@ -26,6 +26,8 @@ from tca_module import (
 from tca_module.testing import LocalCentral
 from tca_wire import facts
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 WALK = Goal("walk")
 MOVE = Command("move", int)
 CHECK = Command("check", int)

@@ -28,13 +28,14 @@ def line() -> Iterator[tuple[socket.socket, socket.socket]]:
 class Clock:
     """A thread's callbacks on a clock of the test's own."""
 
-    def __init__(self) -> None:
+    def __init__(self, central: LocalCentral) -> None:
         self.now = 100.0
+        self._central = central
         self.callbacks = Callbacks("legs", lambda: self.now)
 
     def begin(self) -> None:
         connection = Connection.__new__(Connection)
-        connection.transport = LocalCentral().transport()
+        connection.transport = self._central.transport()
         self.callbacks.begin(connection)
 
     def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
@@ -46,8 +47,8 @@ class Clock:
 
 
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock(central: LocalCentral) -> Clock:
+    return Clock(central)
 
 
 # --- the rules, without threads -----------------------------------------------------------------------------------------

@@ -9,6 +9,8 @@ from tca_module import Client, Command, ExceptionHandler, Failure, Module, Polli
 from tca_module.testing import LocalCentral
 from tca_wire.facts import MonitorTested
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 BATTERY = Query("battery", reply=bool)
 WATCH = PollingMonitor("watch", condition=BATTERY, action=Command("charge"))
 SHRUG = ExceptionHandler("shrug")

@@ -7,12 +7,13 @@ import pytest
 
 from tca_module.connection import Connection
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
-from tca_module.session import QUIET, Session
+from tca_module.session import Session
 from tca_module.transport import Waker
 from tca_wire import headers
 from tca_wire.codec import pack, unpack_to_central
 from tca_wire.declarations import Goal
 from tca_wire.headers import (
+    PROTOCOL_VERSION,
     Accepted,
     Answer,
     Await,
@@ -31,7 +32,6 @@ from tca_wire.headers import (
     Welcome,
 )
 from tca_wire.parts import HandlerFormat
-from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Limit, Refusal
 
 WELCOME = Welcome(1, 1, "legs", "one")
@@ -105,9 +105,12 @@ def friendly(header: ToCentral) -> list[ToModule]:
     return []
 
 
+HELLO = Hello(1, PROTOCOL_VERSION, "legs", "run")
+
+
 def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
     central = ScriptedCentral(script)
-    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), clock=lambda: central.now)
+    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     connection.open()
     central.heard.clear()
     return connection, central
@@ -115,7 +118,7 @@ def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
 
 def test_nobody_answers_hello() -> None:
     central = ScriptedCentral(lambda _: [])
-    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), patience=5.0, clock=lambda: central.now)
+    connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
     with pytest.raises(CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"):
         connection.open()
     assert 105 <= central.now <= 105.5
@@ -125,7 +128,7 @@ def test_nobody_answers_hello() -> None:
 def test_nobody_listens() -> None:
     central = ScriptedCentral(friendly)
     central.is_there = False
-    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), patience=5.0, clock=lambda: central.now)
+    connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
     with pytest.raises(CentralLost):
         connection.open()
     assert 105 <= central.now <= 106.5
@@ -133,9 +136,22 @@ def test_nobody_listens() -> None:
 
 def test_central_refuses_the_module() -> None:
     central = ScriptedCentral(lambda _: [headers.Refused(1, Refusal.PROTOCOL, "speak protocol 2")])
-    connection = Connection(central, Session(Hello(1, 1, "legs", "run")), clock=lambda: central.now)
+    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     with pytest.raises(Refused, match="module 'legs' was refused: speak protocol 2"):
         connection.open()
+
+
+def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
+    """One from before Hello had its last field says so, without a number: it could not read that, either."""
+    said = "a header is no message to central: Expected `array` of at most length 8, got 9"
+    central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, said)])
+    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
+    with pytest.raises(Refused) as found:
+        connection.open()
+    assert str(found.value) == (
+        f"module 'legs' was refused: central speaks another protocol than this module's {PROTOCOL_VERSION}: "
+        f"use one version of TCA for both (it says: {said})"
+    )
 
 
 def test_a_message_is_declared_once() -> None:
@@ -201,87 +217,6 @@ def test_what_central_does_not_acknowledge_is_given_up() -> None:
     central.heard.clear()
     connection.post(Send(0, "position"), b"")
     assert central.heard == [Send(0, "position")]  # and x is not repeated
-
-
-def test_a_silent_central_is_asked_and_then_given_up() -> None:
-    connection, central = connected()
-    request = connection.request(Send(0, "stance"), wants_answer=True)
-    central.script = lambda _: []
-    with pytest.raises(CentralLost):
-        connection.wait(request, None, "query")
-    assert 110 <= central.now <= 110.5
-    questions = [header for header in central.heard if isinstance(header, Register)]
-    assert len(questions) == 8  # from QUIET on, once a second
-    assert QUIET == 2.5
-
-
-def test_central_forgot_the_connection_while_it_waited() -> None:
-    connection, central = connected()
-    request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
-    central.say(Unknown())
-    assert not connection.wait(request, 0.5, "query")
-    assert [type(header) for header in central.heard] == [Send, Hello, Send]
-
-
-@pytest.mark.parametrize(
-    ("asked", "advice"),
-    [
-        (Send(0, "stance"), "ask again"),
-        (headers.WaitFor(0, Point(TaskId(2), Moment.END_ACHIEVING)), "send the task again"),
-        (headers.Lock(0, "camera", origin=7), "begin anew"),
-    ],
-)
-def test_what_was_lost_with_central_raises_and_says_what_to_do(asked: ToCentral, advice: str) -> None:
-    connection, central = connected()
-    request = connection.request(asked, wants_answer=True)
-    central.script = lambda header: [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
-    central.say(Unknown())
-    with pytest.raises(CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"):
-        connection.wait(request, None, "the answer")
-
-
-def test_a_new_central_is_not_asked_about_the_tasks_of_the_old_one() -> None:
-    connection, central = connected()
-    central.say(Unknown(), Welcome(1, 1, "legs", "two"))
-    with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten its tasks"):
-        connection.call(Send(0, "walk", parent=TaskId(3)), "goal 'walk'")
-    assert connection.call(Send(0, "walk"), "goal 'walk'") == 17
-
-
-def test_a_sender_that_never_waits_still_finds_central_again() -> None:
-    connection, central = connected()
-    connection.post(Send(0, "position"), b"")
-    central.say(Unknown())
-    for _ in range(3):
-        connection.post(Send(0, "position"), b"")
-    assert [type(header) for header in central.heard] == [Send, Hello, Send, Send]
-    assert connection.session.dropped == 1
-
-
-def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    connection, central = connected()
-    central.is_there = False
-    for _ in range(3):
-        connection.post(Send(0, "position"), b"")
-    assert connection.session.dropped == 3
-    assert caplog.messages == ["central at ipc://scripted is not there: informs and broadcasts are lost"]
-
-
-def test_central_comes_back_for_a_connection_that_serves() -> None:
-    connection, central = connected()
-    stop = []
-    connection.attend = lambda delivery, _: stop.append(delivery)
-    central.is_there = False
-
-    def come_back() -> bool:
-        if central.now > 200 and not central.is_there:
-            central.is_there = True
-            central.script = lambda header: [Unknown()] if isinstance(header, Register) else friendly(header)
-            central.say(Deliver(8, "walk"), at=central.now + 5)
-        return bool(stop)
-
-    connection.serve(come_back)
-    assert Hello in map(type, central.heard)
 
 
 def test_what_is_delivered_is_handled_within_the_wait() -> None:

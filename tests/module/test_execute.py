@@ -79,7 +79,7 @@ def test_only_what_can_be_sent_is_executed(user: Client) -> None:
 
 
 def test_a_repeated_query_that_is_open_has_its_answer_to_come() -> None:
-    session = Session(headers.Hello(0, 1, "user", "run"))
+    session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, "user", "run"))
     session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
     open_query = session.request(headers.Send(0, "where"), wants_answer=True)
     not_sent = session.request(headers.Send(0, "where", if_handled=True), wants_answer=True)

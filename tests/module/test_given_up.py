@@ -6,7 +6,7 @@ import pytest
 
 from tca_module import Command, Inform, PointMonitor, Query
 from tca_module.session import Session
-from tca_wire.headers import Accepted, GiveUp, Hello, Kill, Register, Send, ToModule, Unknown, Welcome
+from tca_wire.headers import PROTOCOL_VERSION, Accepted, GiveUp, Hello, Kill, Register, Send, ToModule, Unknown, Welcome
 from tca_wire.points import ROOT
 
 REST, SAY, IS_FREE = Command("rest"), Inform("say", str), Query("is the way free", reply=bool)
@@ -31,7 +31,7 @@ def callback(number: int, request: int) -> Kill:
 @pytest.fixture
 def session() -> Session:
     """One that has declared a command and an inform."""
-    session = Session(Hello(1, 1, "user", "run"))
+    session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
     hear(session, Welcome(1, 1, "user", "one"))
     session.declared([REST.format, SAY.format, LOOK.format], [])
     said(session)

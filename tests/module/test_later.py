@@ -11,6 +11,8 @@ from tca_module import BadData, Client, Later, MisuseError, Module, Outcome, Que
 from tca_module.testing import LocalCentral
 from tca_wire.facts import Delivered, Failed, Returned
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 SOON = 5.0
 
 

@@ -23,6 +23,8 @@ from tca_module import (
 )
 from tca_module.testing import LocalCentral
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 SCAN = Command("scan")
 MOVE = Command("move", int)
 TIDY = Goal("tidy")

@@ -25,6 +25,8 @@ from tca_module import (
 from tca_module.testing import LocalCentral, LocalTransport
 from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received, TapAdded
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 SOON = 5.0
 CHECK = Command("check")
 

@@ -14,9 +14,10 @@ class Plan:
     def __init__(self, *, is_shared: bool = False) -> None:
         self.ordering = Ordering(is_shared=is_shared)
         self.newest = 0
+        self.epoch = "one"
 
     def child(self, *, is_goal: bool = True, sequential: bool = True) -> str:
-        flags, constraints = self.ordering.place(is_goal=is_goal, sequential=sequential)
+        flags, constraints = self.ordering.place(self.epoch, is_goal=is_goal, sequential=sequential)
         self.newest += 1
         self.ordering.add(TaskId(self.newest), sequential=sequential)
         words = [flag.name.lower().replace("_", " ") for flag in Flags if flag in flags and flag.name]
@@ -153,7 +154,8 @@ def test_what_central_forgot_orders_nothing(plan: Plan) -> None:
     plan.child()
     with plan.ordering.parallel():
         plan.child()
-        plan.ordering.forget()
+        plan.epoch = "two"
+        plan.child()
     assert plan.child() == "seq ach"
     assert ROOT == 0
 

@@ -134,7 +134,7 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     central: LocalCentral, user: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(module, "_WARN_AFTER", 0.0)
-    monkeypatch.setattr(module, "_TEND_PERIOD", 0.01)
+    monkeypatch.setattr(module, "TEND_PERIOD", 0.01)
     with caplog.at_level(logging.WARNING):
         started = Started(Module("planner", central, requires=[STANCE, MOVE_LEG]))
         deadline = time.monotonic() + SOON
@@ -148,6 +148,27 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     ]
     assert started.error == []
     assert [info.name for info in user.modules()] == ["user"]
+
+
+def test_modules_that_require_each_other_are_told_at_once(
+    central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Each would wait for the other for ever; one that another module still may handle is not named."""
+    legs, planner = Module("legs", central, requires=[STANCE]), Module("planner", central, requires=[MOVE_LEG, ALARM])
+    legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
+    planner.handles(STANCE)(lambda _, radius: [int(radius)])
+    with caplog.at_level(logging.WARNING):
+        started = [Started(legs), Started(planner)]
+        deadline = time.monotonic() + SOON
+        while len(caplog.records) < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        for one in started:
+            one.stop()
+    assert {record.name for record in caplog.records} == {"tca.legs", "tca.planner"}
+    for record in caplog.records:
+        assert record.message.startswith("modules require each other: ")
+        assert "'legs' waits for 'stance', which 'planner' will handle" in record.message
+        assert "'planner' waits for 'move leg', which 'legs' will handle" in record.message
 
 
 def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: Module) -> None:
@@ -164,17 +185,19 @@ def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: 
     assert started.error == []
 
 
-def test_a_wait_is_repeated_to_a_central_that_was_restarted() -> None:
-    session = Session(headers.Hello(0, 1, "user", "run"))
+def test_what_asks_how_things_stand_is_repeated_to_a_central_that_was_restarted() -> None:
+    session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, "user", "run"))
     session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
     wait = session.request(headers.WaitUntilHandled(0, ["walk"]), wants_answer=True)
     got = session.request(headers.GetVariable(0, "pose"), wants_answer=True)
+    swap = session.request(headers.SetVariable(0, "pose", swap=True), wants_answer=True)
+    declared = session.request(headers.Register(0, [], []))
     session.outgoing.clear()
     session.break_off()
     session.receive(headers.Welcome(1, 1, "user", "second"), b"", 0.0)
-    assert got.lost
-    assert not wait.is_over
-    assert session.outgoing == [(wait.header, b"")]
+    assert swap.lost
+    assert [one.is_over for one in (wait, got, declared)] == [False] * 3
+    assert session.outgoing == [(one.header, b"") for one in (wait, got, declared)]
 
 
 @pytest.mark.parametrize("wrong", [["stance"], "stance", STANCE.name, [None], 5])

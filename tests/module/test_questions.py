@@ -190,20 +190,23 @@ def test_everybody_is_asked(central: LocalCentral, user: Client) -> None:
 
 
 def test_who_asks_many_is_told_if_all_fail(central: LocalCentral, user: Client) -> None:
-    """By the first failure; as long as one replies, those who fail are left out."""
+    """By the first failure, and of all; as long as one replies, those who fail are left out."""
     eyes, legs, battery = (Module(name, central) for name in ("eyes", "legs", "battery"))
     blind = Failure("blind", int)
 
     @eyes.handles(HEALTH)
     @legs.handles(HEALTH)
     def fails(_: Task) -> str:
-        raise blind(7)
+        raise blind(7, "it is dark")
 
     battery.handles(HEALTH)(lambda _: "well")
     with eyes.running(), legs.running():
-        with pytest.raises(QueryFailed, match="blind") as found:
+        with pytest.raises(QueryFailed, match="failed: blind: nobody replied: ") as found:
             user.multi_query(HEALTH, timeout=SOON)
         assert found.value.data == 7
+        assert found.value.text.count("(blind: it is dark)") == 2
+        assert "'eyes' failed" in found.value.text
+        assert "'legs' failed" in found.value.text
         one_by_one = user.multi_query_send(HEALTH, maximum=1, timeout=SOON)
         with pytest.raises(QueryFailed, match="blind"):
             next(one_by_one)
@@ -220,6 +223,30 @@ def test_those_who_do_not_answer_in_time_or_fail_are_left_out(central: LocalCent
     battery.handles(HEALTH)(lambda _: "full")
     with legs.running(), eyes.running(), battery.running():
         assert user.multi_query(HEALTH, timeout=1.0) == ["full"]
+        release.set()
+
+
+def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(central: LocalCentral, user: Client) -> None:
+    """An empty list would look as if nobody had said anything."""
+    legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
+    release = threading.Event()
+    legs.handles(HEALTH)(lambda _: "well" if release.wait(SOON) else "")
+    eyes.handles(HEALTH)(lambda _: str(1 / 0))
+    battery.handles(HEALTH)(lambda _: str(dict[int, str]()[7]))
+    with legs.running(), eyes.running(), battery.running():
+        with pytest.raises(QueryFailed) as found:
+            user.multi_query(HEALTH, timeout=1.0)
+        assert found.value.failure == "handler error"
+        said = str(found.value)
+        assert said.startswith("multi-query 'health' failed: handler error: nobody replied: ")
+        assert "'eyes' failed (handler error: ZeroDivisionError: division by zero)" in said
+        assert "'battery' failed (handler error: KeyError: 7)" in said
+        assert said.endswith("; resource 'legs' of 'legs' had it, and had not answered")
+        assert "Traceback" in found.value.text  # of the first
+        one_by_one = user.multi_query_send(HEALTH, timeout=1.0)
+        with pytest.raises(QueryFailed, match=r"it waited for resource 'legs' of 'legs', busy with 'health'"):
+            next(one_by_one)
+        assert list(one_by_one) == []
         release.set()
 
 

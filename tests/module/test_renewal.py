@@ -3,13 +3,27 @@
 import pytest
 from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
 
-from tca_module.attachments import Attachments, Place, Standing
+from tca_module.attachments import Attachments, Standing
+from tca_module.numbers import Given, given
 from tca_module.renewal import AGAIN, PATIENCE
 from tca_module.session import Session
-from tca_wire.headers import Accepted, Answer, Attach, Hello, Refused, Register, Remove, Send, Tap, Unknown
+from tca_wire.headers import (
+    PROTOCOL_VERSION,
+    Accepted,
+    Answer,
+    Attach,
+    Hello,
+    Refused,
+    Register,
+    Remove,
+    Send,
+    SetVariable,
+    Tap,
+    Unknown,
+)
 from tca_wire.headers import WaitUntilHandled as Wait
-from tca_wire.parts import Attachment, MessageFormat
-from tca_wire.points import ROOT
+from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Refusal
 
 CHECK = MessageFormat("check", MessageClass.COMMAND, "{}")
@@ -42,6 +56,11 @@ def standing(session: Session, header: Tap | Attach) -> Standing:
     return found
 
 
+def known_as(session: Session, header: Tap | Attach) -> tuple[str, int]:
+    number = standing(session, header).number
+    return number.epoch, int(number)
+
+
 def restart(session: Session, epoch: str) -> list[object]:
     hear(session, Unknown(), welcome(epoch))
     return [*said(session)]
@@ -53,9 +72,44 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     assert said(session) == []
     hear(session, Accepted(6, 2))
     assert said(session) == [HANDLERS]
-    assert standing(session, tap()).place == ("two", 1)
-    assert standing(session, attach()).place == ("two", 2)
+    assert known_as(session, tap()) == ("two", 1)
+    assert known_as(session, attach()) == ("two", 2)
     assert session.complaints == ["central was restarted: exception handlers and wiretaps attached anew: 2"]
+
+
+def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(session: Session) -> None:
+    until = Point(TaskId(7), Moment.END_ACHIEVING)
+    guard = Tap(0, Condition.WHILE_ACHIEVING, "check", "walk", watch=WatchOptions(period=1, until=until))
+    hear(session, Accepted(session.request(guard).header.number, 12))
+    said(session)
+    assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach]
+    (complaint,) = session.complaints
+    assert complaint.startswith("the wiretap 'while achieving' of 'walk' with 'check' is lost: central was restarted")
+    assert complaint.endswith("has forgotten its tree, in which it was to watch until end achieving task 7")
+    hear(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
+    assert said(session) == [HANDLERS]
+    assert session.attachments.of(guard) is None
+
+
+def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(session: Session) -> None:
+    walk = session.request(A_GOAL)
+    hear(session, Accepted(walk.header.number, 7))
+    under = session.request(Send(0, "walk", parent=TaskId(7)))
+    said(session)
+    hear(session, welcome("two"))
+    assert under.lost
+    assert [type(header) for header in said(session)] == [Register, Tap, Attach]
+    assert walk.accepted is not None
+    assert (walk.accepted, walk.accepted.epoch) == (7, "one")  # its own, whatever is heard before it is looked at
+
+
+def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Session) -> None:
+    hear(session, Unknown())
+    mine, handlers = (SetVariable(0, "level", origin) for origin in (0, given(8, "one", "'walk'")))
+    kept, lost = session.request(mine), session.request(handlers)
+    hear(session, welcome("two"))
+    assert not kept.lost
+    assert (lost.lost, lost.gone) == ("central was restarted and has forgotten its tree", "'walk'")
 
 
 def test_what_was_asked_before_comes_after_it(session: Session) -> None:
@@ -81,7 +135,7 @@ def test_a_second_restart_begins_from_the_start(session: Session) -> None:
     assert restart(session, "three") == [Register(7, [WALK, CHECK], []), tap(8), attach(9)]
     hear(session, Accepted(7), Accepted(8, 3), Accepted(9, 4))
     assert said(session) == [HANDLERS]
-    assert standing(session, tap()).place == ("three", 3)
+    assert known_as(session, tap()) == ("three", 3)
 
 
 def test_what_is_removed_while_it_is_attached_anew_is_taken_away_again(session: Session) -> None:
@@ -92,7 +146,7 @@ def test_what_is_removed_while_it_is_attached_anew_is_taken_away_again(session: 
 
 
 def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_away(session: Session) -> None:
-    slot = Session(Hello(1, 1, "legs", "run 1", connection=1), session.attachments)
+    slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     restart(session, "two")
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
     said(session)
@@ -103,7 +157,7 @@ def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_aw
 
 
 def test_the_first_connection_attaches_for_all(session: Session) -> None:
-    slot = Session(Hello(1, 1, "legs", "run 1", connection=1), session.attachments)
+    slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     hear(slot, welcome("one"))
     hear(slot, Accepted(slot.request(Tap(0, Condition.AFTER_HANDLED, "check", "walk")).header.number, 12))
     said(slot)
@@ -146,7 +200,7 @@ def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_n
     attachments, other = Attachments(), Attach(0, Attachment("", "recover", 0), ROOT)
     given: list[Tap | Attach] = [tap(), attach(), other, tap(), attach()]
     for number, header in enumerate(given):
-        attachments.add(header, {}, Place("one", number))
+        attachments.add(header, {}, Given(number, "one"))
     assert [one.header for one in attachments.unknown_to("two")] == [tap(), other, attach()]
-    assert [one.place.number for one in attachments.unknown_to("two")] == [3, 2, 4]
+    assert [one.number for one in attachments.unknown_to("two")] == [3, 2, 4]
     assert attachments.unknown_to("one") == []

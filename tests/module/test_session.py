@@ -2,10 +2,10 @@
 
 import pytest
 
-from tca_module.request import Request
 from tca_module.session import HELLO_NUMBER, QUIET, Session
 from tca_wire import headers
 from tca_wire.headers import (
+    PROTOCOL_VERSION,
     Accepted,
     Answer,
     Ask,
@@ -15,14 +15,11 @@ from tca_wire.headers import (
     Deliver,
     GiveUp,
     Hello,
-    Lock,
     Refused,
     Register,
-    Release,
     Reply,
     Send,
     Suspended,
-    Taken,
     ToCentral,
     ToModule,
     Unknown,
@@ -33,7 +30,7 @@ from tca_wire.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal
 
-HELLO = Hello(HELLO_NUMBER, 1, "legs", "run 1")
+HELLO = Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run 1")
 A_GOAL = Send(0, "walk")
 A_QUERY = Send(0, "stance")
 A_WAIT = WaitFor(0, Point(TaskId(4), Moment.END_ACHIEVING))
@@ -62,14 +59,18 @@ def greeting() -> Session:
     return Session(HELLO)
 
 
-@pytest.fixture
-def session(greeting: Session) -> Session:
+def welcomed(greeting: Session) -> Session:
     """A session that central has welcomed."""
     greeting.tend(0.0, 0.0)
     assert said(greeting) == [HELLO]
     hear(greeting, welcome())
     assert said(greeting) == []
     return greeting
+
+
+@pytest.fixture
+def session(greeting: Session) -> Session:
+    return welcomed(greeting)
 
 
 # --- Hello ----------------------------------------------------------------------------------------------------------
@@ -365,36 +366,10 @@ def test_a_suspended_task_that_is_killed_is_to_end(session: Session) -> None:
     assert not session.attending.is_suspended(7)
 
 
-# --- locks ----------------------------------------------------------------------------------------------------------
-
-
-def granted(session: Session) -> Request:
-    """A lock that the session has got."""
-    lock = session.request(Lock(0, "legs"), wants_answer=True)
-    hear(session, Answer(lock.header.number))
-    said(session)
-    return lock
-
-
-def test_a_lock_that_is_taken_away_is_known_by_its_number(session: Session) -> None:
-    lock, other = granted(session), granted(session)
-    hear(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
-    assert (lock.taken, other.taken) == ("unlocked", "")
-
-
-def test_a_restarted_central_has_forgotten_what_was_locked(session: Session) -> None:
-    lock = granted(session)
-    hear(session, Unknown(), welcome("two"))
-    assert lock.taken == "central was restarted and has forgotten it"
-
-
-def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(session: Session) -> None:
-    lock = granted(session)
-    release = session.request(Release(0, lock.header.number))
-    session.abandon(release)
-    said(session)
-    hear(session, Unknown(), welcome())
-    assert said(session) == [release.header]
-    hear(session, Accepted(release.header.number, 7))
-    hear(session, Unknown(), welcome())
-    assert said(session) == []
+def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once() -> None:
+    session = Session(HELLO)
+    session.receive(Welcome(1, PROTOCOL_VERSION, "legs", "first"), b"", 0.0)
+    session.break_off()
+    for _ in range(3):
+        session.receive(Refused(1, Refusal.PROTOCOL, "use one version"), b"", 0.0)
+    assert session.complaints == ["central was restarted, and refuses this module: use one version"]

@@ -32,6 +32,8 @@ from tca_module import (
 )
 from tca_module.transport import DealerTransport
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 SOON = 10.0
 REST_LEG = Command("rest leg")
 
@@ -163,11 +165,13 @@ def test_status_says_what_waits_for_what(central: str) -> None:
         assert "4 tasks" in text
         lines = [" ".join(line.split()) for line in text.splitlines()]
         assert "waits for" in lines
-        assert "1 of query 'temperature' a module that handles it" in lines
-        assert f"task {first.id + 1} 'rest' 1 constraint on its start planning" in lines
-        assert f"1 for resource 'legs/legs' the end of what has it: {first.id + 2}" in lines
+        assert "'temperature' {1} a module that handles it" in lines
+        assert f"task {first.id + 1} 'rest' end planning of 'rest' {{{first.id}}}" in lines, text
+        assert (
+            f"'move leg' {{{first.id + 3}}} resource 'legs' of 'legs', busy with 'move leg' {{{first.id + 2}}}" in lines
+        )
         code, text = ask(commands.status, "--central", central, "--json")
-        assert json.loads(text)["waiting"][0] == {"what": "1 of query 'temperature'", "for": "a module that handles it"}
+        assert json.loads(text)["waiting"][0] == {"what": "'temperature' {1}", "for": "a module that handles it"}
         go.set()
 
 
@@ -237,7 +241,8 @@ def test_values_that_json_cannot_say(central: str) -> None:
         assert [variable["value"] for variable in data] == ["AA==", "2024-02-03T00:00:00Z"]
 
 
-def test_without_central_the_answer_is_one_line(address: str) -> None:
+def test_without_central_the_answer_is_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tca_module.command_parts._PATIENCE", 0.2)
     code, text = ask(commands.status, "--central", address)
     assert code == 1
     assert text.splitlines() == [

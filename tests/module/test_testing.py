@@ -1,5 +1,7 @@
 """What users' tests rely on."""
 
+import threading
+
 import pytest
 from module.gait_messages import REST
 
@@ -37,3 +39,12 @@ def test_a_closed_central_answers_nobody(central: LocalCentral, user: Client) ->
     central.close()
     with pytest.raises(CentralLost, match="central at local central 'local' does not answer"):
         connect("late", central, patience=0.05)
+
+
+def test_a_closed_central_leaves_no_thread_behind() -> None:
+    before = set(threading.enumerate())
+    with LocalCentral() as central, connect("user", central) as user:
+        user.goal(REST)
+        assert set(threading.enumerate()) != before
+    central.close()
+    assert set(threading.enumerate()) <= before

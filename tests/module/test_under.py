@@ -156,5 +156,5 @@ def test_a_restarted_central_has_forgotten_the_task(robot: Robot, user: Client) 
     under = user.under(robot.begin(GUARD, user))
     robot.central.restart("afresh")
     user.modules()
-    with pytest.raises(CentralLost, match="has forgotten task 1 'guard'"):
+    with pytest.raises(CentralLost, match="task 1 'guard' is lost: central was restarted"):
         under.command(STEP, 1)

@@ -81,6 +81,7 @@ def test_to_handle_a_variable_is_to_watch_it(central: LocalCentral, user: Client
         assert seen.get(timeout=SOON) == Arc(0.0, 6)
 
 
+@pytest.mark.usefixtures("attentive")
 def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(central: LocalCentral, user: Client) -> None:
     view, seen = Module("view", central), queue.SimpleQueue[str]()
     view.handles(MODE)(lambda _, mode: seen.put(mode))
@@ -124,7 +125,7 @@ def test_misuse(central: LocalCentral) -> None:
 
 
 def test_what_a_break_does_to_requests() -> None:
-    session = Session(headers.Hello(0, 1, "user", "run"))
+    session = Session(headers.Hello(0, headers.PROTOCOL_VERSION, "user", "run"))
     session.receive(headers.Welcome(1, 1, "user", "epoch"), b"", 0.0)
     got = session.request(headers.GetVariable(0, "pose"), wants_answer=True)
     swapped = session.request(headers.SetVariable(0, "pose", swap=True), b"1", wants_answer=True)

@@ -26,6 +26,8 @@ from tca_module import (
 )
 from tca_wire.facts import Dropped, Failed, WaitEnded
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 SOON = 10.0
 
 ASK = Goal("ask", str)
@@ -125,8 +127,7 @@ def test_a_kill_wakes_a_handler_and_what_it_asked_is_given_up(
         asking.kill("enough")
         assert asking.wait(SOON) is Outcome.KILLED
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-        if how != "callback":  # the query goes on: its function is called when the reply comes
-            until(lambda: not robot.central.asked_by("legs"), "nothing is left of it")
+        until(lambda: not robot.central.asked_by("legs"), "nothing is left of it")
     assert not robot.central.facts(Failed)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
@@ -162,6 +163,35 @@ def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -
         robot.waits(how)
         asking.kill()
         assert asking.wait(SOON) is Outcome.KILLED
+
+
+def test_who_is_woken_is_told_why(robot: Robot) -> None:
+    works, said, begun = Command("work"), queue.Queue[str](), queue.Queue[None]()
+
+    @robot.legs.handles(works, resource="wheels")
+    def work(task: Task) -> None:
+        begun.put(None)
+        try:
+            task.query(NOBODY, timeout=None)
+        except TaskKilled as error:
+            said.put(str(error))
+            raise
+
+    with robot.running() as user, robot.legs.running():
+        working = user.command(works, sequential=False)
+        begun.get(timeout=SOON)
+        robot.waits("query")
+        working.retry()
+        again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
+        assert said.get(timeout=SOON) == again
+        begun.get(timeout=SOON)
+        robot.waits("query")
+        working.kill("the floor is wet")
+        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
+        assert said.get(timeout=SOON) == killed
+        with pytest.raises(TaskKilled) as found:
+            working.result(SOON)
+        assert found.value.why == "the floor is wet (by user)"
 
 
 def test_the_story_tells_what_was_given_up(robot: Robot) -> None:

@@ -6,12 +6,10 @@ from tca_central.events import Effect, Record
 from tca_tools.history import History
 
 
-class FoldedPlayer(Player):
+class Folding(Player):
     """Folds every entry; ``compare`` then looks whether the fold and central agree."""
 
-    def __init__(self) -> None:
-        super().__init__(check=False)
-        self.history = History()
+    history: History
 
     def event(self, event: object) -> list[Effect]:
         effects = super().event(event)
@@ -23,3 +21,11 @@ class FoldedPlayer(Player):
 
     def compare(self) -> None:
         """Raises AssertionError where they do not."""
+
+
+class FoldedPlayer(Folding):
+    """Looks at nothing else."""
+
+    def __init__(self) -> None:
+        super().__init__(check=False)
+        self.history = History()

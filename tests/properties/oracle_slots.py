@@ -220,6 +220,12 @@ def is_served(world: World, message: str) -> bool:
     return any((one.module, one.resource) in world.slots.values() for one in handlers)
 
 
+def _has_work(world: World, module: str) -> bool:
+    """Whether a module handles anything, or has a slot in which something may be at work."""
+    handlers = (one for handlers in world.handlers.values() for one in handlers)
+    return any(one.module == module for one in handlers) or any(place[0] == module for place in world.slots.values())
+
+
 def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     """A connection is gone; what it was handling and did not end."""
     module = world.modules.pop(connection)
@@ -238,6 +244,7 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     if is_last:
         oracle_locks.module_left(world, module)
         world.last.pop((0, module), None)
+    if is_last or not _has_work(world, module):
         world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]
     for job in orphans:

@@ -3,9 +3,9 @@
 from central.player import point
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from properties.folded import Folding
 from properties.test_deadlocks import Blocking, waits_in
 
-from tca_central.events import Effect, Record
 from tca_central.registry import Connection, Delivery
 from tca_central.resources import Claim
 from tca_central.state import Collector
@@ -24,7 +24,7 @@ steps = st.lists(
 )  # fmt: skip
 
 
-class Told(Blocking):
+class Told(Folding, Blocking):
     """Handlers that ask in all ways, for long or briefly; the journal is folded as it goes."""
 
     handled = {  # noqa: RUF012
@@ -36,14 +36,6 @@ class Told(Blocking):
     def __init__(self) -> None:
         self.history = History()
         super().__init__(looks=True)
-
-    def event(self, event: object) -> list[Effect]:
-        effects = super().event(event)
-        for effect in effects:
-            if isinstance(effect, Record):
-                self.history.apply(effect.entry)
-        self.compare()
-        return effects
 
     def compare(self) -> None:
         """What central knows of waits is what the journal tells."""
@@ -109,12 +101,18 @@ def awaited(slot: Connection, number: int) -> int:
     return int(due.task_id if isinstance(due, Wait) else due.id)
 
 
-@given(steps)
-@settings(max_examples=300, deadline=None)
-def test_the_journal_says_who_waits(taken: list[tuple[str, int, int, int]]) -> None:
+def blocking(taken: list[tuple[str, int, int, int]]) -> Told:
+    """The life of such handlers."""
     life = Told()
     life.hello("operator")
     life.declare("user", "query missing")
     for step in taken:
         life.do(*step)
         life.tick(1.0)
+    return life
+
+
+@given(steps)
+@settings(max_examples=300)
+def test_the_journal_says_who_waits(taken: list[tuple[str, int, int, int]]) -> None:
+    blocking(taken)

@@ -18,13 +18,13 @@ lives = st.lists(operation, max_size=60)
 
 
 @given(lives)
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200)
 def test_invariants_hold_whatever_happens_and_everything_ends(operations: list[tuple[str, int, int, int, int]]) -> None:
     live(operations)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 def test_invariants_hold_in_lives_of_thousands_of_events_and_everything_ends(seed: int) -> None:
     life = Life()
     life.go_on(seed, 4_000)
@@ -32,7 +32,7 @@ def test_invariants_hold_in_lives_of_thousands_of_events_and_everything_ends(see
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> None:
     """Circles are looked for from both ends: the way there must be the way back."""
     life = Life()
@@ -53,14 +53,14 @@ def is_unified(place: Place) -> bool:
 
 @pytest.mark.soak
 @given(st.lists(operation, max_size=200))
-@settings(max_examples=4_000, deadline=None)
+@settings(max_examples=4_000)
 def test_many_lives(operations: list[tuple[str, int, int, int, int]]) -> None:
     live(operations)
 
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_many_long_lives(seed: int) -> None:
     life = Life()
     life.go_on(seed, 10_000)
@@ -165,7 +165,7 @@ def _check_watchers(life: Life) -> None:
 
 
 @given(st.lists(st.integers(-3, 3), max_size=30), st.integers(1, 3))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_a_resource_serves_by_priority_then_arrival_and_never_over_capacity(
     priorities: list[int], capacity: int
 ) -> None:

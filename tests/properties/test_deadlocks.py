@@ -1,16 +1,19 @@
 """Random lives of handlers that block: what is called a deadlock would never have ended, and none is overlooked.
 
 Each life is lived twice, the second time by a central that does not look for deadlocks. In that one, at the moment of
-the first refusal, everything that can go on does: whoever was refused must wait still.
+the first refusal, everything that can go on does: whoever was refused must wait still. In some lives central looks at so
+little at a time that its searches go on while everything changes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import pytest
 from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tca_central import deadlocks
 from tca_central.core import Central
 from tca_central.registry import Connection, Delivery
 from tca_wire import headers
@@ -153,36 +156,103 @@ def waits_in(slot: Connection, delivery: Delivery) -> bool:
 
 
 @given(steps)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150)
 def test_what_is_called_a_deadlock_would_never_have_ended(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
 
 @pytest.mark.soak
 @given(steps)
-@settings(max_examples=5_000, deadline=None)
+@settings(max_examples=5_000)
 def test_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
+
+
+@given(steps, st.integers(1, 6))
+@settings(max_examples=300)
+def test_a_search_that_is_interrupted_by_events_finds_the_same(
+    taken: list[tuple[str, int, int, int]], few: int
+) -> None:
+    with looks_at(few):
+        check(taken)
+
+
+def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
+    player = Blocking(looks=True)
+    player.hello("operator")
+    with looks_at(1):
+        for _ in range(2):
+            player.do("send", 0, 0, 0)
+        free = player.free()[0]
+        assert free.slot is not None
+        who = free.slot.id.decode()
+        number = player.number(who)
+        player.receive(who, headers.Lock(number, "b", "", origin=free.given_as, blocking=True))
+        player.time += 0.25
+        player.tick(0.0)
+        assert player.central.scan is not None
+        player.receive(who, headers.GiveUp(number))
+        look_to_the_end(player)
+
+
+@pytest.mark.soak
+@given(steps, st.integers(1, 6))
+@settings(max_examples=5_000)
+def test_many_lives_with_interrupted_searches(taken: list[tuple[str, int, int, int]], few: int) -> None:
+    with looks_at(few):
+        check(taken)
+
+
+@contextmanager
+def looks_at(edges: int) -> Iterator[None]:
+    """Central looks at so few edges in one event."""
+    usual = deadlocks.PATIENCE, deadlocks.SLICE
+    deadlocks.PATIENCE = deadlocks.SLICE = edges
+    try:
+        yield
+    finally:
+        deadlocks.PATIENCE, deadlocks.SLICE = usual
+
+
+def look_to_the_end(player: Player) -> None:
+    """Let central finish what it looks at, and what follows from that."""
+    for _ in range(10_000):
+        if player.central.next_look is None:
+            return
+        player.tick(0.25)
+    raise AssertionError("central never stops to look")
 
 
 def check(taken: list[tuple[str, int, int, int]]) -> None:
     looking, blind = Blocking(looks=True), Blocking(looks=False)
     for player in (looking, blind):
         player.hello("operator")
-    for step in taken:
-        waiting = {(slot.id, number) for slot in looking.central.blocked for number in slot.waits}
+    for index, step in enumerate(taken):
         looking.do(*step)
         if not looking.refused:
             looking.tick(1.0)
             blind.time += 1.0
         blind.do(*step)
         if looking.refused or any(fact.failure == "deadlock" for fact in looking.facts_of("failed")):
-            still = {(slot.id, number) for slot in looking.central.blocked for number in slot.waits}
-            blind.go_on()
-            left = {(slot.id, number) for slot in blind.central.blocked for number in slot.waits}
-            refused = {(slot, number) for slot, number in left if (slot, number) not in still}
-            assert refused or not looking.refused, f"{looking.refused} would have ended: {waiting} {left}"
+            still = all_waits(looking)
+            before = Blocking(looks=False)  # what was due to be looked at came first in this event
+            before.hello("operator")
+            for earlier in taken[:index]:
+                before.do(*earlier)
+                before.time += 1.0
+            refused = waits_for_ever(blind) - still or waits_for_ever(before) - still
+            assert refused or not looking.refused, f"{looking.refused} would have ended"
             return
-    looking.go_on()
-    left = {(slot.id, number) for slot in looking.central.blocked for number in slot.waits}
-    assert not left, f"{left} will never end, and nobody has said so"
+    for _ in range(100):
+        looking.go_on()
+        look_to_the_end(looking)
+    assert not all_waits(looking), f"{all_waits(looking)} will never end, and nobody has said so"
+
+
+def all_waits(player: Player) -> set[tuple[bytes, int]]:
+    return {(slot.id, number) for slot in player.central.blocked for number in slot.waits}
+
+
+def waits_for_ever(player: Blocking) -> set[tuple[bytes, int]]:
+    player.go_on()
+    return all_waits(player)

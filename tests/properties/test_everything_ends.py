@@ -134,20 +134,20 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
 
 
 @given(steps)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150)
 def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
 
 @pytest.mark.soak
 @given(steps)
-@settings(max_examples=10_000, deadline=None)
+@settings(max_examples=10_000)
 def test_everything_ends_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_lives_of_all_constructs_end(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, 100)
@@ -156,7 +156,7 @@ def test_lives_of_all_constructs_end(seed: int) -> None:
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=1_000, deadline=None)
+@settings(max_examples=1_000)
 def test_many_lives_of_all_constructs_end(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, 300)

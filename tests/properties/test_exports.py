@@ -21,7 +21,7 @@ from tca_wire.facts import Entry
 
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_exports_of_a_random_life(operations: list[tuple[str, int, int, int, int]], tick: int) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:
@@ -30,7 +30,7 @@ def test_exports_of_a_random_life(operations: list[tuple[str, int, int, int, int
 
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 def test_exports_of_a_longer_life(seed: int, tick: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 1_500)

@@ -73,7 +73,7 @@ def numbers(text: str) -> list[int]:
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_what_holds_a_task_is_told_as_central_tells_it(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life(ToldPlayer())
     for name, *given_numbers in operations:
@@ -81,6 +81,6 @@ def test_what_holds_a_task_is_told_as_central_tells_it(operations: list[tuple[st
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 def test_the_same_in_a_long_life(seed: int) -> None:
     Life(ToldPlayer()).go_on(seed, 1_000)

@@ -54,7 +54,7 @@ class TellingPlayer(Player):
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_stories_of_the_past_are_as_they_were(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = TellingPlayer()
     life = Life(player)
@@ -64,7 +64,7 @@ def test_stories_of_the_past_are_as_they_were(operations: list[tuple[str, int, i
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 def test_stories_of_a_longer_past_are_as_they_were(seed: int) -> None:
     player = TellingPlayer()
     Life(player).go_on(seed, 200)

@@ -103,7 +103,7 @@ def check(player: WatchedPlayer) -> None:
 
 
 @given(st.lists(operation, max_size=50))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_the_past_is_as_it_was(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = WatchedPlayer()
     life = Life(player)
@@ -113,7 +113,7 @@ def test_the_past_is_as_it_was(operations: list[tuple[str, int, int, int, int]])
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=1, deadline=None)
+@settings(max_examples=1)
 def test_the_past_of_a_longer_life_is_as_it_was(seed: int) -> None:
     player = WatchedPlayer()
     Life(player).go_on(seed, 300)

@@ -98,7 +98,9 @@ class Robot:
         mine = self.connections.setdefault(module, [])
         incarnation = f"{mine[0] if mine else connection}"
         mine.append(connection)
-        self.ask(connection, headers.Hello, 1, module, incarnation, len(mine) - 1, resource, "here:1")
+        self.ask(
+            connection, headers.Hello, headers.PROTOCOL_VERSION, module, incarnation, len(mine) - 1, resource, "here:1"
+        )
         return connection
 
     def join(self, module: str) -> None:

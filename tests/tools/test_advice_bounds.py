@@ -12,7 +12,8 @@ from properties.life import Life, operation
 from tools.story import Story
 
 from tca_central.events import ConnectionId, Received, Transmit
-from tca_tools.analysis.advice import Advice, Topic, advice
+from tca_tools.analysis.advice import advice
+from tca_tools.analysis.advised import Advice, Topic
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
@@ -22,8 +23,10 @@ from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import summary
 from tca_tools.history import History
 from tca_tools.past import Past
+from tca_tools.report.contents import contents
 from tca_wire import facts
 from tca_wire.points import Moment
+from tca_wire.wording import called
 
 _A_HAIR = 1e-6
 
@@ -96,7 +99,7 @@ class Kitchen(Player):
 
 
 @given(JOBS, st.integers(1, 2))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_one_more_slot_saves_no_more_than_the_report_said(jobs: list[Job], slots: int) -> None:
     past = Kitchen(jobs, slots).run()
     saved = summary(past).seconds - summary(Kitchen(jobs, slots + 1).run()).seconds
@@ -147,7 +150,7 @@ def test_handlers_that_wait_for_one_lock_at_once() -> None:
 
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_advice_on_a_random_life_promises_more_than_there_is(operations: list[Any], tick: int) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:
@@ -156,7 +159,7 @@ def test_no_advice_on_a_random_life_promises_more_than_there_is(operations: list
 
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_nor_on_a_longer_one(seed: int, tick: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 1_000)
@@ -168,17 +171,33 @@ def check(life: Life, tick: int) -> None:
     entries = [facts.Entry(entry.number, entry.time // tick * tick, entry.facts) for entry in life.player.entries]
     past = History.until(entries)
     seconds = summary(past).seconds
+    check_ends(past)
     for one in all_advice(past):
+        assert "'?'" not in one.title + one.text + one.remedy + one.example, one
         assert 0.0 <= one.on_path <= one.saving + _A_HAIR, one
         assert one.saving <= seconds + _A_HAIR, one
         if one.topic in (Topic.CAPACITY, Topic.LOCK):
             assert one.saving <= waited(past, one.title.split(" is ")[0]) + _A_HAIR, one
 
 
+def check_ends(past: Past) -> None:
+    """Whose end would come sooner: of the path that is shown first, or of the one that advice names."""
+    found = contents(past)
+    for one in found.advice:
+        assert found.path is not None or not one.on_path, one
+        assert not found.path or one.on_path <= found.path.path.seconds + _A_HAIR, one
+        if one.sooner:
+            assert found.longest is not None, one
+            path = found.longest.path
+            assert (one.sooner, one.on_path) == (str(path.task), 0.0), one
+            assert one.saving <= path.seconds + _A_HAIR or one.topic is Topic.CAPACITY, one
+    assert [one.on_path for one in found.advice] == sorted((one.on_path for one in found.advice), reverse=True)
+
+
 def waited(past: Past, where: str) -> float:
-    """How long anything stood in the queue of a resource, or wanted to lock it; what overlaps once."""
+    """How long anything stood in the queue of a resource, in any copy, or wanted to lock it; what overlaps once."""
     module, _, resource = where.partition(" / ")
-    key = (module, resource or module)
-    queues = [(one.start, one.end) for one in past.queueings if (one.module, one.resource) == key]
-    claims = [(one.start, one.granted) for one in past.claims.values() if (one.module, one.resource) == key]
+    key = (called(module), resource or module)
+    queues = [(one.start, one.end) for one in past.queueings if (called(one.module), one.resource) == key]
+    claims = [(one.start, one.granted) for one in past.claims.values() if (called(one.module), one.resource) == key]
     return Cover((since, past.time if until is None else until) for since, until in queues + claims).total

@@ -7,7 +7,8 @@ from tools.made_robots import caught, commanding, fail, near, recovering, steppi
 from tools.story import Story, mopping, stumbling, walking
 
 from tca_tools.analysis import words
-from tca_tools.analysis.advice import Topic, advice
+from tca_tools.analysis.advice import advice
+from tca_tools.analysis.advised import Topic
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
@@ -195,7 +196,7 @@ def test_waits_for_locks_and_for_nobody() -> None:
     story.at(2.0).queued(story.command("move", "user"), "legs").queued(story.command("dance", "user")).at(6.0)
     found = {kind.kind: kind.longest[0] for kind in waits(story.fold())}
     lock, nobody = found[WaitKind.LOCK], found[WaitKind.HANDLER]
-    assert (lock.what, lock.seconds, lock.is_open) == ("for legs, which eye had locked", 4.0, True)
+    assert (lock.what, lock.seconds, lock.is_open) == ("for legs, which eye has locked", 4.0, True)
     assert nobody.what == "for a module that handles dance"
 
 

@@ -73,7 +73,7 @@ class Robot(Player):
 
 
 @given(DURATIONS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_looking_one_step_ahead_saves_what_the_report_said(durations: list[tuple[int, int]]) -> None:
     slow = Robot(durations, looks_ahead=False).run()
     fast = Robot(durations, looks_ahead=True).run()
@@ -84,7 +84,7 @@ def test_looking_one_step_ahead_saves_what_the_report_said(durations: list[tuple
 
 
 @given(DURATIONS, st.booleans())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_critical_path_is_as_long_as_the_run(durations: list[tuple[int, int]], looks_ahead: bool) -> None:
     past = Robot(durations, looks_ahead=looks_ahead).run()
     task = last_task(past)

@@ -15,6 +15,7 @@ from tools.story import Story
 from tca_tools.check.__main__ import check
 from tca_tools.check.errors import BadProperty
 from tca_tools.check.language import property_from
+from tca_tools.check.rules import RULES
 from tca_wire import facts
 from tca_wire.constraints import Flags
 from tca_wire.facts import Closed, Entry, kind_of
@@ -358,9 +359,17 @@ def test_a_journal_that_is_cut(tmp_path: Path) -> None:
     result = run(written(tmp_path / "cut.tcaj", entries[: len(entries) // 2], closed=False))
     assert result.exit_code == 0
     assert "it is not closed: central was stopped by force, or this is a copy" in result.stdout
+    assert f"\ngood: {len(RULES)} rules\n" in result.stdout
+
+
+def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_path: Path) -> None:
     torn = tmp_path / "torn.tcaj"
-    torn.write_bytes(encoded(entries)[:-7])
-    assert run(torn).exit_code == 0
+    torn.write_bytes(encoded(walk())[:-7])
+    result = run(torn)
+    assert result.exit_code == 0
+    assert f"no breach in what can be read: {len(RULES)} rules\n" in result.stdout
+    assert "good:" not in result.stdout
+    assert "are no whole entry" in result.stderr
 
 
 def test_a_journal_that_is_damaged(journal: Path) -> None:
@@ -369,7 +378,8 @@ def test_a_journal_that_is_damaged(journal: Path) -> None:
     journal.write_bytes(content)
     result = run(journal)
     assert result.exit_code == 1
-    assert "good: " in result.stdout
+    assert f"no breach in what can be read: {len(RULES)} rules\n" in result.stdout
+    assert "good:" not in result.stdout
     assert f"{journal}, byte " in result.stderr
 
 
@@ -381,6 +391,7 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     result = run(written(tmp_path / "00000002.tcaj", [opened, *entries[middle:]]))
     assert result.exit_code == 0, result.output
     assert "  segment 1 is missing: what was sent before" in result.stdout
+    assert "no breach in what can be read: " in result.stdout
 
 
 def test_wrong_usage(journal: Path, tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def test_every_transcript_of_central_keeps_them(path: Path) -> None:
 
 
 @given(st.lists(operation, max_size=60))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_random_lives_keep_them(operations: list[tuple[str, int, int, int, int]]) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:
@@ -56,7 +56,7 @@ def test_random_lives_keep_them(operations: list[tuple[str, int, int, int, int]]
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 700)
@@ -68,7 +68,7 @@ def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> N
 
 @pytest.mark.soak
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_many_long_lives_keep_them(seed: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 2_000)

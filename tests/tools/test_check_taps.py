@@ -31,7 +31,7 @@ class PlayedLife(CheckedLife):
 
 
 @given(st.integers(0, 1 << 32))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_journal_begins(seed: int) -> None:
     life = PlayedLife()
     life.go_on(seed, 200)

@@ -4,7 +4,8 @@ import pytest
 from tools.made_robots import commanding, looking_ahead, near, recovering, stepping
 from tools.story import THIS, Story, walking
 
-from tca_tools.analysis.advice import Advice, Topic, advice
+from tca_tools.analysis.advice import advice
+from tca_tools.analysis.advised import Advice, Topic
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.concurrency import Overlap, overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task

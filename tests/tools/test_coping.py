@@ -10,7 +10,7 @@ from tools.story import QUERY, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
-from tca_tools.coping import Fate, told_to, went_on
+from tca_tools.coping import Fate, hinges, told_to, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.shapes import COPED, FAILED
 from tca_tools.gantt.svg import svg_text
@@ -90,6 +90,88 @@ def test_a_failure_that_is_passed_on_is_followed(*, task_fails: bool, dealt_with
     assert fates(past)[ASKED] is (Fate.COPED if end else Fate.ANSWERED)
     after = ", and that was handled" if end else ""
     assert told_to(past, past.messages[ASKED], 2.0) == f"told to maps, whose handler of where {{2}} failed then{after}"
+
+
+def given_up() -> Story:
+    """The same; but who handles "where is it" is lost before the look fails, and the walk fails with that."""
+    story = Story().module("planner", "walk").module("maps", "where").module("eye", "look")
+    walk = story.at(1.0).goal("walk", "user")
+    story.delivered(walk, "planner")
+    where = story.received("where", QUERY, "planner", origin=walk, blocking=True)
+    story.delivered(where, "maps").at(1.2)
+    look = story.received("look", QUERY, "maps", origin=where, blocking=True)
+    story.delivered(look, "eye").at(2.0)
+    story.say(facts.ModuleLeft("maps", "fog"), facts.Dropped(look, "its sender gave up"))
+    _fail(story.say(facts.Failed(where, "blind", "fog"), facts.Answered(where)), walk)
+    story.say(facts.Unhandled(TaskId(walk)), facts.Killed(TaskId(walk), "blind", "central")).reached(walk, *Moment)
+    return _fail(story.at(9.0), look).at(10.0)
+
+
+def test_who_had_given_up_is_not_told_and_nothing_of_his_fails_later() -> None:
+    past = given_up().fold()
+    look = past.messages[ASKED]
+    told = "told to nobody: its sender had given up"
+    assert told_to(past, look, 9.0) == told
+    assert fates(past) == {1: Fate.NOT_HANDLED, LOOKED: Fate.ANSWERED, ASKED: Fate.UNTOLD}
+    assert [kind.message for kind in failures(past)][-1] == "look"  # though it cost most
+    assert not went_on(past, look, 9.0)
+    assert hinges(past, look, 9.0) == []
+    assert f"its failure is {told}" in [one.text for one in story_of(past, ASKED)]
+    links = failure_chain(past, TaskId(1))
+    assert [one.text for one in links if one.depth] == ["where {2} failed: blind: fog"]
+    assert max(one.time for one in links) == 2.0
+    bar = next(bar for row in chart(past).rows for bar in row.handled if bar.name == "look")
+    assert bar.title.endswith(f": failed, {told}")
+
+
+def test_who_had_ended_is_not_told() -> None:
+    """The handler that had asked returned without the answer."""
+    story = Story().module("planner", "walk").module("eye", "look").at(1.0)
+    walk = story.goal("walk", "user")
+    story.delivered(walk, "planner")
+    look = story.received("look", QUERY, "planner", origin=walk)
+    story.delivered(look, "eye").at(2.0).returned(walk).reached(walk, *Moment)
+    past = _fail(story.at(3.0), look).say(facts.Answered(look)).fold()
+    assert told_to(past, past.messages[look], 3.0) == "told to nobody: the handler of walk {1} that asked had ended"
+    assert fates(past) == {look: Fate.UNTOLD}
+
+
+def test_of_a_condition_that_fails_after_its_monitor_ended_nobody_is_told() -> None:
+    story = Story().module("eye", "hot?").at(1.0)
+    monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
+    asked = story.received("hot?", QUERY, "central")
+    received = story.entries[-1].facts[-1]
+    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
+    story.delivered(asked, "eye").at(2.0).say(facts.Killed(TaskId(monitor), "enough", "user")).reached(monitor, *Moment)
+    past = _fail(story.at(3.0), asked).fold()
+    assert told_to(past, past.messages[asked], 3.0) == "told to nobody: watch {1} watched no longer"
+    assert fates(past) == {asked: Fate.UNTOLD}
+
+
+def test_a_helper_that_fails_when_all_is_decided_is_no_step_of_the_failure() -> None:
+    """A walk is retried by hand while its exception handler runs; that fails later, and the walk is killed at last."""
+    story = Story().module("legs", "walk").module("expert", "help").at(1.0)
+    walk = story.goal("walk", "user")
+    _fail(story.delivered(walk, "legs").at(2.0), walk)
+    helper = story.received("help", MessageClass.EXCEPTION, "central", 0)
+    story.say(facts.Caught(TaskId(walk), TaskId(helper), TaskId(walk), 9)).delivered(helper, "expert").at(3.0)
+    story.say(facts.Retried(TaskId(walk), b"", by="user")).at(4.0).delivered(walk, "legs").at(5.0)
+    _fail(story, helper).at(6.0).say(facts.Killed(TaskId(walk), "enough", "user")).returned(walk).reached(walk, *Moment)
+    past = story.fold()
+    assert not any("help {2} failed" in one.text for one in failure_chain(past, TaskId(walk)))
+
+
+def test_of_what_is_killed_later_there_is_no_chain_yet() -> None:
+    """A step fails, and in the end the walk is killed for that."""
+    story = Story().module("legs", "step").at(1.0)
+    walk = story.goal("walk", "user")
+    step = story.goal("step", "user", walk)
+    _fail(story.delivered(step, "legs").at(2.0), step).at(3.0).say(facts.Unhandled(TaskId(step)))
+    why = "failure 'blind' of task 2 'step' was not handled"
+    story.say(*(facts.Killed(TaskId(task), why, "central") for task in (walk, step)))
+    past = story.reached(step, *Moment).reached(walk, *Moment).at(4.0).fold()
+    assert [one.depth for one in failure_chain(past, TaskId(walk))] == [0, 1, 1]
+    assert failure_chain(past, TaskId(walk), 2.5) == []
 
 
 def test_of_an_inform_nobody_is_told_and_of_a_condition_its_monitor() -> None:

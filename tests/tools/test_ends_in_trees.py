@@ -7,16 +7,20 @@ from click.testing import Result
 from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 
+from tca_tools.ages import Age
 from tca_tools.ends import MOST, Ends, causes, in_the_end
 from tca_tools.leads import Kind
 from tca_tools.tasktree_viz import words
 from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
 from tca_wire import facts
-from tca_wire.constraints import delay_planning, sequential_achievement
-from tca_wire.points import Moment, TaskId
+from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
+from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 
 Tca = Callable[..., Result]
+
+SINCE_1 = Age(1.0, 1.0)
 
 
 def test_the_end_of_a_chain_is_told_from_however_far() -> None:
@@ -64,8 +68,7 @@ def test_a_circle_is_told_as_one() -> None:
 def test_a_delay_that_has_not_begun_is_told_with_what_it_begins_with() -> None:
     then = Then(delayed().fold())
     assert words.note(then, then.tasks[2]) == (
-        "waits until 3.00 s after ring bell {1} is achieved; in the end for ring bell {1}, which waits until 500.250 s,"
-        " for 1.00 s"
+        "waits until 3.00 s after ring bell {1} is achieved, for 1.00 s; that waits until 500.250 s"
     )
 
 
@@ -75,10 +78,60 @@ def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
 
 
 def test_what_is_told_of_waits_gives_way_before_their_end() -> None:
-    note = words.Note("waits until a very long name of a step {7} is achieved", 1.0, "in the end for calibrate {3}")
-    assert note.within(None) == "waits until a very long name of a step {7} is achieved; in the end for calibrate {3}"
-    assert note.within(70) == "waits until a very long name of a step …; in the end for calibrate {3}"
-    assert note.within(40) == "waits until a very long name …; in the …"
+    end = "in the end for calibrate {3}"
+    note = words.Note("waits until a very long name of a step {7} is achieved", SINCE_1, end, end)
+    assert note.within(None, 4.0) == f"waits until a very long name of a step {{7}} is achieved, for 3.00 s; {end}"
+    assert note.within(80, 4.0) == f"waits until a very long name of a ste…, for 3.00 s; {end}"
+    assert note.within(50, 4.0) == f"for 3.00 s; {end}"
+    assert note.within(35, 4.0) == "for 3.00 s; for calibrate {3}"
+    assert note.within(28, 4.0) == end
+    assert note.within(20, 4.0) == "for calibrate {3}"
+
+
+def test_of_the_whole_wait_is_told_where_there_is_room() -> None:
+    note = words.Note("waits until walk {7} is achieved", Age(3.0, 1.0))
+    assert note.within(None, 4.0) == "waits until walk {7} is achieved, for 1.00 s (3.00 s in all)"
+    assert note.within(45, 4.0) == "waits until walk {7} is achieved, for 1.00 s"
+    assert words.Note("waits", Age(None, 1.0)).within(None, 4.0) == "waits (3.00 s in all)"
+    assert words.Note("waits", Age(4.0, 1.0)).within(None, 4.0) == "waits (3.00 s in all)"
+
+
+def test_how_long_stands_behind_what_it_is_said_of() -> None:
+    then = Then(stuck().fold())
+    notes = [words.note(then, then.tasks[number]) for number in (1, 3, 6)]
+    assert notes == [
+        "for 3.00 s; in the end for calibrate {3}, which no module handles",
+        "waits for a module that handles calibrate, for 3.00 s",
+        "waits until drill {5} is achieved, for 3.00 s; in the end for calibrate {3}, which no module handles",
+    ]
+
+
+def test_no_name_is_said_twice() -> None:
+    then = Then(stuck().fold())
+    assert words.note(then, then.tasks[2]) == (
+        "waits until calibrate {3} is achieved, for 3.00 s; no module handles that"
+    )
+    assert in_the_end(then, then.tasks[2]) == "for calibrate {3}, which no module handles"
+
+
+def test_the_name_of_the_end_is_the_last_to_give_way() -> None:
+    end = "in the end for ring bell {12}, which waits until 500.250 s, and 2 others"
+    note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, end, end)
+    assert note.within(80, 2.0) == "waits until its parent…, for 1.00 s; in the end for ring bell {12}, and 2 others"
+    assert note.within(60, 2.0) == "for 1.00 s; in the end for ring bell {12}, and 2 others"
+    assert note.within(45, 2.0) == "for 1.00 s; for ring bell {12}, and 2 others"
+    assert note.within(43, 2.0) == "in the end for ring bell {12}, and 2 others"
+    assert note.within(35, 2.0) == "for ring bell {12}, and 2 others"
+    assert note.within(20, 2.0) == "for ring bell {12}"
+    assert note.within(14, 2.0) == "for ring… {12}"
+    assert words.Note("", SINCE_1, end, end).within(45, 2.0) == "for 1.00 s; for ring bell {12}, and 2 others"
+
+
+def test_where_its_name_has_no_room_in_the_text_the_end_is_named() -> None:
+    end = "in the end for calibrate {3}, which no module handles"
+    note = words.Note("waits until calibrate {3} is achieved", SINCE_1, "no module handles that", end)
+    assert note.within(80, 4.0) == "waits until calibrate {3} is achieved, for 3.00 s; no module handles that"
+    assert note.within(60, 4.0) == "waits until calib…, for 3.00 s; in the end for calibrate {3}"
 
 
 def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
@@ -108,6 +161,63 @@ def test_what_is_queued_waits_for_the_first_slot_that_comes_free() -> None:
     story.at(2.0).say(facts.WaitBegan("rig", other, TaskId(part), Moment.END_ACHIEVING))
     then = Then(story.fold())
     assert "calibrate" in in_the_end(then, then.tasks[queued])
+
+
+def test_a_lock_that_is_next_in_line_is_told_though_there_is_room() -> None:
+    story = Story().module("boss").module("rig", "job").say(facts.ResourceChanged("rig", "rig", 2)).at(1.0)
+    runs = story.command("job", "user")
+    story.delivered(runs, "rig").at(2.0)
+    first, second = story.command("lock up", "user"), story.command("lock up", "user")
+    story.delivered(first, "boss").delivered(second, "boss")
+    story.say(facts.Claimed(50, "rig", "rig", False, "boss", first)).at(3.0)
+    story.say(facts.Claimed(51, "rig", "rig", False, "boss", second)).at(4.0)
+    queued = story.command("job", "user")
+    then = Then(story.queued(queued, "rig").fold())
+    assert words.note_of(then, then.tasks[queued]).text == (
+        f"waits for rig, which boss waits to lock while handling lock up {{{first}}}"
+    )
+    assert in_the_end(then, then.tasks[queued]) == f"for job {{{runs}}}, which rig handles"
+    (why,) = why_waiting(then, TaskId(second))
+    assert why.startswith(
+        f"for the lock of rig {{51}}, but rig is busy with job {{{runs}}}, and boss waits to lock it "
+    )
+    assert why.endswith(f" first while handling lock up {{{first}}}")
+
+
+def test_a_lock_that_was_wanted_later_keeps_nobody_out() -> None:
+    story = Story().module("boss").module("rig", "job").say(facts.ResourceChanged("rig", "rig", 1)).at(1.0)
+    runs, queued = story.command("job", "user"), story.command("job", "user")
+    story.delivered(runs, "rig").queued(queued, "rig").at(2.0)
+    story.say(facts.Claimed(50, "rig", "rig", False, "boss", 0))
+    then = Then(story.fold())
+    assert why_waiting(then, TaskId(queued)) == [f"for rig, busy with job {{{runs}}}"]
+
+
+def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> None:
+    """Planned one ahead: the next goal is held until this one is begun, which another task keeps from that."""
+    story = Story().module("boss", "harvest", "row").module("rig", "mow").at(1.0)
+    mow = story.command("mow", "user")
+    story.delivered(mow, "rig")
+    harvest = story.goal("harvest", "user", 0, sequential_achievement(TaskId(mow), THIS))
+    story.delivered(harvest, "boss")
+    row = story.goal("row", "boss", harvest)
+    begun = Point(TaskId(row), Moment.START_ACHIEVING), Point(THIS, Moment.START_PLANNING)
+    following = story.goal("row", "boss", harvest, Constraint(*begun))
+    story.delivered(row, "boss").queued(story.command("calibrate", "boss", row)).returned(harvest)
+    then = Then(story.fold())
+    assert in_the_end(then, then.tasks[following]) == f"for mow {{{mow}}}, which rig handles"
+
+
+def test_what_is_planned_is_not_waited_for_where_only_the_plan_is() -> None:
+    story = Story().module("boss", "harvest", "row").module("rig", "mow").at(1.0)
+    harvest = story.goal("harvest", "user")
+    story.delivered(harvest, "boss").reached(harvest, Moment.START_ACHIEVING)
+    mow, row = story.command("mow", "boss", harvest), story.goal("row", "boss", harvest)
+    story.delivered(mow, "rig").queued(row).returned(harvest)
+    planned = Constraint(Point(TaskId(harvest), Moment.END_PLANNING), Point(THIS, Moment.START_HANDLING))
+    report = story.command("report", "user", 0, planned)
+    then = Then(story.fold())
+    assert in_the_end(then, then.tasks[report]) == f"for row {{{row}}}, which no module handles"
 
 
 def test_monitors_that_watch_do_not_wait() -> None:

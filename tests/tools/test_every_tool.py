@@ -66,9 +66,9 @@ def run(tmp_path: Path) -> Path:
 
 
 def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[str]":
-    """``tca``, as a process of its own. It leaves no compiled files: a limit on files would cut them off, for everybody."""
+    """``tca``, as a process of its own. With a limit on files it leaves no compiled ones, or they were cut off for all."""
     command = [sys.executable, "-c", "from tca_tools.command_line import main; main()", *map(str, arguments)]
-    env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    env = {**os.environ, **({"PYTHONDONTWRITEBYTECODE": "1"} if "preexec_fn" in options else {})}
     return subprocess.run(command, text=True, timeout=60, check=False, stderr=subprocess.PIPE, env=env, **options)
 
 

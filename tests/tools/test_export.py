@@ -108,7 +108,7 @@ def test_of_a_damaged_journal_what_is_good_is_exported(tmp_path: Path, name: str
 
 
 @given(st.lists(FACTS, max_size=60))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
     """What a foreign program has written as a journal: nonsense perhaps, but exported without a stumble."""
     told = [fact for fact in told if not isinstance(fact, facts.Opened)]  # where another run begins reading ends

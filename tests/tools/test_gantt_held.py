@@ -11,9 +11,10 @@ from tools.story import COMMAND, THIS, Story, walking
 
 from tca_tools.gantt.bars import NO_HANDLER, Chart, Pick, chart
 from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.text import chart_lines
 from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import Condition
 
 Tca = Callable[..., Result]
@@ -52,6 +53,37 @@ def test_a_wiretap_is_named() -> None:
     assert held(chart(tale.fold(), pick=Pick(held={move}))) == {
         "arm: move {1}: until check {2}, the listener of a wiretap of safety, has been handled": [(1.0, 3.0)]
     }
+
+
+def waiting_for_two() -> Chart:
+    """A move {3} waits for a move {1} until 3 s and for a look {2} until 4 s; and so does another one {4}."""
+    tale = Story().module("legs", "move", "look").at(1.0)
+    first, second = tale.command("move", "user"), tale.command("look", "user")
+    both = [sequential_achievement(TaskId(one), THIS) for one in (first, second)]
+    held_back = [tale.command("move", "user", 0, *both) for _ in range(2)]
+    tale.delivered(first, "legs").delivered(second, "legs")
+    tale.at(3.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    tale.at(4.0).returned(second).reached(second, Moment.END_ACHIEVING)
+    for one in held_back:
+        tale.delivered(one, "legs")
+    return chart(tale.fold(), pick=Pick(held=held_back))
+
+
+def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
+    (row,) = (row for row in waiting_for_two().rows if row.held_back)
+    assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held_back) == [
+        (0, 1.0, 3.0, "move {3}: until move {1} is achieved and until look {2} is achieved"),
+        (0, 3.0, 4.0, "until look {2} is achieved"),
+        (1, 1.0, 3.0, "move {4}: until move {1} is achieved and until look {2} is achieved"),
+        (1, 3.0, 4.0, "until look {2} is achieved"),
+    ]
+    last = max(row.held_back, key=lambda bar: (bar.lane, bar.start))
+    assert last.title == "move {4} held until look {2} is achieved from 3.000 s to 4.000 s, 1.000 s"
+
+
+def test_the_text_shows_where_the_cause_changes() -> None:
+    lines = [line for line in chart_lines(waiting_for_two(), 120) if "until" in line]
+    assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
 
 
 def test_what_nobody_would_handle_stands_where_that_is_said() -> None:

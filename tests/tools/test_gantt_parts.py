@@ -10,7 +10,7 @@ import pytest
 from click.testing import Result
 from tools.story import COMMAND, Story, locking, stumbling, walking
 
-from tca_tools.gantt.bars import NO_HANDLER, Chart, Pick, chart
+from tca_tools.gantt.bars import ALL, NO_HANDLER, SUSPENDED, Chart, Pick, chart
 from tca_tools.gantt.blocks import in_blocks, queue_lengths
 from tca_tools.gantt.svg import svg_text
 from tca_wire import facts
@@ -47,8 +47,16 @@ def test_locks_and_suspensions_in_blocks(tca: Tca, tmp_path: Path, expect: Calla
     expect("gantt_locking_story", tca("gantt", folder, "--story", 4, "--ascii", COLUMNS="100").stdout)
 
 
+def test_a_lock_is_in_the_row_of_the_copy_that_it_was_asked_of() -> None:
+    """It is for all of them, yet one row shows it, as the journal says."""
+    story = Story().module("legs", "move").module("legs#2", "move").module("eyes").at(1.0)
+    story.say(facts.Claimed(90, "legs#2", "legs#2", False, "eyes", TaskId(0)), facts.Granted(90))
+    held = {row.label: len(row.held) for row in chart(story.at(3.0).say(facts.ClaimEnded(90, "released")).fold()).rows}
+    assert held == {"legs": 0, "legs#2": 1, "eyes": 0}
+
+
 def test_who_has_a_resource_for_himself() -> None:
-    legs = chart(locking().fold()).rows[1]
+    legs = chart(locking().fold()).rows[2]
     assert [(one.start, one.end, one.is_reserved, one.owner) for one in legs.held] == [
         (2.0, 3.0, False, "eyes"),
         (4.0, 5.0, True, "planner"),
@@ -61,9 +69,11 @@ def test_who_has_a_resource_for_himself() -> None:
     assert "reserved by planner" not in picture.replace("legs reserved by planner", "")  # a bar stands in its place
 
 
-def test_a_suspended_task_shows_where_it_would_be_handled() -> None:
-    legs = chart(locking().fold()).rows[1]
-    assert [(bar.name, bar.start, bar.end) for bar in legs.queued if bar.is_suspended] == [("adjust", 1.0, 3.5)]
+def test_suspended_tasks_have_a_row_on_top_as_in_the_page() -> None:
+    past = locking().fold()
+    top = chart(past).rows[0]
+    assert (top.label, [(bar.name, bar.start, bar.end) for bar in top.queued]) == (SUSPENDED, [("adjust", 1.0, 3.5)])
+    assert not any(bar.is_suspended for row in chart(past).rows[1:] for bar in row.queued)
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "x")
     story.at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
@@ -72,7 +82,7 @@ def test_a_suspended_task_shows_where_it_would_be_handled() -> None:
     assert bar.title == "walk {1} suspended by panel from 1.000 s on, 1.000 s"
 
 
-def test_a_suspended_task_stays_where_it_would_have_been_handled_when_that_module_leaves() -> None:
+def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_that_has_left() -> None:
     story = Story().module("legs", "move", resource="left").at(0.5).module("wheels", "move")
     move = story.at(1.0).command("move", "x")
     story.say(facts.SuspendedOrResumed(TaskId(move), True)).at(3.0).say(facts.SuspendedOrResumed(TaskId(move), False))
@@ -81,20 +91,24 @@ def test_a_suspended_task_stays_where_it_would_have_been_handled_when_that_modul
         story.say(facts.HandlerRemoved("move", name), facts.ModuleLeft(name, "it said goodbye"))
     late = story.command("move", "x")
     story.say(facts.SuspendedOrResumed(TaskId(late), True)).at(5.0)
-    drawing = chart(story.fold())
-    suspended = {row.label: [bar.start for bar in row.queued if bar.is_suspended] for row in drawing.rows}
-    assert suspended == {"legs / left": [], "wheels": [1.0], NO_HANDLER: [4.0]}
+    past = story.fold()
+
+    def suspended(*modules: str) -> list[float]:
+        rows = chart(past, pick=Pick(modules=modules) if modules else ALL).rows
+        return [bar.start for row in rows for bar in row.queued if bar.is_suspended]
+
+    assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
 
 
 def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
     story = Story().module("legs", "walk")
     story.queued(story.goal("dance", "x")).at(1.0).delivered(1, "legs").at(9.0)
-    assert labels(chart(story.fold())) == ["legs", NO_HANDLER]
+    assert labels(chart(story.fold())) == [NO_HANDLER, "legs"]
     assert labels(chart(story.fold(), start=2.0)) == ["legs"]
 
 
 def test_a_wait_for_a_lock_is_a_wait_of_its_handler() -> None:
-    look = chart(locking().fold()).rows[2].handled[0]
+    look = chart(locking().fold()).rows[3].handled[0]
     assert [(wait.start, wait.end) for wait in look.waits] == [(1.0, 2.0)]
     assert look.waits[0].title == "look {3} waits for lock of legs {90} from 1.000 s to 2.000 s, 1.000 s"
 
@@ -122,7 +136,7 @@ def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
     for asked, told in (
         (("--task", "take step"), "no task 'take step' in this journal: did you mean 'take steps'?"),
         (("--task", 99), "no task '99' in this journal"),
-        (("--task", 5), "elevation map {5} is a query, no task"),
+        (("--task", 5), "elevation map {5} is a query, no task: 'tca tree --story 5' tells what became of it"),
         (("--story", "take steps"), "3 tasks are called 'take steps': name one by its number: 2, 3, 4"),
     ):
         result = tca("gantt", run, *asked)

@@ -256,7 +256,7 @@ FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
 
 
 @given(st.lists(FACTS, max_size=80))
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
     wording = Wording()
     history = History.until(facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told))

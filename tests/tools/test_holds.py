@@ -10,6 +10,7 @@ from tca_tools.analysis.waits import waits
 from tca_tools.coping import Fate
 from tca_tools.history import History
 from tca_tools.records import State
+from tca_tools.selection import waited_for
 from tca_tools.story import story
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
@@ -223,3 +224,39 @@ def test_a_task_that_fails_under_what_was_killed_already_goes_on() -> None:
     tale.at(2.0).say(facts.Failed(move, "slip", "", True), facts.Unhandled(TaskId(move)))
     assert tale.fold().tasks[move].state is State.HELD
     assert failures(tale.fold())[0].cases[0].fate is Fate.NOT_HANDLED
+
+
+def queue_of_three() -> tuple[Story, list[int]]:
+    """Three moves are handled for a second, for three and for two, the last one still; a fourth waits for them."""
+    story = Story().module("legs", "move").at(1.0)
+    moves = [story.command("move", "user") for _ in range(4)]
+    story.delivered(moves[0], "legs")
+    for move in moves[1:]:
+        story.queued(move, "legs")
+    for before, move, time in zip(moves, moves[1:3], (2.0, 5.0), strict=False):
+        story.at(time).returned(before).delivered(move, "legs")
+    story.at(7.0).command("rest", "user")
+    return story, moves
+
+
+def test_a_row_tells_since_when_its_cause_is_the_cause() -> None:
+    story, (_, second, third, last) = queue_of_three()
+    past = story.fold()
+    told = [note(then := Then(past, at), then.tasks[last]) for at in (1.5, 4.0, 7.0)]
+    assert told == [
+        "waits for legs, busy with move {1}, for 0.50 s",
+        f"waits for legs, busy with move {{{second}}}, for 2.00 s (3.00 s in all)",
+        f"waits for legs, busy with move {{{third}}}, for 2.00 s (6.00 s in all)",
+    ]
+
+
+def test_a_report_names_all_that_a_message_waited_for() -> None:
+    story, (first, second, third, last) = queue_of_three()
+    (queued,) = [one for kind in waits(story.fold()) for one in kind.longest if one.who == f"move {{{last}}}"]
+    causes = f"busy with move {{{first}}} (1.00 s), move {{{second}}} (3.00 s), move {{{third}}} (2.00 s)"
+    assert queued.what == f"for legs, {causes}"
+
+
+def test_the_chart_of_a_story_has_all_that_a_task_waited_for() -> None:
+    story, (*others, last) = queue_of_three()
+    assert waited_for(story.fold(), TaskId(last), {last}) == set(others)

@@ -1,6 +1,10 @@
 """A monitor that watches until somebody ends it is not what a run waits for: the report is of the work beside it."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
+from click.testing import Result
 from tools.story import Story
 
 from tca_tools.analysis.causes import Causes
@@ -94,3 +98,17 @@ def test_where_there_is_nothing_but_monitors_they_are_the_run() -> None:
     past = story.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING).at(5.0).fold()
     assert summary(past).outcome == "No top-level task but monitors was sent; 1 monitor still watched."
     assert (str(last_task(past)), span_of(past)) == ("battery watch {1}", (1.0, 5.0))
+
+
+def test_a_monitor_that_watches_is_called_what_it_is(tca: Callable[..., Result], tmp_path: Path) -> None:
+    story = watched_walk(7.0)
+    story.at(7.5).say(facts.MonitorEnded(TaskId(1), "it has been fired as often as it may"))
+    journal = story.at(8.0).write(tmp_path / "walk")
+    before, after = (tca("tree", journal, "--at", at).stdout.splitlines() for at in (7.0, 8.0))
+    assert "1 watching" in before[0]
+    assert before[2].split()[:4] == ["battery", "watch", "{1}", "(monitor)"]
+    assert before[2].split()[4] == "watching"
+    assert "watching" not in "".join(after)
+    told = tca("tree", journal, "--story", "1", "--at", "7").stdout
+    assert "watching" in told
+    assert "achieving" not in told

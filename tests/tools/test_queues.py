@@ -5,7 +5,8 @@ from random import Random
 import pytest
 from tools.story import Story
 
-from tca_tools.analysis.advice import Topic, advice
+from tca_tools.analysis.advice import advice
+from tca_tools.analysis.advised import Topic
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.summary import span_of
@@ -130,5 +131,5 @@ def test_how_long_a_task_has_been_queued_is_told_of_the_queue_that_it_is_in() ->
     assert told == [
         "waits for legs, busy with move {1}, for 59.0 s",
         "waits for a module that handles move, for 1.50 s",
-        "waits for a module that handles move, for 1.00 s",
+        "waits for a module that handles move, for 11.0 s",
     ]

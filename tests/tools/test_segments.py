@@ -29,9 +29,9 @@ def segment(path: Path, entries: list[Entry], epoch: str, number: int = 1, began
 
 @pytest.fixture
 def two(tmp_path: Path) -> Path:
-    """A folder with the segment of a short story of today and, by name after it, that of a walk of yesterday."""
-    segment(tmp_path / "two" / "00000001.tcaj", walking().entries[1:], "today", began=TODAY)
-    segment(tmp_path / "two" / "00000002.tcaj", walk()[1:], "yesterday")
+    """A folder with the segment of a walk of yesterday and, after it, that of a short story of today."""
+    segment(tmp_path / "two" / "00000001.tcaj", walk()[1:], "yesterday")
+    segment(tmp_path / "two" / "00000002.tcaj", walking().entries[1:], "today", began=TODAY)
     return tmp_path / "two"
 
 
@@ -42,19 +42,56 @@ def said(log: Log, capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 @pytest.mark.parametrize("tool", TOOLS)
 def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(tca: Tca, two: Path, tool: str) -> None:
-    shown, alone = tca(*tool.split(), two), tca(*tool.split(), two / "00000001.tcaj")
+    shown, alone = tca(*tool.split(), two), tca(*tool.split(), two / "00000002.tcaj")
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
-        f"tca: {two}: segments of 2 runs lie there: this is the one that began last (00000001.tcaj);"
-        " to see another, give its file (00000002.tcaj), or move what is of one run to a folder of its own\n"
+        f"tca: {two}: 2 runs lie there: this is the one that began last (00000002.tcaj);"
+        f" to see another, name it, as in '{two}#1': 'tca log runs {two}' lists them\n"
     )
     assert alone.stderr == ""
 
 
 def test_each_of_two_runs_can_be_given_by_its_file(two: Path) -> None:
-    alone = [entry.number for entry in open_log(two / "00000002.tcaj")]
+    alone = [entry.number for entry in open_log(two / "00000001.tcaj")]
     assert alone[1:] == [entry.number for entry in walk()[1:]]
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.parametrize("which", ["#1", "#yesterday", "/#1"])
+def test_each_of_two_runs_can_be_named_for_every_tool(tca: Tca, two: Path, tool: str, which: str) -> None:
+    named, alone = tca(*tool.split(), f"{two}{which}"), tca(*tool.split(), two / "00000001.tcaj")
+    assert (named.exit_code, named.stderr) == (alone.exit_code, alone.stderr)
+    assert named.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
+
+
+def test_a_run_of_several_segments_can_be_named(tca: Tca, two: Path) -> None:
+    segment(two / "00000003.tcaj", [Entry(99, 9.0, [])], "today", 2, began=TODAY)
+    segment(two / "00000004.tcaj", walk()[1:], "tonight", began=TODAY + 1)
+    assert [path.name for path in open_log(Path(f"{two}#2")).segments()] == ["00000002.tcaj", "00000003.tcaj"]
+    assert tca("tree", f"{two}#2").stdout.startswith("two#2: ")
+
+
+def test_a_run_that_is_not_there(tca: Tca, two: Path) -> None:
+    told = tca("tree", f"{two}#3")
+    assert (told.exit_code, told.stdout) == (2, "")
+    assert told.stderr == f"tca: {two}: no run '3' of the 2 there: 'tca log runs {two}' lists them\n"
+
+
+def test_runs_are_listed_as_they_are_named(tca: Tca, two: Path) -> None:
+    lines = tca("log", "runs", two).stdout.splitlines()
+    assert [line.split()[0] for line in lines] == [f"{two}#1", f"{two}#2"]
+    assert all(line.endswith(", 1 segment") for line in lines)
+    listed = tca("log", "runs", XDG_STATE_HOME=str(two.parent / "nowhere"))
+    assert (listed.exit_code, "no journal below" in listed.stderr) == (2, True)
+
+
+def test_the_numbers_of_central_say_which_run_began_last_though_the_clock_was_set_back(tmp_path: Path) -> None:
+    folder = tmp_path / "robot"
+    segment(folder / "00000001.tcaj", walking().entries[1:], "first", began=TODAY)
+    segment(folder / "00000002.tcaj", [Entry(99, 9.0, [])], "first", 2, began=TODAY)
+    segment(folder / "00000003.tcaj", walk()[1:], "second", began=1000.0)  # a robot without a clock of its own
+    assert [path.name for path in open_log(folder).segments()] == ["00000003.tcaj"]
 
 
 def test_a_run_that_is_followed_stays_the_one_that_is_followed(tmp_path: Path) -> None:
@@ -117,7 +154,7 @@ def test_a_copy_beside_the_segments_is_left_out_and_said(tmp_path: Path, capsys:
 
 
 def test_nothing_is_said_twice(two: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with (two / "00000001.tcaj").open("ab") as stream:
+    with (two / "00000002.tcaj").open("ab") as stream:
         stream.write(record(Entry(99, 99.0, []))[:-2])
     log = open_log(two)
     list(log)
@@ -146,7 +183,7 @@ def test_a_report_of_a_cut_journal_says_so_once(tca: Tca, tmp_path: Path) -> Non
 @pytest.fixture
 def joined(two: Path, tmp_path: Path) -> tuple[Path, int]:
     """A file in which one run follows another, and the byte at which the second begins."""
-    first, second = ((two / f"0000000{number}.tcaj").read_bytes() for number in (1, 2))
+    first, second = ((two / f"0000000{number}.tcaj").read_bytes() for number in (2, 1))
     path = tmp_path / "joined.tcaj"
     path.write_bytes(first + second)
     return path, len(first)
@@ -157,7 +194,7 @@ def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
     tca: Tca, two: Path, joined: tuple[Path, int], tool: str
 ) -> None:
     path, place = joined
-    shown, alone = tca(*tool.split(), path), tca(*tool.split(), two / "00000001.tcaj")
+    shown, alone = tca(*tool.split(), path), tca(*tool.split(), two / "00000002.tcaj")
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
@@ -239,6 +276,6 @@ def test_the_segments_of_a_run_after_others_are_numbered_on(tmp_path: Path, caps
     shown = [entry.number for entry in log]
     assert [number for number in shown if number] == [entry.number for entry in entries if entry.number]
     (line,) = said(log, capsys)
-    assert "segments of 2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
+    assert "2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
     (folder / "00000005.tcaj").unlink()
     assert "segment 2 is missing" in " ".join(open_log(folder).remarks)

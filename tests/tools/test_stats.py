@@ -102,6 +102,20 @@ def test_a_query_that_nobody_handles_is_open_until_it_is_dropped() -> None:
     assert [(one.open, one.dropped) for one in measure(story.fold()).messages] == [(0, 1)]
 
 
+def test_what_is_in_no_time_to_the_end_is_told(run: Path, tmp_path: Path) -> None:
+    """A handler ran for 2 s, and its sender gave up after one: no time to the end tells of that."""
+    assert "\nsent to end: without 7 tasks that failed or were killed\n" in shown(run).stdout
+    story = Story().module("map", "where").at(1.0)
+    asked = [story.received("where", QUERY, "user") for _ in range(2)]
+    for one in asked:
+        story.delivered(one, "map")
+    story.at(2.0).say(facts.Dropped(asked[0], "its sender gave up")).at(3.0)
+    for one in asked:
+        story.returned(one)
+    run = story.say(facts.Answered(asked[1])).write(tmp_path / "asked")
+    assert "\nsent to end: without 1 query that was dropped\n" in shown(run).stdout
+
+
 def test_a_failure_that_was_dealt_with_counts() -> None:
     story = Story().module("legs", "walk").at(1.0)
     walk = story.goal("walk", "x")

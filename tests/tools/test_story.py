@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from click.testing import CliRunner
-from tools.story import ACTING, GOAL, QUERY, THIS, Story, locking, mopping, stumbling
+from tools.story import ACTING, COMMAND, GOAL, QUERY, THIS, Story, locking, mopping, stumbling
 
 from tca_tools.history import History
 from tca_tools.records import State
@@ -14,8 +14,8 @@ from tca_tools.tasktree_viz.words import note
 from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
-from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.vocabulary import Condition, MessageClass, Outcome, Role
 
 
 def told(history: History, message: int) -> list[str]:
@@ -46,7 +46,8 @@ def test_a_task_that_failed() -> None:
 def test_a_task_that_queued_asked_and_was_planned_ahead() -> None:
     assert told(stumbling().fold(), 3) == [
         "0.6 goal sent by gait planner while handling traverse arc {1}, under traverse arc {1}",
-        "0.6 (0.8 s) queued for gait planner, busy with traverse arc {1}",
+        "0.6 (0.1 s) queued for gait planner, busy with traverse arc {1}",
+        "0.7 (0.7 s) queued for gait planner, busy with take steps {2}",
         "1.4 (0.8 s) handled by gait planner",
         "1.4 (0.8 s) planning",
         "1.5 (0.5 s) its handler waits for the reply to elevation map {8}",
@@ -55,11 +56,26 @@ def test_a_task_that_queued_asked_and_was_planned_ahead() -> None:
     ]
 
 
+def test_who_waited_for_a_task_that_was_killed_goes_on_and_is_told_why() -> None:
+    tale = Story().module("legs", "walk", "sweep").at(1.0)
+    walk = tale.goal("walk", "user")
+    sweep = tale.command("sweep", "user", ROOT, sequential_achievement(TaskId(walk), THIS))
+    tale.delivered(walk, "legs").at(3.0).returned(walk)
+    tale.say(facts.Killed(TaskId(walk), "enough", "user")).reached(walk, *Moment).at(4.0)
+    past = tale.delivered(sweep, "legs").fold()
+    assert "1.0 (2.0 s) held, until walk {1} is achieved, but walk {1} was killed" in told(past, sweep)
+    before = next(one for one in story(past, sweep, 2.0) if one.text.startswith("held"))
+    assert before.by(2.0, 2.0) == "held, until walk {1} is achieved, 1.000 s so far"
+
+
 def test_a_wait_for_a_lock_names_who_has_it_and_what_for() -> None:
     tale = locking()
-    assert told(tale.fold(until=2.5), 4)[-1] == "1.0 queued for legs, which eyes has locked while handling look {3}"
+    assert told(tale.fold(until=2.5), 4)[-1] == "2.0 queued for legs, which eyes has locked while handling look {3}"
     history = tale.fold()
-    assert told(history, 4)[1] == "1.0 (2.0 s) queued for legs, which eyes has locked while handling look {3}"
+    assert told(history, 4)[1:3] == [
+        "1.0 (1.0 s) queued for legs, busy with move {2}",
+        "2.0 (1.0 s) queued for legs, which eyes has locked while handling look {3}",
+    ]
     waits = "its handler waits for the lock of legs {90}, but legs is busy with move {2}"
     assert f"1.0 (1.0 s) {waits}" in told(history, 3)
 
@@ -113,7 +129,7 @@ def test_a_monitor_that_tested_and_one_that_never_watched() -> None:
     tale.at(7.0).say(facts.MonitorEnded(TaskId(late), "by module 'user'"))
     history = tale.fold()
     assert told(history, watch)[1:] == [
-        "0.0 (6.0 s) achieving",
+        "0.0 (6.0 s) watching",
         "1.0 (1.0 s) its condition does not hold, 2 times",
         "3.0 (1.0 s) its condition holds, 2 times",
         "5.0 its condition does not hold",
@@ -132,7 +148,8 @@ def test_a_task_that_was_suspended_while_something_under_it_ran_and_resumed() ->
         "2.0 (7.0 s) suspended, until mop floor {1} is resumed",
         "2.0 (1.0 s) sweep {2} under it still runs",
         "9.0 resumed",
-        "9.0 (2.0 s) achieving, until sweep {4} is achieved",
+        "9.0 (1.0 s) achieving, until sweep {3}, sweep {4} are achieved",
+        "10.0 (1.0 s) achieving, until sweep {4} is achieved",
         "11.0 achieved",
     ]
     assert told(history, 2)[-3:] == [
@@ -266,9 +283,65 @@ def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
     tale = waiting_for_two()
     both = "held, until move {1} is achieved and until look {2} is achieved"
     folder = tale.write(tmp_path / "walk")
-    for moment, why in ((1.5, f"{both}, 0.500 s so far"), (2.5, "held, until look {2} is achieved, 1.500 s so far")):
+    for moment, why in ((1.5, f"{both}, 0.500 s so far"), (2.5, "held, until look {2} is achieved, 0.500 s so far")):
         printed = " ".join(CliRunner().invoke(tree, [str(folder), "--story", "3", "--at", str(moment)]).output.split())
         assert why in printed
         assert "handled" not in printed
         assert why in [one.by(moment, moment) for one in story(tale.fold(), 3, moment)]
-    assert "1.0 (2.0 s) held, until look {2} is achieved" in told(tale.fold(), 3)
+
+
+def test_a_wait_has_a_sentence_for_each_cause_with_its_own_time() -> None:
+    assert told(waiting_for_two().fold(), 3)[1:3] == [
+        "1.0 (1.0 s) held, until move {1} is achieved and until look {2} is achieved",
+        "2.0 (1.0 s) held, until look {2} is achieved",
+    ]
+
+
+def test_what_a_wiretap_held_last_is_not_said_to_have_held_all_the_time() -> None:
+    tale = Story().module("legs", "move").module("checker", "check").at(1.0)
+    tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT, "safety"))
+    first = tale.command("move", "user")
+    tale.delivered(first, "legs")
+    second = tale.command("move", "user", 0, sequential_achievement(TaskId(first), THIS))
+    tale.at(4.0).returned(first).reached(first, Moment.END_ACHIEVING)
+    check = tale.received("check", COMMAND, "central", parent=second)
+    tale.say(facts.TapFired(90, second, check)).delivered(check, "checker")
+    tale.at(4.2).returned(check).reached(check, *Moment).delivered(second, "legs").at(5.0)
+    assert told(tale.fold(), second)[1:3] == [
+        "1.0 (3.0 s) held, until move {1} is achieved",
+        "4.0 (0.2 s) held, until check {3}, the listener of a wiretap of safety, has been handled",
+    ]
+
+
+def test_a_handler_waits_for_a_lock_of_which_one_after_the_other_keeps_it() -> None:
+    tale = Story().module("legs", "move").module("eyes", "look").module("ears", "hear").at(1.0)
+    move, look, hear = tale.command("move", "user"), tale.command("look", "user"), tale.command("hear", "user")
+    tale.delivered(move, "legs").delivered(look, "eyes").delivered(hear, "ears")
+    for claim, who, why in ((90, "eyes", look), (91, "ears", hear)):
+        tale.say(facts.Claimed(claim, "legs", "legs", False, who, why))
+    tale.at(2.0).returned(move).say(facts.Granted(90)).at(4.0)
+    assert [one for one in told(tale.fold(), hear) if "waits" in one] == [
+        (
+            "1.0 (1.0 s) its handler waits for the lock of legs {91}, but legs is busy with move {1}, and eyes waits to lock it "
+            "first while handling look {2}"
+        ),
+        "2.0 its handler waits for the lock of legs {91}, but eyes has locked it while handling look {2}",
+    ]
+
+
+def test_of_very_many_causes_the_first_and_the_last_are_told() -> None:
+    tale = Story().module("legs", "move")
+    moves = [tale.command("move", "user") for _ in range(100)]
+    for move in moves:
+        tale.queued(move, "legs")
+    for time, move in enumerate(moves):
+        tale.at(time + 1.0).delivered(move, "legs").at(time + 2.0).returned(move).reached(move, Moment.END_ACHIEVING)
+    waits = [one for one in told(tale.fold(), 100) if "queued" in one]
+    assert waits[1] == "1.0 (1.0 s) queued for legs, busy with move {1}"
+    assert waits[-1] == "99.0 (1.0 s) queued for legs, busy with move {99}"
+    assert len([one for one in waits if one.endswith("queued for legs, for other causes, one after the other")]) == 1
+    assert len(waits) < 30
+    known = story(tale.fold(until=50.5), 100)
+    assert [one.by(50.5, 50.5) for one in known] == [
+        one.by(50.5, 50.5) for one in story(tale.fold(), 100, 50.5) if one.time <= 50.5
+    ]

@@ -81,6 +81,17 @@ def test_the_stories_of_tasks(tca: Tca, run: Path, expect: Callable[[str, str], 
         expect(f"tree_story_{number}", tca("tree", run, "--story", number, COLUMNS="90").stdout)
 
 
+def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
+    told = tca("tree", run, "--story", 5)
+    assert told.exit_code == 0, told.stderr
+    first, _, sent, *_, handled = told.stdout.splitlines()
+    assert first == "elevation map {5}: query"
+    assert "query sent by gait planner while handling take steps {2}" in sent
+    assert "handled by perception" in handled
+    several = tca("tree", run, "--story", "elevation map").stderr
+    assert several == "tca: 2 messages are called 'elevation map': name one by its number: 5, 8\n"
+
+
 def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
     assert (tmp_path / "story.txt").read_text().startswith("move body {7}: failed\nunder traverse arc {1} > ")

@@ -1,15 +1,14 @@
 """A served journal, and a real browser to look at it with."""
 
-import re
 import shutil
-import subprocess
-import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+from view.served import served
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOON = 60_000  # milliseconds: a busy machine reads 100,000 tasks in ten seconds
@@ -19,22 +18,21 @@ expect.set_options(timeout=SOON)
 Look = Callable[..., Page]
 
 
+def until(page: Page, holds: str, arg: object = None) -> None:
+    """Waits for what JavaScript says. Playwright's own wait evaluates in the page, which the page's policy forbids."""
+    end = time.monotonic() + SOON / 1000
+    while not page.evaluate(holds, arg):
+        assert time.monotonic() < end, holds
+
+
 @pytest.fixture
 def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str]]:
     """Serves journals, or without one the newest run, by real processes; gives each page's address."""
     with ExitStack() as processes:
-        said = processes.enter_context((tmp_path_factory.mktemp("served") / "said.txt").open("w"))
+        errors = tmp_path_factory.mktemp("served") / "errors.txt"
 
         def start(*journal: Path) -> str:
-            command = [sys.executable, "-m", "tca_tools.view", *map(str, journal), "--no-browser"]
-            served = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, text=True)
-            process = processes.enter_context(served)
-            processes.callback(process.terminate)
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            found = re.search(r"http://\S+", line)
-            assert found, line
-            return found[0]
+            return processes.enter_context(served([*map(str, journal), "--no-browser"], errors))
 
         yield start
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
-from view.conftest import Look
+from view.conftest import Look, until
 
 from tca_wire import facts
 from tca_wire.points import TaskId
@@ -108,7 +108,7 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
 def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path, joined: float) -> None:
     page = look(Story().at(joined).module("legs", "move").module("eyes", "look").write(tmp_path / "new"))
     expect(page.locator("#counts")).to_be_attached()
-    page.wait_for_function("tca.chart.layout.length === 2")
+    until(page, "tca.chart.layout.length === 2")
     start, end = page.evaluate("[tca.store.start, tca.store.end]")
     from_, to = page.evaluate("tca.chart.window")
     assert from_ <= start <= end < to
@@ -118,4 +118,4 @@ def test_of_a_run_without_messages_a_second_is_seen(look: Look, tmp_path: Path, 
     )
     page.mouse.move(x, y)
     page.mouse.wheel(0, -300)
-    page.wait_for_function("(wide) => tca.chart.window[1] - tca.chart.window[0] < wide", arg=to - from_)
+    until(page, "(wide) => tca.chart.window[1] - tca.chart.window[0] < wide", to - from_)

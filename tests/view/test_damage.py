@@ -45,6 +45,23 @@ def test_a_damaged_entry_is_told_of_as_soon_as_the_next_one_comes(look: Look, tm
         expect(page.locator("#status")).to_have_text("live")
 
 
+def test_a_damaged_last_entry_is_told_of_though_no_other_one_comes(look: Look, tmp_path: Path) -> None:
+    story = walking()
+    run = story.write(tmp_path / "run")
+    first, second = two_more(story)
+    with silent_for(run, 1.0):
+        page = look(run)
+        expect(page.locator("#status")).to_have_text("live")
+        with (run / "00000001.tcaj").open("ab") as segment:
+            segment.write(damaged(first))
+        expect(page.locator("#problem")).to_contain_text(f"cut off, the last {len(first)} bytes are no whole entry")
+        expect(page.locator("#status")).to_have_text("live")
+        with (run / "00000001.tcaj").open("ab") as segment:
+            segment.write(second)
+        expect(page.locator("#problem")).to_contain_text("after 4.000 s: a damaged entry is left out")
+        expect(page.locator(".row").last).to_contain_text("swim")
+
+
 def test_a_journal_of_a_later_version_is_shown_as_far_as_it_is_known(look: Look, tmp_path: Path) -> None:
     story = walking()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9")

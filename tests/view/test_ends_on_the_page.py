@@ -1,15 +1,17 @@
 """What is waited for in the end, on the page: on every row, in the pane, and in the head for all tasks together."""
 
+import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import expect
-from tools.story import Story
+from playwright.sync_api import Route, expect
+from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 from view.conftest import Look
 
 from tca_wire import facts
-from tca_wire.points import Moment
+from tca_wire.constraints import sequential_achievement
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
 pytestmark = pytest.mark.slow
@@ -21,14 +23,14 @@ def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Pat
     page = look(stuck().write(tmp_path / "stuck"), "#task=6")
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
-    expect(why[1]).to_have_text(f"achieving: {END}, for 3.00 s")
-    expect(why[2]).to_have_text(f"waits until calibrate {{3}} is achieved; {END}, for 3.00 s")
+    expect(why[1]).to_have_text(f"achieving, for 3.00 s; {END}")
+    expect(why[2]).to_have_text("waits until calibrate {3} is achieved, for 3.00 s; no module handles that")
     expect(why[3]).to_have_text("waits for a module that handles calibrate, for 3.00 s")
-    expect(why[6]).to_have_text(f"waits until drill {{5}} is achieved; {END}, for 3.00 s")
+    expect(why[6]).to_have_text(f"waits until drill {{5}} is achieved, for 3.00 s; {END}")
     expect(page.locator("#task .lead.end")).to_have_text(END)
     page.set_viewport_size({"width": 1300, "height": 860})
-    expect(why[6]).to_have_text("until drill {5} is achieved; in the end for calibrate {3}, for 3.00 s")
-    expect(why[2]).to_have_text("for calibrate {3}, which no module handles, for 3.00 s")
+    expect(why[6]).to_have_text("until drill {5} is achieved, for 3.00 s; in the end for calibrate {3}")
+    expect(why[2]).to_have_text("until calibrate {3} is …, for 3.00 s; no module handles that")
     page.locator("#task .lead.end button").click()
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
 
@@ -44,13 +46,52 @@ def test_the_head_counts_by_what_is_waited_for_in_the_end(look: Look, tmp_path: 
     expect(page.locator("#task h2")).to_have_text("calibrate {3}")
 
 
+def in_turn() -> Story:
+    """Three tasks, one after the other: the second one begins when the first has ended, at 2 s."""
+    tale = Story().module("arm", "lift").at(1.0)
+    first = tale.command("lift", "user")
+    second = tale.command("lift", "user", 0, sequential_achievement(TaskId(first), THIS))
+    tale.command("lift", "user", 0, sequential_achievement(TaskId(second), THIS))
+    tale.delivered(first, "arm").at(2.0).returned(first).reached(first, *Moment).delivered(second, "arm")
+    return tale.at(3.0)
+
+
+def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_path: Path) -> None:
+    page = look(in_turn().write(tmp_path / "lifts"), "#t=1.5")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    second, third = (page.locator(f".row[data-task='{number}'] .why") for number in (2, 3))
+    causes = page.locator("#causes")
+    expect(second).to_contain_text("until lift {1} is achieved")
+    expect(third).to_contain_text("until lift {2} is achieved, for 500 ms; in the end for lift {1}, which arm handles")
+    expect(causes).to_contain_text("lift {1}, which arm handles")
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    for what in ("notes", "causes"):
+        page.route(f"**/api/{what}*", hold)  # no answer comes for a while
+    page.keyboard.press("End")
+    expect(page.locator(".row[data-task='1']")).to_have_class(re.compile("achieved"))
+    assert "lift {1}" not in second.inner_text()
+    expect(third).to_have_text("waits until lift {2} is achieved, for 2.00 s")
+    expect(causes).to_have_text("2 wait for 1 thing:…")
+    while len(held) < 2:
+        page.wait_for_timeout(10)
+    for route in held:
+        route.continue_()
+    expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
+
+
 def test_100_000_that_wait_are_told_what_for(look: Look, tmp_path: Path) -> None:
     page = look(stuck(100_000).write(tmp_path / "many"))
     expect(page.locator("#causes")).to_have_text("100002 wait for 1 thing:calibrate {3}, which no module handles")
     page.keyboard.press("ArrowLeft")
     expect(page.locator("#causes")).to_contain_text("wait for 1 thing")
     page.keyboard.press("End")
-    expect(page.locator(".row .why").nth(1)).to_contain_text("calibrate {3} is achieved, which no module handles")
+    expect(page.locator(".row .why").nth(1)).to_contain_text(
+        re.compile(r"calibrate \{3\} is achieved, for [\d.]+ \w+; no module handles that")
+    )
 
 
 def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None:
@@ -80,9 +121,9 @@ def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     page = look(delayed().write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
-    expect(why).to_contain_text("until 3.00 s after ring bell {1} is achieved")
-    expect(why).to_have_attribute("title", "waits until 3.00 s after ring bell {1} is achieved\n\nin the end for"
-                                  " ring bell {1}, which waits until 500.250 s")  # fmt: skip
+    expect(why).to_have_text("until 3.00 s after ring bell {1} is …, for 1.00 s; that waits until 500.250 s")
+    expect(why).to_have_attribute("title", "waits until 3.00 s after ring bell {1} is achieved\n\nthat"
+                                  " waits until 500.250 s")  # fmt: skip
     expect(page.locator("#task .lead").first).to_contain_text("waits until 3.00 s after ring bell {1} is achieved")
     expect(page.locator("#task table")).to_contain_text(
         ["", "start achieving not before 3.00 s after ring bell {1} end achieving"]

@@ -1,5 +1,6 @@
 """The columns that a page gets say the same as the history, in whatever pieces they come."""
 
+from math import nextafter
 from typing import Any
 
 import pytest
@@ -10,7 +11,7 @@ from properties.test_then import WatchedPlayer
 from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
-from tca_tools.coping import Failing, has_coped, went_on
+from tca_tools.coping import WATCHING, Failing, has_coped, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.colours import dark
 from tca_tools.history import History
@@ -65,7 +66,7 @@ class FedPlayer(WatchedPlayer):
 
 
 @given(st.lists(operation, max_size=60))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple[str, int, int, int, int]]) -> None:
     player = FedPlayer()
     life = Life(player)
@@ -76,7 +77,9 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert page.columns["entry.time"] == list(history.times)
     assert page.columns["task.id"] == list(history.tasks)
     for time in history.times[::5]:
-        assert page.states(time) == {task.id: task.state for task in Then(history, time).tasks.values()}
+        assert page.states(time) == {
+            task.id: WATCHING if task.watches else task.state for task in Then(history, time).tasks.values()
+        }
     spans, ends = page.table("span"), {span: (time, outcome) for span, time, outcome in page.table("end")}
     assert len(ends) == len(page.table("end"))
     handled = [
@@ -97,7 +100,15 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
 
 def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     """What was told last of each failure is what the records say now; and each is told."""
-    last = dict(page.table("verdict"))
+    last = {row: is_good for row, is_good, _ in page.table("verdict")}
+    failures = page.table("failure")
+    for row, is_good, turn in page.table(
+        "verdict"
+    ):  # at each moment what was known then, as a tree of that moment has it
+        message, time, *_ = failures[row]
+        if message in history.messages:
+            assert is_good == went_on(history, history.messages[message], time, turn)
+            assert is_good != (turn > time and went_on(history, history.messages[message], time, nextafter(turn, 0.0)))
     told = {(message, time, last.get(row, 0)) for row, (message, time, *_) in enumerate(page.table("failure"))}
     raised = {(entry.time, fact.id) for entry in entries for fact in entry.facts if isinstance(fact, facts.Failed)}
     assert len(raised) <= len(page.table("failure"))
@@ -213,4 +224,4 @@ def test_a_verdict_is_told_when_it_changes_and_not_looked_at_for_anything_else(m
     for entry in story.at(200.0).reached(walk, *Moment).entries[-1:]:
         feed.apply(entry)
     page.take(feed)
-    assert page.table("verdict") == [(row, True) for row in range(50)]
+    assert page.table("verdict") == [(row, True, 200.0) for row in range(50)]

@@ -97,7 +97,7 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
 def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_path: Path) -> None:
     page = look(replacing().write(tmp_path / "walk"))
     expect(page.locator("#counts")).to_be_attached()
-    page.keyboard.press("[")
+    page.locator(".row[data-task='2'] .name").click()
     expect(page.locator("#task h2")).to_have_text("step {2}")
     for line in page.locator("#task .lead").all():
         expect(line).to_have_class("lead handled")
@@ -110,11 +110,30 @@ def test_what_was_replaced_is_amber_as_it_is_good_in_the_report(look: Look, tmp_
     expect(page.locator("#task .state")).to_have_text("failed (handled)")
     expect(page.locator("#counts")).to_contain_text("1 failed (handled)")
     page.locator("#search").fill("failed")
-    expect(page.locator("#found")).to_have_text("1 found")
+    expect(page.locator("#found")).to_have_text("1 found, 1 handled")
     page.locator("#search").fill("")
-    page.evaluate("tca.slider.setTime(2)")
     page.locator("#tab-messages").click()
     expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(re.compile(r"\bhandled\b"))
+
+
+def test_before_it_was_replaced_it_was_red_as_in_the_tree_of_that_moment(look: Look, tmp_path: Path) -> None:
+    page = look(replacing().write(tmp_path / "walk"))
+    expect(page.locator("#counts")).to_be_attached()
+    page.keyboard.press("[")
+    expect(page.locator("#task h2")).to_have_text("step {2}")
+    row = page.locator(".row[data-task='2']")
+    expect(row.locator(".why")).to_have_text("failed: blind: fog")
+    expect(page.locator("#task .lead.bad").first).to_have_text("blind: fog")
+    later = page.locator("#task .lead.faint")
+    expect(later).to_contain_text("handled later: ")
+    expect(page.locator("#counts")).not_to_contain_text("handled")
+    page.locator("#search").fill("failed")
+    expect(page.locator("#found")).to_have_text("1 found")
+    page.locator("#tab-messages").click()
+    expect(page.locator("#messages .line").filter(has_text="blind").last).to_have_class(re.compile(r"\bbad\b"))
+    page.locator("#tab-task").click()
+    later.locator("button").click()
+    expect(row.locator(".why")).to_have_text("failed (handled): blind: fog")
 
 
 @pytest.mark.parametrize("top_fails", [False, True])
@@ -148,6 +167,7 @@ def test_a_query_that_failed_is_amber_if_who_asked_went_on(
     expect(page.locator("#clock")).to_have_text("2.500 s")
     page.keyboard.press("[")
     expect(page.locator("#task h2")).to_have_text("look {3}")
+    page.keyboard.press("End")  # before that, who asked may still go on
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
     went = "failed then" if passed_on else "went on"
     expect(page.locator("#task .lead").nth(1)).to_have_text(f"told to maps, whose handler of where {{2}} {went}")

@@ -1,6 +1,8 @@
 """Which run the page shows: the newest one while it follows, another when that is chosen; real centrals, one by one."""
 
 import re
+import shutil
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -28,7 +30,7 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
     with ExitStack() as running:
 
         def begin(name: str, goal: Goal[int]) -> Central:
-            (tmp_path / name).mkdir()
+            (tmp_path / name).mkdir(exist_ok=True)
             started = running.enter_context(central(tmp_path / name))
             with connect("user", started.address) as user:
                 user.goal(goal, 1)
@@ -53,8 +55,23 @@ def test_a_live_page_goes_over_to_the_run_of_a_central_that_is_started_anew(
     task(page, "rest")
     expect(page.locator("#status")).to_have_text("live")
     expect(page.locator("#newer")).to_be_hidden()
+    expect(page.locator("#over")).to_contain_text("A new run has begun, and is shown now: ")
+    expect(page.locator("#over")).to_contain_text(", begun ")
     page.reload()
     task(page, "rest")
+    expect(page.locator("#over")).to_be_hidden()
+
+
+def test_who_was_taken_over_finds_the_way_back(look: Look, serve: Callable[..., str], start: Start) -> None:
+    first = start("first", WALK)
+    page = look(serve())
+    task(page, "walk")
+    first.stop()
+    start("second", REST)
+    task(page, "rest")
+    page.locator("#over button").first.click()
+    task(page, "walk")
+    expect(page.locator("#over")).to_be_hidden()
 
 
 def test_who_looks_at_a_task_is_told_and_goes_there_when_he_likes(
@@ -102,13 +119,66 @@ def test_an_older_run_can_be_chosen(look: Look, serve: Callable[..., str], start
     expect(page.locator("#newer")).to_be_visible()
 
 
+def begun_anew_after_a_kill(first: Central, start: Start) -> None:
+    first.signal(signal.SIGKILL)
+    first.process.wait()
+    start("arm", REST)
+
+
+def test_the_chooser_names_the_run_that_is_shown_when_another_has_begun_in_its_folder(
+    look: Look, serve: Callable[..., str], start: Start
+) -> None:
+    first = start("arm", WALK)
+    page = look(serve())
+    page.locator(".row").click()
+    expect(page.locator("#name")).to_have_text("arm/journal")
+    begun_anew_after_a_kill(first, start)
+    chosen = page.locator("#runs option:checked")
+    expect(page.locator("#newer")).to_contain_text("a newer run has begun: arm/journal#2 ")
+    expect(page.locator("#runs option")).to_have_text(["arm/journal#2 (newest)", "arm/journal#1"])
+    expect(chosen).to_have_text("arm/journal#1")
+    expect(page).to_have_title("arm/journal#1 – tca view")
+    page.reload()
+    expect(page.locator("#task h2")).to_have_text("walk {1}")
+    expect(chosen).to_have_text("arm/journal#1")
+    page.locator("#runs").select_option(label="arm/journal#2 (newest)")
+    task(page, "rest")
+    expect(chosen).to_have_text("arm/journal#2 (newest)")
+
+
+def test_the_way_back_to_a_run_in_the_same_folder(look: Look, serve: Callable[..., str], start: Start) -> None:
+    first = start("arm", WALK)
+    page = look(serve())
+    task(page, "walk")
+    begun_anew_after_a_kill(first, start)
+    task(page, "rest")
+    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, begun ")
+    page.get_by_role("button", name="back to arm/journal#1").click()
+    task(page, "walk")
+    expect(page.locator("#runs option:checked")).to_have_text("arm/journal#1")
+
+
+def test_a_run_that_is_there_no_more_is_still_the_one_that_is_shown(
+    look: Look, serve: Callable[..., str], start: Start
+) -> None:
+    first, second = start("arm", WALK), start("leg", REST)
+    page = look(serve())
+    page.locator(".row").click()
+    second.stop()
+    shutil.rmtree(second.journal)
+    page.locator("#runs").focus()
+    expect(page.locator("#runs option:checked")).to_have_text("leg/journal, which is not there any more")
+    expect(page.locator("#runs option")).to_have_count(2)
+    first.stop()
+
+
 def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
     story = stumbling()
     folder = walking().write(tmp_path / "mixed")
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
     (folder / "00000002.tcaj").write_bytes(story.encoded())
     page = look(folder)
-    expect(page.locator("#runs option")).to_have_text(["mixed/later (newest)", "mixed"])
+    expect(page.locator("#runs option")).to_have_text(["mixed#2 (newest)", "mixed#1"])
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
     page.locator("#runs").select_option(index=1)
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")

@@ -37,7 +37,9 @@ def asked(address: str, what: str) -> Any:
 
 def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
     get(f"{address}api/frame")
-    assert asked(address, "message/7?at=2.5")["reasons"] == ["until move leg {6} is achieved"]
+    assert asked(address, "message/7?at=2.5")["reasons"] == [
+        {"text": "until move leg {6} is achieved", "since": 1.4, "begun": 1.4}
+    ]
     assert asked(address, "message/7?at=2.5")["state"] == "held"
     told = asked(address, "message/7")
     assert (told["state"], told["failure"], told["reasons"]) == (
@@ -69,8 +71,14 @@ def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     steps, leg = "waits until take steps {3} is being achieved", "waits until move leg {6} is achieved"
     end = "in the end for move leg {6}, which controller handles"
     assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
-        "4": {"text": steps, "since": 0.6, "whole": f"{steps}\n\n{end}", "end": end},
-        "7": {"text": leg, "since": 1.4, "whole": leg, "end": ""},
+        "4": {
+            "text": steps,
+            "age": {"since": 0.6, "begun": 0.6},
+            "whole": f"{steps}\n\n{end}",
+            "end": end,
+            "alone": end,
+        },
+        "7": {"text": leg, "age": {"since": 1.4, "begun": 1.4}, "whole": leg, "end": "", "alone": ""},
     }
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}
@@ -101,7 +109,8 @@ def test_what_is_waited_for_in_the_end(address: str) -> None:
 
 def test_the_run_of_a_question_is_named(address: str) -> None:
     assert [run["name"] for run in asked(address, "runs")] == ["walk"]
-    assert asked(address, "message/7?run=walk")["id"] == 7
+    (run,) = (run["run"] for run in asked(address, "runs"))
+    assert asked(address, f"message/7?run={urllib.parse.quote(run)}")["id"] == 7
     for what, why in (
         ("message/1?run=other", "404"),
         ("frame?run=other", "404"),

@@ -81,3 +81,12 @@ def test_bad_packets_are_refused_in_words(packet: bytes, why: str) -> None:
 def test_the_bytes_are_those_of_the_documentation() -> None:
     reply = codec.pack([(headers.Reply(7), b"\xc0")])
     assert reply.hex(" ") == "00 00 00 03 00 00 00 01 92 05 07 c0"
+
+
+def test_a_hello_of_a_later_version_can_be_read() -> None:
+    """So that who speaks it is told which version central speaks."""
+    hello = headers.Hello(1, headers.PROTOCOL_VERSION + 1, "legs", "run")
+    later = msgspec.msgpack.encode([*msgspec.msgpack.decode(msgspec.msgpack.encode(hello)), "more", 7])
+    packet = codec.pack_item(hello).replace(msgspec.msgpack.encode(hello), b"")
+    packet = len(later).to_bytes(4, "big") + packet[4:8] + later
+    assert codec.unpack_to_central(packet) == [(hello, b"")]

@@ -1,6 +1,7 @@
 // What all tasks that wait wait for in the end: how many wait for how many things, and what these are.
 
 import { element, soon } from "./format.js";
+import { hasChanged, toldOf } from "./stale.js";
 import { lastNotAfter } from "./store.js";
 
 const SHOWN = 4;
@@ -12,13 +13,17 @@ export class Causes {
     Object.assign(this, { store, choose, ask });
     this.panel = document.getElementById("causes");
     this.asked = "";
+    this.answer = null; // what was told last, and of when
+    this.drawn = ""; // which of it is shown
     this.isAsking = false;
     this.fetch = soon(() => this.#fetch(), LEAST);
   }
 
   show(time) {
     this.time = time;
-    this.wanted = `${lastNotAfter(this.store.times, time)}#${this.store.version}`; // what is known changes with messages
+    this.moment = lastNotAfter(this.store.times, time);
+    this.wanted = `${this.moment}#${this.store.version}`; // what is known changes with messages
+    if (this.answer && this.answer.asked !== this.wanted) this.#draw(); // some of it may not be so any more
     if (this.wanted !== this.asked) this.fetch();
   }
 
@@ -26,21 +31,33 @@ export class Causes {
     if (this.isAsking || this.wanted === this.asked) return; // the answer comes back here
     this.isAsking = true;
     this.asked = this.wanted;
-    const begun = performance.now(), told = await this.ask("causes", { at: this.time });
-    if (told) this.#tell(told);
+    const begun = performance.now(), { asked } = this, told = toldOf(this.store, this.moment);
+    const answer = await this.ask("causes", { at: this.time });
+    if (answer) {
+      this.answer = { ...answer, asked, told };
+      this.#draw();
+    }
     setTimeout(() => {
       this.isAsking = false;
       if (this.wanted !== this.asked) this.fetch();
     }, (performance.now() - begun) * REST);
   }
 
-  #tell({ waiting, things, causes }) {
+  // Of what was told of an earlier moment, causes that are not in the same state any more are left out.
+  #draw() {
+    const { waiting, things, causes, asked, told } = this.answer;
+    const lasting = causes.filter(({ text }) => asked === this.wanted || !hasChanged(this.store, text, told, this.time));
+    const drawn = `${asked} ${lasting.length}`;
+    if (drawn === this.drawn) return; // what is pressed just now stays there
+    this.drawn = drawn;
     if (!waiting) return this.panel.replaceChildren(element("span", { class: "faint", text: "nothing waits" }));
+    const isWhole = lasting.length === causes.length;
     const head = `${waiting} ${waiting === 1 ? "waits" : "wait"} for ${things} ${things === 1 ? "thing" : "things"}:`;
-    const links = causes.slice(0, SHOWN).map((cause) => this.#link(cause, things > 1));
-    const more = things - links.length, others = causes.slice(SHOWN).map(({ text, tasks }) => `${tasks} for ${text}`);
-    const rest = more > 0 ? element("span", { class: "faint", text: `and ${more} more`, title: others.join("\n") }) : null;
-    this.panel.replaceChildren(element("span", { text: head }), ...links, ...rest ? [rest] : []);
+    const links = lasting.slice(0, SHOWN).map((cause) => this.#link(cause, things > 1));
+    const more = isWhole ? things - links.length : 0, others = lasting.slice(SHOWN).map(({ text, tasks }) => `${tasks} for ${text}`);
+    const rest = isWhole ? `and ${more} more` : "…"; // the new ones are on their way
+    if (more > 0 || !isWhole) links.push(element("span", { class: "faint", text: rest, title: others.join("\n") }));
+    this.panel.replaceChildren(element("span", { class: isWhole ? "" : "faint", text: head }), ...links);
   }
 
   #link({ text, tasks, number }, isCounted) {

@@ -3,6 +3,7 @@
 import { clipped, css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
 import { describe, firstWith, isLight, isNobody, share } from "./spans.js";
+import { wasHandled } from "./store.js";
 
 const LANE = 18, THIN = 7, NAMED = 14, GAP = 9, AXIS = 20;
 const MOST_LANES = 12;
@@ -238,13 +239,13 @@ export class Chart {
   }
 
   // The moment at which a failure was raised beside the handler: a stroke across the bar, and a mark on it.
-  #drawRaised({ time, span, handled }, top, lanes, thin, step) {
-    const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? step - 2 : LANE - 2;
+  #drawRaised(failure, top, lanes, thin, step) {
+    const { context } = this, { time, span } = failure, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? step - 2 : LANE - 2;
     if (x < this.labels || x > this.width) return;
     const y = isQueued ? top + lanes * LANE + Math.min(span.lane, thin - 1) * step : top + Math.min(span.lane, lanes - 1) * LANE;
     context.fillStyle = css("--paper");
     context.fillRect(x - 2, y, 4, tall); // seen in bars of its own colour, too
-    context.fillStyle = css(handled ? "--handled" : "--bad");
+    context.fillStyle = css(wasHandled(failure, this.time) ? "--handled" : "--bad");
     context.fillRect(x - 1, y, 2, tall);
     this.#mark(x, y, context.fillStyle);
   }
@@ -273,8 +274,8 @@ export class Chart {
     this.context.fillRect(x, y, Math.max(Math.min(x + width, this.#x(this.store.end)) - x, NARROW), THIN - 3);
   }
 
-  // Red, or amber if the run went on after that failure.
-  #tintOf(span) { return css(span.failure?.handled ? "--handled" : "--bad"); }
+  // Red, or amber if the run had gone on after that failure.
+  #tintOf(span) { return css(wasHandled(span.failure, this.time) ? "--handled" : "--bad"); }
 
   #outline(x, y, width, tall, style, thick) {
     this.context.strokeStyle = style;
@@ -390,7 +391,7 @@ export class Chart {
     const found = this.at(offsetX, offsetY);
     this.hint.hidden = !found;
     if (!found) return;
-    this.hint.textContent = describe(found, this.store);
+    this.hint.textContent = describe(found, this.store, this.time);
     const left = Math.min(offsetX + 14, this.width - Math.min(this.hint.offsetWidth, this.width) - 4);
     this.hint.style.left = `${Math.max(left, 0)}px`;
     this.hint.style.top = `${Math.min(offsetY + 16, this.height - 26)}px`;

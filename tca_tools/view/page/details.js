@@ -1,6 +1,6 @@
 // All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
 
-import { age, element, length, seconds, soon } from "./format.js";
+import { age, ages, element, length, seconds, soon } from "./format.js";
 
 const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
 
@@ -61,14 +61,21 @@ export class Details {
       const born = about.received > this.time;
       yield element("div", { class: "faint", text: born ? `${about.class}, not sent yet at this time` : about.class });
     }
-    for (const reason of about.reasons ?? []) yield element("p", { class: "lead" }, ...this.#linked(`${about.how} ${reason}, for `), age(about.since));
+    for (const reason of about.reasons ?? []) yield this.#reason(about.how, reason);
     if (about.end) yield element("p", { class: "lead end" }, ...this.#linked(`in the end ${about.end}`));
     for (const one of about.coming ?? []) yield element("p", { class: "lead" }, ...this.#linked(one));
     if (about.failure) {
       yield element("p", { class: `lead ${about.handled ? "handled" : "bad"}` }, ...this.#linked(about.failure));
+      const later = about.handled ? undefined : this.store.handledLater(about.id, this.time);
+      if (later !== undefined) yield element("p", { class: "lead faint" }, "handled later: ", this.#moment(later));
       if (about.told) yield element("p", { class: "lead" }, ...this.#linked(about.told));
     }
     if (about.killed) yield element("p", { class: `lead ${about.replaced ? "handled" : "bad"}` }, ...this.#linked(`killed: ${about.killed}`));
+  }
+
+  #reason(how, reason) {
+    const [lasted, inAll] = ages(reason), told = this.#linked(`${how} ${reason.text}${lasted ? ", for " : ""}`);
+    return element("p", { class: "lead" }, ...told, lasted, inAll);
   }
 
   *#relations(about) {

@@ -33,6 +33,12 @@ export function age(since) {
   return made;
 }
 
+// For how long the same keeps something waiting; and " (8.80 s in all)" if it waited for something else before.
+export function ages({ since, begun }) {
+  const isAll = since !== null && since - begun < 5e-4;
+  return [since === null ? "" : age(since), isAll ? "" : element("span", { class: "in-all" }, " (", age(begun), " in all)")];
+}
+
 export function count(time) {
   shown = time;
   for (const made of document.querySelectorAll(".age")) made.textContent = lasting(time - made.dataset.since);
@@ -50,22 +56,19 @@ export function abridged(text, room, widthOf) {
   return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(bare, 1, "", hasRoom) ?? `${bare.split(" ")[0]} …`;
 }
 
-// The same of a note with what it comes to in the end: that is left whole before the note is, but for why it stands.
-// Where both have no room the end is what a reader needs: what is next is found by the arrows, and in the pane.
-export function withEnd(text, end, between, room, widthOf) {
-  if (!end) return abridged(text, room, widthOf);
-  const hasRoom = (one) => widthOf(one) <= room, bare = text.replace(/^waits /, ""), whole = [text + between + end, bare + between + end];
-  const [, named, which, others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
-  const isNext = /\{\d+\}/.exec(named)?.[0] === (text.match(/\{\d+\}/g) ?? []).join(); // the note names it, and nothing else
-  if (isNext && which) {
-    const told = / s after /.test(text) ? text : end.replace(/^in the end /, ""); // a delay is nowhere else in the row
-    return [...whole, text + which + (others ?? ""), bare + which, told].find(hasRoom) ?? abridged(text, room, widthOf);
-  }
-  const found = [...whole, text + between + brief, bare + between + brief].find(hasRoom), left = room - widthOf(between + brief);
+// The same of a note, in two parts, what keeps a task and what it comes to in the end: that is left whole before the note
+// is, but for why it stands. Where both have no room the end alone is what a reader needs: what is next is found by the
+// arrows, and in the pane.
+export function withEnd(text, end, alone, room, widthOf) {
+  if (!end) return [abridged(text, room, widthOf), ""];
+  const hasRoom = (parts) => widthOf(parts.join("; ")) <= room, bare = text.replace(/^waits /, "");
+  const [, named, , others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
+  const found = [[text, end], [bare, end], [text, brief], [bare, brief]].find(hasRoom), left = room - widthOf(`; ${brief}`);
   if (found) return found;
-  if (left >= widthOf("until its next one …")) return abridged(text, left, widthOf) + between + brief;
-  const [short, shortest] = [end, brief].map((one) => one.replace(/^in the end /, ""));
-  return [end, short, brief, shortest].find(hasRoom) ?? cutBehind(shortest, 2, "", hasRoom) ?? shortest;
+  if (left >= widthOf("until its next one …")) return [abridged(text, left, widthOf), brief];
+  const last = alone.replace(/, which .*?(?=(?:, and \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
+  const only = [alone, short[0], last, short[1]].find((one) => hasRoom(["", one]));
+  return ["", only ?? cutBehind(short[1], 2, "", (one) => hasRoom(["", one])) ?? short[1]];
 }
 
 // A text without as many of its last words as it takes to have room, with `end` behind it; but with the first `least`.

@@ -1,7 +1,7 @@
 // The messages around the cursor: what central wrote into the journal, a line a fact.
 
 import { element, seconds, soon } from "./format.js";
-import { lastNotAfter } from "./store.js";
+import { lastNotAfter, wasHandled } from "./store.js";
 
 const BEFORE = 60, AFTER = 40;
 const LONGEST = 600; // characters of a line
@@ -32,10 +32,10 @@ export class Messages {
     if (now) this.panel.scrollTop = now.offsetTop - this.panel.clientHeight / 2;
   }
 
-  // Red, or amber if the run went on.
+  // Red, or amber if the run had gone on at the time that is shown.
   #tint({ kind, id, time, text }) {
     if (!BAD.includes(kind) || kind === "module left" && text.endsWith(GOODBYE)) return "";
-    return kind === "failed" && this.store.failureAt(id, time)?.handled ? "handled" : "bad";
+    return kind === "failed" && wasHandled(this.store.failureAt(id, time), this.time) ? "handled" : "bad";
   }
 
   #line(line, place) {

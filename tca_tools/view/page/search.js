@@ -1,7 +1,7 @@
 // Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
 // failed. Several words must all fit, each somewhere.
 
-import { lastNotAfter } from "./store.js";
+import { lastNotAfter, wasHandled } from "./store.js";
 
 const SHORTEST = 3; // letters: of fewer a state must be all
 
@@ -33,8 +33,15 @@ export class Search {
     this.found = this.store.tasks.slice(0, sent).filter((task) => words.every((word) => this.#fits(task, word)));
     this.place = -1;
     this.tree.found = new Set(this.found);
-    document.getElementById("found").textContent = words.length ? `${this.found.length} found` : "";
+    document.getElementById("found").textContent = words.length ? `${this.found.length} found${this.#handled(words)}` : "";
     this.changed();
+  }
+
+  // Who looks for failures is told how many of them were handled: they are counted apart elsewhere.
+  #handled(words) {
+    if (!words.some((word) => word.length >= SHORTEST && "failed".startsWith(word))) return "";
+    const handled = this.found.filter((task) => wasHandled(this.store.lastFailure(task.id, this.time), this.time)).length;
+    return handled ? `, ${handled} handled` : "";
   }
 
   next(step) {

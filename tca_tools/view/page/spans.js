@@ -1,16 +1,17 @@
 // What the chart asks of spans of time: what one says, how full a lane is, where in it something lies.
 
 import { length, seconds } from "./format.js";
+import { wasHandled } from "./store.js";
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
-export function describe({ span, wait, row, failure }, store) {
-  if (failure) return `a failure was raised on ${span.name} {${span.message}}, beside its handler, at ${seconds(failure.time)}${failure.handled ? ", and handled" : ""}`;
+export function describe({ span, wait, row, failure }, store, time) {
+  if (failure) return `a failure was raised on ${span.name} {${span.message}}, beside its handler, at ${seconds(failure.time)}${wasHandled(failure, time) ? ", and handled" : ""}`;
   const one = wait ?? span, end = Math.min(one.end, store.end);
   const holder = store.byId.get(span.message)?.name ?? "message";
   const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
   const where = span.kind === "suspended" ? span.by : ` ${row.label}`;
-  const handled = span.failure?.handled ? ", and handled" : "";
+  const handled = wasHandled(span.failure, time) ? ", and handled" : "";
   const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}${handled}` : "";
   const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
   if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;

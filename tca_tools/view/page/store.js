@@ -14,6 +14,13 @@ export function lastNotAfter(list, value) {
   return low - 1;
 }
 
+// Whether the run had gone on after a failure by a time, or still might; of one that is to come, as far as is known. Each
+// turn makes it the other way round.
+export function wasHandled(failure, time) {
+  if (!failure || time < failure.time) return Boolean(failure?.handled);
+  return lastNotAfter(failure.turns, time) % 2 === 0;
+}
+
 const ARRAYS = { d: Float64Array, i: Int32Array, B: Uint8Array };
 
 // A frame's head and its columns (see columns.py).
@@ -61,7 +68,7 @@ export class Store {
     this.suspensions = []; // the spans in it, as they began
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure }
     this.failed = new Set(); // the tasks that were ever in that state
-    this.failures = []; // those of messages, as they were raised: { message, time, span, handled }
+    this.failures = []; // those of messages, as they were raised: { message, time, span, handled, turns }
     this.failuresOf = new Map(); // the same by message
     this.verdicts = []; // the same by their rows, with those of what came directly
     this.version = 0;
@@ -176,7 +183,7 @@ export class Store {
   #addFailures(columns) {
     columns["failure.time"].forEach((time, i) => {
       const message = columns["failure.message"][i], span = this.spans[columns["failure.span"][i]];
-      const failure = { message, time, span, handled: false }; // handled: the run went on after it, or still may
+      const failure = { message, time, span, handled: false, turns: [] }; // handled: the run went on after it, or still may; turns: when that changed
       this.verdicts.push(failure);
       if (span && columns["failure.beside"][i]) this.rows[span.row].raised.push(failure);
       else if (span) span.failure = failure;
@@ -185,7 +192,11 @@ export class Store {
       if (!this.failuresOf.has(message)) this.failuresOf.set(message, []);
       this.failuresOf.get(message).push(failure);
     });
-    columns["verdict.failure"].forEach((row, i) => { this.verdicts[row].handled = Boolean(columns["verdict.good"][i]); });
+    columns["verdict.failure"].forEach((row, i) => {
+      const failure = this.verdicts[row];
+      failure.handled = Boolean(columns["verdict.good"][i]);
+      failure.turns.push(columns["verdict.time"][i]);
+    });
   }
 
   #addSpans(columns) {
@@ -238,7 +249,7 @@ export class Store {
   // How a task stands at a time, by name and colour: its state; or, of a failure, that the run went on after it.
   looksOf(task, time) {
     const state = this.stateAt(task, time), looks = this.head.states[state === NEVER ? 0 : state];
-    return looks.name === "failed" && this.lastFailure(task.id, time)?.handled ? this.head.handled : looks;
+    return looks.name === "failed" && wasHandled(this.lastFailure(task.id, time), time) ? this.head.handled : looks;
   }
 
   // The tasks above those that stand as failed at a time, after which the run did not go on.
@@ -295,6 +306,12 @@ export class Store {
 
   // The newest failure of a task at a time.
   lastFailure(task, time) { return this.failuresOf.get(task)?.findLast((one) => one.time <= time); }
+
+  // When the run went on after a task's newest failure, if it did only after that time.
+  handledLater(task, time) {
+    const failure = this.lastFailure(task, time);
+    return failure?.handled ? failure.turns.find((turn) => turn > time) : undefined;
+  }
 
   isOver(state) { return ["achieved", "failed", "killed"].includes(this.head.states[state].name); }
 }

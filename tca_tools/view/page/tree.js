@@ -1,8 +1,9 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { age, element, ruler, seconds, soon, withEnd } from "./format.js";
+import { ages, element, ruler, seconds, soon, withEnd } from "./format.js";
 import { Outline } from "./outline.js";
+import { lasting, toldOf } from "./stale.js";
 
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
@@ -10,6 +11,7 @@ const BESIDE_KIND = 10;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
+const NOTHING = { text: "", age: null, whole: "", end: "", alone: "" };
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
 };
@@ -27,7 +29,7 @@ export class Tree {
     this.tall = 0; // the room for rows, in pixels
     this.widest = 0; // of all names so far, in characters, with their depth
     this.widthOf = ruler(this.scroller);
-    this.notes = new Map(); // by task: { text, since, whole, end, entered, asked }, where `entered` is when its state began
+    this.notes = new Map(); // by task: { text, age, whole, end, alone, entered, asked, told }; its state began when it was `entered`
     this.asked = 0; // goes up with all that may change notes
     this.isAsking = false;
     this.found = new Set();
@@ -223,13 +225,19 @@ export class Tree {
     if (mark) cell.append(element("span", { class: "role", text: mark }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
-    const { text: note, since, whole, end } = this.#note(task) ?? { text: "", since: null, whole: "", end: "" };
+    const { text: note, age, whole, end, alone } = this.#note(task) ?? NOTHING;
     const why = element("span", { class: isHandled ? "why handled" : "why", title: whole }), isOver = isHandled || ["failed", "killed"].includes(name);
-    const lasted = since === null ? [] : [", for ", age(since)], told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
+    const told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
-    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - this.widthOf(lasted.map((one) => one.textContent ?? one).join("")) - 4;
-    why.append(element("span", { class: "what", text: withEnd(told, end, note ? "; " : ": ", room, this.widthOf) }), ...lasted);
+    const [lasted, inAll] = age ? ages(age) : ["", ""], wide = (one, before = "") => (one ? this.widthOf(before + one.textContent) : 0);
+    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4 - wide(lasted, ", for ");
+    const [what, last] = withEnd(told, end, alone, room, this.widthOf);
+    if (what) why.append(element("span", { class: "what", text: what }));
+    if (lasted) why.append(what ? ", for " : "for ", lasted);
+    const rest = last && (what || lasted) ? `; ${last}` : last;
+    if (inAll && wide(inAll) + this.widthOf(what + rest) <= room) why.append(inAll); // nothing gives way to that
+    if (last) why.append(element("span", { class: "end", text: rest }));
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
   }
@@ -239,15 +247,17 @@ export class Tree {
     return element("span", { class: isBad ? "hidden-failure" : "hidden-failure handled", text: "▲", title });
   }
 
-  // What was last heard of a task, until there is news: it holds as long as the task is in the same state.
+  // What was last heard of a task, until there is news: it holds as long as the task is in the same state, and as those are
+  // that it names.
   #note(task) {
     const note = this.notes.get(task.id);
-    return note?.entered === this.store.entered(task, this.time) ? note : undefined;
+    if (note?.entered !== this.store.entered(task, this.time)) return undefined;
+    return note.asked === this.asked ? note : lasting(this.store, note, this.time);
   }
 
   async #fetchNotes() {
     if (this.isAsking) return; // the answer comes back here
-    const first = Math.floor(this.scroller.scrollTop / ROW), { asked, time } = this;
+    const first = Math.floor(this.scroller.scrollTop / ROW), { asked, time } = this, told = toldOf(this.store, this.moment);
     const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
     const tasks = seen.filter((row) => row.task && this.#note(row.task)?.asked !== asked && this.#hasNote(row.task)).map((row) => row.task);
     if (!tasks.length) return;
@@ -256,8 +266,8 @@ export class Tree {
     this.isAsking = false;
     if (!notes) return;
     for (const task of tasks) {
-      const note = notes[task.id] ?? { text: "", since: null, whole: "", end: "" };
-      this.notes.set(task.id, { ...note, entered: this.store.entered(task, time), asked });
+      const note = notes[task.id] ?? NOTHING;
+      this.notes.set(task.id, { ...note, entered: this.store.entered(task, time), asked, told });
     }
     this.#draw();
   }

@@ -31,6 +31,8 @@ from tca_module import (
 from tca_wire.facts import HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Outcome, Refusal
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 
 def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: Client) -> None:
     with a_map(central).running():

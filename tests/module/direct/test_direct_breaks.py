@@ -24,6 +24,8 @@ from tca_module import (
 from tca_module.testing import LocalCentral
 from tca_wire.facts import Delivered
 
+pytestmark = pytest.mark.usefixtures("attentive")
+
 # --- breaks ----------------------------------------------------------------------------------------------------------
 
 

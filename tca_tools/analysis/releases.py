@@ -1,0 +1,50 @@
+"""What let a task go on, link by link: by way of its parent and of constraints, all at one event. Pure."""
+
+from collections.abc import Iterator
+from math import nextafter
+
+from tca_tools.past import Past
+from tca_tools.records import Hold, Task
+from tca_tools.then import Then
+from tca_tools.waiting import blockers, of_blocker
+from tca_wire.points import Moment, TaskId
+from tca_wire.wording import kill_reason
+
+_LINKS = 6
+"""How many are told."""
+
+
+def released_by(then: Then, task: Task, time: float) -> Iterator[tuple[str, Task]]:
+    """What a task was held by just before the event of a time, and is no longer: in words, and the task that it is
+    about.
+    """
+    if (before := then.tasks.get(TaskId(task.id))) is None:
+        return
+    for blocker in blockers(then, before):
+        number, moment = _point(task, blocker)
+        other = then.past.tasks.get(number)
+        if other is not None and other.reached.get(moment) == time:
+            yield of_blocker(then, before, blocker), other
+
+
+def released(past: Past, task: Task, time: float) -> str:
+    """``; clean {3} waited until walk {2} is achieved; walk {2} was killed: ...``: why what a task waited for came
+    just then, after what is said of the task itself; "" if there is nothing to add.
+    """
+    then = Then(past, nextafter(time, 0.0))
+    told: list[str] = []
+    seen = {task.id}
+    found = next(released_by(then, task, time), None)
+    while found is not None and len(seen) <= _LINKS and (other := found[1]).id not in seen:
+        seen.add(other.id)
+        if (found := next(released_by(then, other, time), None)) is not None:
+            told.append(f"{other} waited {found[0]}")
+        elif other.killed is not None and other.written("killed") == time:
+            told.append(f"{other} was killed: {kill_reason(other.killed, other.killed_by)}")
+    return "".join(f"; {one}" for one in told)
+
+
+def _point(task: Task, blocker: Hold | Moment) -> tuple[int, Moment]:
+    if isinstance(blocker, Moment):
+        return task.parent, blocker
+    return blocker.constraint.before.task, blocker.constraint.before.moment

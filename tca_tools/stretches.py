@@ -1,0 +1,113 @@
+"""A wait told in stretches, one for each cause: causes change, and each has a time of its own."""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from math import inf
+from typing import NamedTuple
+
+from tca_tools.past import Past
+from tca_tools.records import Claim, Message, Queueing, State, Task, Wait
+from tca_tools.then import Then
+from tca_tools.turns import Span
+from tca_tools.waiting import why_waiting
+from tca_tools.whereabouts import claim_and_why, kept_busy
+from tca_wire.points import TaskId
+
+NO_TIME = 1e-6
+"""Seconds: of what lasts no longer nothing is told."""
+_MOST = 10
+"""Causes that are told at each end of a wait; of what is between them only that there were others."""
+_LOOKS = 200
+"""Moments at each end that are looked at."""
+OTHERS = "for other causes, one after the other"
+"""Said of those that are not told one by one."""
+Why = Callable[[Then], str]
+
+
+class Stretch(NamedTuple):
+    """As long as a cause was the same."""
+
+    start: float
+    end: float | None
+    why: str
+
+
+def in_state(past: Past, task: Task, number: int, moment: float = inf) -> list[Stretch]:
+    """What a task waited for in the state that is the *number*-th of its own; "" for nothing, or where its handler and
+    its tests tell of it.
+    """
+    (start, state), end = task.states[number], task.states[number + 1][0] if number + 1 < len(task.states) else None
+    if state is State.PLANNING:
+        return [Stretch(start, end, "")]
+
+    def why(then: Then) -> str:
+        reasons = [] if then.tasks[task.id].watches else why_waiting(then, TaskId(task.id))
+        return " and ".join(reasons)
+
+    span = Span(past, start, end)
+    return _stretches(span, span.turns_of_task(task), why, moment)
+
+
+def in_queue(past: Past, queueing: Queueing, message: Message, moment: float = inf) -> list[Stretch]:
+    """What kept a resource from a message; "" if the journal does not tell."""
+    module, resource = queueing.module, queueing.resource
+    span = Span(past, queueing.start, queueing.end)
+    turns = span.turns_of_place(module, resource)
+    return _stretches(span, turns, lambda then: kept_busy(then, module, resource, message), moment)
+
+
+def for_claim(past: Past, wait: Wait, claim: Claim, moment: float = inf) -> list[Stretch]:
+    """The claim for which a handler waited, with what kept it from it."""
+    span = Span(past, wait.start, wait.end)
+    return _stretches(span, span.turns_of_claim(claim), lambda then: claim_and_why(then, claim), moment)
+
+
+def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[Stretch]:
+    """The causes of a wait as *why* tells them; *turns* are when they may have changed.
+
+    Of very many only the first and last ones until *moment* are told one by one, and of those after it likewise: what
+    is told of a moment stays the same when time goes on.
+    """
+    stops = _lasting(span, turns)
+    known = bisect_right(stops, moment)
+    looks = _Looks(span.past, why)
+    told = [*looks.at(stops[:known]), *looks.at(stops[known:])]
+    told[0] = (span.start, told[0][1])
+    changed = [told[0], *(after for before, after in pairwise(told) if after[1] != before[1])]
+    ends = [*(start for start, _ in changed[1:]), None if span.end == inf else span.end]
+    return [Stretch(start, end, said) for (start, said), end in zip(changed, ends, strict=True)]
+
+
+def _lasting(span: Span, turns: list[float]) -> list[float]:
+    """When a cause may have begun that lasted."""
+    stops = [span.start, *turns]
+    return [start for start, end in pairwise([*stops, span.end]) if end - start >= NO_TIME] or [span.start]
+
+
+class _Looks:
+    """Looks at some moments of many."""
+
+    def __init__(self, past: Past, why: Why) -> None:
+        self._past = past
+        self._why = why
+
+    def at(self, stops: list[float]) -> list[tuple[float, str]]:
+        """What was told at each; of very many at the first and the last ones, and that there were others."""
+        first = list(self._some(stops))
+        rest = stops[len(first) :]
+        if not rest:
+            return first
+        last = list(self._some(rest[::-1]))[::-1]
+        between = [(rest[0], OTHERS)] if len(rest) > len(last) else []
+        return [*first, *between, *last]
+
+    def _some(self, stops: list[float]) -> Iterator[tuple[float, str]]:
+        changes, before = 0, ""
+        for stop in stops[:_LOOKS]:
+            said = self._why(Then(self._past, stop))
+            changes += said != before
+            if changes > _MOST:
+                return
+            before = said
+            yield stop, said

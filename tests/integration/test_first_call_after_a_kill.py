@@ -1,0 +1,66 @@
+"""A client that did nothing while central was killed and begun anew, with real processes: its next call."""
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from integration.programs import central
+
+from tca_module import CentralLost, Client, Command, Query, Variable, connect
+from tca_tools.logs import open_log
+from tca_wire import facts
+
+WORK, UNHEARD = Command("work", int), Command("unheard of", int)
+LEVEL, WHERE = Variable("level", int), Query("where", reply=int)
+
+
+def set_to(user: Client, level: int) -> int:
+    user.set_variable(LEVEL, level)
+    return user.get_variable(LEVEL)
+
+
+CALLS: dict[str, tuple[Callable[[Client], Any], Any]] = {
+    "tasks": (lambda user: user.tasks(), []),
+    "modules": (lambda user: [module.name for module in user.modules()], ["user"]),
+    "handlers": (lambda user: user.handlers(WORK), []),
+    "status": (lambda user: user.status()["tasks"], 0),
+    "variable": (lambda user: user.get_variable(LEVEL, 7), 7),
+    "declared": (lambda user: user.declared("work").name, "work"),
+    "command": (lambda user: user.command(WORK, 2).id, 1),
+    "command of another message": (lambda user: user.command(UNHEARD, 2).id, 1),
+    "set a variable": (lambda user: set_to(user, 3), 3),
+    "swap a variable": (lambda user: user.swap_variable(LEVEL, 3), None),
+    "ask": (lambda user: user.execute_if_handled(WHERE), None),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path, call: str) -> None:
+    make, expected = CALLS[call]
+    again = tmp_path / "again"
+    again.mkdir()
+    with central(tmp_path) as first, connect("user", first.address) as user:
+        user.command(WORK, 1)
+        user.set_variable(LEVEL, 1)
+        first.signal(signal.SIGKILL)
+        first.process.wait()
+        with central(again, bind=first.address):
+            assert make(user) == expected
+
+
+def test_what_the_killed_central_had_is_not_asked_twice(tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    again.mkdir()
+    with central(tmp_path) as first, connect("user", first.address) as user:
+        pending = user.query_send(WHERE)
+        assert user.modules()  # so that one has come, too
+        first.signal(signal.SIGKILL)
+        first.process.wait()
+        with central(again, bind=first.address) as second:
+            with pytest.raises(CentralLost, match="central was restarted meanwhile and has forgotten it; ask again"):
+                pending.receive()
+            assert user.modules()
+        told = [fact for entry in open_log(second.journal) for fact in entry.facts]
+        assert not [fact for fact in told if isinstance(fact, facts.Received)]

@@ -1,0 +1,222 @@
+"""What really went on in a run, looked up in its facts one by one: slow, and without a single record of the tools."""
+
+from collections.abc import Iterator
+from math import inf
+from typing import Any, NamedTuple
+
+from tca_tools.analysis.causes import Step
+from tca_wire import facts
+from tca_wire.points import Moment
+
+
+class Seen(NamedTuple):
+    """Something that went on, and who or what did."""
+
+    what: str
+    """run, queue, wait, claim, lock, suspension, life or member"""
+    who: Any
+    start: float
+    end: float
+    about: Any = None
+
+    def covers(self, step: Step) -> bool:
+        return self.start <= step.start and step.end <= self.end
+
+    def meets(self, step: Step) -> bool:
+        return self.start < self.end and self.start < step.end and step.start < self.end
+
+
+class Facts:
+    """All spans of a run, by what they are."""
+
+    def __init__(self, entries: list[facts.Entry], times: list[float]) -> None:
+        self.spans: list[Seen] = []
+        self.said: list[tuple[float, Any]] = []
+        self._claims: dict[int, tuple[tuple[str, str], str]] = {}
+        self._open: dict[tuple[str, Any], list[tuple[Any, float, Any]]] = {}
+        for entry, time in zip(entries, times, strict=True):
+            for fact in entry.facts:
+                self.said.append((time, fact))
+                self._take(fact, time)
+        for what, key in self._open:
+            while self._open[what, key]:
+                self._end(what, key, inf)
+
+    def of(self, what: str, who: Any = None) -> Iterator[Seen]:
+        return (one for one in self.spans if one.what == what and (who is None or one.who == who))
+
+    def _begin(self, what: str, key: Any, who: Any, time: float, about: Any = None) -> None:
+        self._open.setdefault((what, key), []).append((who, time, about))
+
+    def _end(self, what: str, key: Any, time: float) -> None:
+        if found := self._open.get((what, key)):
+            who, start, about = found.pop()
+            self.spans.append(Seen(what, who, start, time, about))
+
+    def _take(self, fact: Any, time: float) -> None:
+        self._take_handling(fact, time)
+        self._take_waiting(fact, time)
+        self._take_life(fact, time)
+
+    def _take_handling(self, fact: Any, time: float) -> None:
+        """Runs of handlers, and stays in queues."""
+        if isinstance(fact, facts.Killed):
+            self._end("queue", fact.task, time)
+            return
+        is_left = isinstance(fact, facts.Failed) and not fact.is_beside
+        if is_left or isinstance(fact, facts.Queued | facts.Unqueued | facts.Returned | facts.Delivered):
+            self._end("run", fact.id, time)
+            self._end("queue", fact.id, time)
+        if isinstance(fact, facts.Queued):
+            self._begin("queue", fact.id, fact.message_id, time, (fact.module, fact.resource))
+        elif isinstance(fact, facts.Delivered):
+            self._begin("run", fact.id, fact.message_id, time, (fact.module, fact.resource, fact.id))
+
+    def _take_waiting(self, fact: Any, time: float) -> None:
+        """Waits of handlers and programs, and locks."""
+        match fact:
+            case facts.Received() if fact.blocking and not fact.message_class.is_task:
+                self._waits(fact.id, fact.sender, fact.origin, time)
+            case facts.Awaited():
+                sent = next(said for _, said in self.said if isinstance(said, facts.Received) and said.id == fact.id)
+                self._waits(fact.id, sent.sender, sent.origin, time)
+            case facts.Dropped() | facts.Answered():
+                for copy in self._queued_copies(fact.id):
+                    self._end("queue", copy, time)
+                self._end("wait", fact.id, time)
+            case facts.WaitBegan():
+                self._begin("wait", (fact.module, fact.origin, fact.task), (fact.module, fact.origin), time)
+            case facts.WaitEnded():
+                self._end("wait", (fact.module, fact.origin, fact.task), time)
+            case facts.Claimed():
+                self._claims[fact.id] = (fact.module, fact.resource), fact.sender
+                self._begin("claim", fact.id, fact.id, time)
+                self._waits(fact.id, fact.sender, fact.origin, time)
+            case facts.Granted() | facts.ClaimEnded():
+                for what in ("wait", "claim", "lock"):
+                    self._end(what, fact.id, time)
+        if isinstance(fact, facts.Granted):
+            self._begin("lock", fact.id, fact.id, time)
+
+    def _queued_copies(self, message: int) -> list[int]:
+        """Of what went to many, those that stand in queues."""
+        return [
+            key for (what, key), found in self._open.items() if what == "queue" and found and found[-1][0] == message
+        ]
+
+    def _take_life(self, fact: Any, time: float) -> None:
+        """How long there are messages and modules, and suspensions."""
+        match fact:
+            case facts.Received():
+                self._begin("life", fact.id, fact.id, time)
+            case facts.SuspendedOrResumed():
+                if not fact.is_suspended:
+                    self._end("suspension", fact.task, time)
+                elif not self._open.get(("suspension", fact.task)):
+                    self._begin("suspension", fact.task, fact.task, time)
+            case facts.Reached() if fact.moments & Moment.END_ACHIEVING:
+                self._end("life", fact.task, time)
+                self._end("suspension", fact.task, time)
+            case facts.ModuleJoined():
+                self._begin("member", fact.module, fact.module, time)
+            case facts.ModuleLeft():
+                self._end("member", fact.module, time)
+
+    def _waits(self, awaited: int, module: str, origin: int, time: float) -> None:
+        if not self._open.get(("wait", awaited)):
+            self._begin("wait", awaited, (module, origin), time)
+
+    # --- questions -------------------------------------------------------------------------------------------------
+
+    def bears_out(self, step: Step) -> bool:
+        """Whether a step of a path says what really went on, all the time."""
+        return bool(getattr(self, f"_{step.doing.name.lower()}")(step))
+
+    def _work(self, step: Step) -> bool:
+        runs = [one for one in self.of("run", step.message_id) if one.covers(step)]
+        runs = [one for one in runs if one.about[:2] == (step.module, step.resource)]
+        return any(not any(self._own_waits(run, step)) for run in runs)
+
+    def _own_waits(self, run: Seen, step: Step) -> Iterator[Seen]:
+        module, _, delivery = run.about
+        return (one for one in self.of("wait", (module, delivery)) if one.meets(step))
+
+    def _outside(self, step: Step) -> bool:
+        waits = (one for one in self.of("wait", (step.module, 0)) if one.meets(step))
+        return any(one.covers(step) for one in self.of("member", step.module)) and not any(waits)
+
+    def _delay(self, step: Step) -> bool:
+        over = [fact for time, fact in self.said if isinstance(fact, facts.TimedOut) and time == step.end]
+        return any(fact.constraint.after.task == step.message_id for fact in over) or step.end == self.said[-1][0]
+
+    def _no_handler(self, step: Step) -> bool:
+        return any(one.covers(step) and not one.about[0] for one in self.of("queue", step.message_id))
+
+    def _queued(self, step: Step) -> bool:
+        where = step.module, step.resource
+        return any(one.covers(step) and one.about == where for one in self.of("queue", step.message_id))
+
+    def _locked(self, step: Step) -> bool:
+        """Somebody had a lock; or one was wanted, and not granted."""
+        had = any(one.covers(step) and self._claims[one.who][1] == step.module for one in self.of("lock"))
+        where = step.module, step.resource
+        return had or any(one.covers(step) and self._claims[one.who][0] == where for one in self.of("claim"))
+
+    def _suspended(self, step: Step) -> bool:
+        stood = any(one.covers(step) for one in self.of("suspension", step.message_id))
+        return stood and not any(self.at_work_under(step))
+
+    def _killed(self, step: Step) -> bool:
+        return self._lives(step) and not any(self.at_work_under(step))
+
+    def _held(self, step: Step) -> bool:
+        return self._lives(step) and not any(one.meets(step) for one in self.of("run", step.message_id))
+
+    def _watching(self, step: Step) -> bool:
+        return self._lives(step)
+
+    def _unknown(self, step: Step) -> bool:
+        """Of what was over nothing is unknown; nobody was at work for it who would have been the reason, and it stood in
+        no queue.
+        """
+        stood = any(one.covers(step) for one in self.of("queue", step.message_id))
+        return self._lives(step) and not stood and not any(self.at_work_under(step))
+
+    def _lives(self, step: Step) -> bool:
+        return any(one.covers(step) for one in self.of("life", step.message_id))
+
+    def under(self, task: int) -> set[int]:
+        """A task, and all that is under it."""
+        found = {task}
+        for _, fact in self.said:
+            if isinstance(fact, facts.Received) and fact.parent in found and fact.message_class.is_task:
+                found.add(fact.id)
+        return found
+
+    def at_work_under(self, step: Step) -> Iterator[Seen]:
+        """The handlers that worked all the time for a task, and waited for nothing."""
+        below = self.under(step.message_id)
+        runs = (one for one in self.of("run") if one.who in below and one.covers(step))
+        return (run for run in runs if not any(self._own_waits(run, step)))
+
+    def is_own_will(self, time: float) -> bool:
+        """Whether somebody did something at a time of whom nothing is known that he did before had to be over."""
+        for when, fact in self.said:
+            if when != time or not isinstance(fact, facts.Received | facts.Claimed):
+                continue
+            sender, origin = fact.sender, fact.origin
+            waited = any(one.end <= time and one.end > one.start for one in self.of("wait", (sender, 0)))
+            runs = [one for one in self.of("run") if one.about[2] == origin and one.start < time]
+            if not runs and not waited:
+                return True
+        return False
+
+    def ends(self, task: int) -> float:
+        """When a task ended, or (inf) that it did not."""
+        bits = 0
+        for time, fact in self.said:
+            if isinstance(fact, facts.Reached) and fact.task == task:
+                bits |= fact.moments
+                if bits & Moment.END_ACHIEVING:
+                    return time
+        return inf

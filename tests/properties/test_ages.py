@@ -1,0 +1,99 @@
+"""A row says for how long its cause has been one: as long as the story's sentence has gone on, at any moment."""
+
+from itertools import pairwise
+from math import nextafter
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life, operation
+from properties.test_blocked_is_told import blocking, steps
+from properties.test_causes_in_stories import life_of
+
+from tca_tools.ages import age
+from tca_tools.past import Past
+from tca_tools.records import State
+from tca_tools.story import Sentence, story
+from tca_tools.then import TaskThen, Then
+from tca_tools.waiting import why_waiting
+from tca_tools.whereabouts import kept_busy
+from tca_wire.points import TaskId
+from tca_wire.wording import place
+
+_NO_TIME = 1e-6
+"""Seconds: of what lasts no longer nothing is told."""
+_LOOKS = 12
+"""Moments of a run that are looked at."""
+_TOLD = (State.HELD, State.PLANNED, State.ACHIEVING, State.ENDING, State.RECOVERING)
+"""States of which a story tells with the reasons."""
+
+
+def assert_ages_are_the_story_s(past: Past, looks: int = _LOOKS) -> int:
+    """Between any two entries, of each task that waits. Returns how many causes were compared."""
+    moments = [(before, after) for before, after in pairwise([*past.times, past.time]) if after - before > _NO_TIME]
+    compared = 0
+    for before, after in moments[:: max(len(moments) // looks, 1)]:
+        then = Then(past, nextafter(after, before))
+        for number, task in then.tasks.items():
+            known = [one for one in story(past, number, then.moment) if _goes_on(one, then.moment)]
+            for text, since in _told(then, task):
+                found = [one for one in known if one.text.removesuffix(one.ending) == text]
+                for one in found[-1:]:
+                    compared += 1
+                    assert since == pytest.approx(one.time, abs=_NO_TIME), (then.moment, text, one)
+    return compared
+
+
+def _told(then: Then, task: TaskThen) -> list[tuple[str, float | None]]:
+    """What the story has to say of what a task waits for, and since when it does by its row."""
+    reasons = why_waiting(then, TaskId(task.id))
+    if not reasons:
+        return []
+    since = age(then, task).since
+    if task.state in _TOLD and not task.watches:
+        return [(f"{task.state}, {' and '.join(reasons)}", since)]
+    if task.state is State.QUEUED and (queueing := task.queueing) and queueing.module:
+        why = kept_busy(then, queueing.module, queueing.resource, task)
+        return [(f"queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else ""), since)]
+    if task.handling and [wait.awaited in then.past.claims for wait in task.waits] == [True]:
+        return [(f"its handler waits {reasons[0]}", since)]
+    return []
+
+
+def _goes_on(one: Sentence, moment: float) -> bool:
+    return one.time <= moment and (one.is_open or moment < one.time + (one.seconds or 0.0))
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=30)
+def test_a_row_says_for_how_long_its_cause_has_been_one(operations: list[tuple[str, int, int, int, int]]) -> None:
+    assert_ages_are_the_story_s(life_of(operations))
+
+
+@given(steps)
+@settings(max_examples=30)
+def test_so_do_rows_of_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
+    assert_ages_are_the_story_s(blocking(taken).history)
+
+
+def test_many_rows_are_compared() -> None:
+    player = FoldedPlayer()
+    Life(player).go_on(0, 300)
+    assert assert_ages_are_the_story_s(player.history, 60) > 50
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=150)
+def test_so_do_rows_of_many_lives(seed: int) -> None:
+    player = FoldedPlayer()
+    Life(player).go_on(seed, 300)
+    assert_ages_are_the_story_s(player.history, 60)
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=1_000)
+def test_so_do_rows_of_many_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
+    test_so_do_rows_of_handlers_that_block.hypothesis.inner_test(taken)  # type: ignore[attr-defined]

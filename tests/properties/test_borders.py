@@ -1,0 +1,256 @@
+"""The search for circles passes by what is below most tasks, and finds a way exactly where there is one."""
+
+import random
+from collections.abc import Iterator
+from itertools import pairwise
+
+import pytest
+from central.player import ANY, Player, before, point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.life import Life
+
+from tca_central import cycles
+from tca_central.cycles import Borders, Place, Search, find_path, successors
+from tca_central.intervals import unified
+from tca_central.task_tree import Task, TaskTree
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Role
+
+END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=4)
+def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int) -> None:
+    """In trees with constraints across, retries, kills and ends."""
+    compare_in_lives(seed, 40)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=200)
+def test_many_ways(seed: int) -> None:
+    compare_in_lives(seed, 60)
+
+
+def compare_in_lives(seed: int, stations: int) -> None:
+    life, chance = Life(), random.Random(seed)
+    for number in range(stations):
+        life.go_on(seed + number, 12)
+        compare(life.central.tree, chance)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=20)
+def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
+    chance = random.Random(seed)
+    player = planned_ahead(chance)
+    for _ in range(12):
+        one, other = chance.choices(sorted(player.central.tree.tasks) or [TaskId(1)], k=2)
+        wanted = before(point(one, chance.choice(list(Moment))), point(other, chance.choice(list(Moment))))
+        player.receive("user", headers.Constrain(player.number("user"), [wanted]))
+        if chance.random() < 0.1:
+            player.receive("user", headers.Kill(player.number("user"), TaskId(one)))
+        compare(player.central.tree, chance)
+
+
+def planned_ahead(chance: random.Random) -> Player:
+    """A random tree of goals and commands: all is held back, and some goals have been handled already."""
+    player = Player(check=False)
+    player.module("planner", "goal walk", capacity=3)
+    player.module("user")
+    player.declare("user", "goal walk", "command move")
+    held = before(point(player.task("user", "move"), END), point(-1, START))
+    for _ in range(chance.randint(5, 25)):
+        goals = [one.id for one in player.central.tree.tasks.values() if one.is_goal]
+        parent = chance.choice([0, *goals])
+        flags = Flags(chance.choice([0, 0, 1, chance.randrange(16)]))
+        message = chance.choice(["walk", "walk", "move"])
+        player.send("user", message, under=parent, origin=0, flags=flags, constraints=(held,) if not parent else ())
+        for slot in ("planner/1", "planner/2", "planner/3"):
+            if chance.random() < 0.3 and player.delivered(slot):
+                player.reply(slot)
+    return player
+
+
+def compare(tree: TaskTree, chance: random.Random) -> None:
+    """Ways between points that are to come, searched in all three ways."""
+    places = [place for place in all_places(tree) if unified(place.task.is_goal, place.moment) == place.moment]
+    for _ in range(min(150, len(places) ** 2)):
+        start, goal = chance.choice(places), chance.choice(places)
+        if start != goal:
+            known = path_of(Search(tree, start, goal))
+            assert (known is None) == (pruned(tree, start, goal) is None) == (found(tree, start, goal) is None)
+
+
+def all_places(tree: TaskTree) -> Iterator[Place]:
+    for task in tree.tasks.values():
+        yield from (Place(task, int(moment)) for moment in Moment if not task.reached & moment)
+
+
+def path_of(search: Search) -> list[Place] | None:
+    while not search.is_over():
+        pass
+    return search.path
+
+
+def pruned(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
+    borders = Borders(start, goal)
+    for _ in borders.draw(tree):
+        pass
+    return checked(path_of(Search(tree, start, goal, borders)), start, goal)
+
+
+def found(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
+    """As central finds it, but with borders from the first step on."""
+    easy, cycles.EASY = cycles.EASY, 0
+    try:
+        return checked(find_path(tree, start, goal), start, goal)
+    finally:
+        cycles.EASY = easy
+
+
+def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] | None:
+    """A way leads from point to point."""
+    if path is not None:
+        assert (path[0], path[-1]) == (start, goal)
+        for one, other in pairwise(path):
+            assert other in successors(one)
+            assert not other.task.reached & other.moment
+    return path
+
+
+def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> None:
+    """It leaves what is below the failing task, which has not begun, and leads to a task far above."""
+    player = Player()
+    player.module("planner", "goal walk")
+    player.module("eye", "query seen")
+    player.module("expert", "exception handler recover")
+    player.module("user")
+    player.declare("user", "goal walk", "command move")
+    watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", "move"])
+    player.receive("user", headers.Register(player.number("user"), [watch]))
+    walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
+    monitor = player.task("user", "watch", under=walk, origin=0, watch=WatchOptions(7))  # others put it there: it stays
+    first = player.task("user", "move", flags=Flags.NONE)
+    held = before(point(first, END), point(-1, Moment.START_PLANNING))
+    goal = player.task("user", "walk", under=monitor, origin=0, constraints=(held,))
+    step = goal
+    for _ in range(10):  # so that the search from the other end takes long
+        step = player.task("user", "walk", under=step, origin=0)
+    player.receive("user", headers.Raise(player.number("user"), TaskId(goal), "slip"))
+    tasks = player.central.tree.tasks
+    (handler,) = (task for task in tasks.values() if task.role is Role.EXCEPTION)
+    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(walk)))
+    wanted = before(point(step, END), point(handler.id, END))
+    player.receive("user", headers.Constrain(player.number("user"), [wanted]))
+    start, end = Place(tasks[TaskId(goal)], Moment.START_PLANNING), Place(tasks[TaskId(walk)], Moment.END_HANDLING)
+    assert pruned(player.central.tree, start, end)
+
+
+# --- what it costs ---------------------------------------------------------------------------------------------------
+
+WIDE = 3_000
+
+
+class Counted:
+    """A central whose searches are counted step by step."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.steps = 0
+        self.player = player = Player(check=False)
+        player.module("planner", "goal walk", capacity=4)
+        player.module("user")
+        player.declare("user", "goal walk", "command move")
+        for kind, name in ((Search, "is_over"), (Borders, "draw")):
+            self._count(monkeypatch, kind, name)
+
+    def _count(self, monkeypatch: pytest.MonkeyPatch, kind: type, name: str) -> None:
+        original = getattr(kind, name)
+
+        def step(search: Search) -> bool:
+            self.steps += 1
+            return bool(original(search))
+
+        def draw(borders: Borders, tree: TaskTree) -> Iterator[None]:
+            for _ in original(borders, tree):
+                self.steps += 1
+                yield
+
+        monkeypatch.setattr(kind, name, step if kind is Search else draw)
+
+    def wide(self, **options: object) -> int:
+        """A goal that is planned ahead, with thousands of subtasks, and held back."""
+        goal = self.player.task("user", "walk", flags=Flags.NONE, **options)
+        for _ in range(WIDE):
+            self.player.task("user", "move", under=goal, origin=0, flags=Flags.NONE)
+        return goal
+
+    def plan(self) -> None:
+        """All handlers return."""
+        for slot in ("planner/1", "planner/2"):
+            self.player.reply(slot)
+
+    def constrain(self, one: int, other: int) -> list[object]:
+        self.steps = 0
+        wanted = before(point(one, END), point(other, START))
+        return self.player.receive("user", headers.Constrain(self.player.number("user"), [wanted]))
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
+    return Counted(monkeypatch)
+
+
+@pytest.mark.parametrize("planned", [True, False])
+def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(counted: Counted, planned: bool) -> None:
+    first = counted.player.task("user", "move")
+    held = (before(point(first, END), point(-1, START)),)
+    one, other = (counted.wide(constraints=held) for _ in range(2))
+    if planned:
+        counted.plan()
+    (answer,) = counted.constrain(one, other)
+    assert isinstance(answer, headers.Accepted)
+    assert counted.steps < 60
+    (answer,) = counted.constrain(other, one)
+    assert isinstance(answer, headers.Refused)
+    assert counted.steps < 60
+
+
+def test_nor_where_subtasks_wait_for_what_is_elsewhere(counted: Counted) -> None:
+    """Such constraints lead into what is below a goal, and not out of it."""
+    first = counted.player.task("user", "move")
+    held = (before(point(first, END), point(-1, START)),)
+    one, other = (counted.wide(constraints=held) for _ in range(2))
+    for goal in (one, other):
+        counted.player.task("user", "move", under=goal, origin=0, constraints=held)
+    counted.plan()
+    (answer,) = counted.constrain(one, other)
+    assert isinstance(answer, headers.Accepted)
+    assert counted.steps < 80
+
+
+def test_a_circle_with_the_top_of_a_deep_tree_is_seen_at_once(counted: Counted) -> None:
+    top = task = counted.player.task("user", "walk")
+    for _ in range(WIDE):
+        task = counted.player.task("user", "walk", under=task, origin=0)
+    (answer,) = counted.constrain(top, task)
+    assert isinstance(answer, headers.Refused)
+    assert f"end achieving task {top}" in answer.text
+    assert counted.steps < 60
+
+
+def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
+    """Where edges led across borders, nothing of that stays when they are gone."""
+    goal = counted.player.task("user", "walk")
+    inner = counted.player.task("user", "move", under=goal, origin=0)
+    counted.player.task("user", "move", constraints=(before(point(inner, END), point(-1, START)),))
+    tree = counted.player.central.tree
+    across: list[Task] = list(tree.across)
+    assert [one.id for one in across] == [inner]
+    counted.player.receive("user", headers.Kill(counted.player.number("user"), TaskId(inner)))
+    assert not tree.across

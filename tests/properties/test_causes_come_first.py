@@ -1,0 +1,182 @@
+"""No cause comes later than its effect: nobody is told of a failure after he gave up or ended, and nothing fails of what
+failed later; in stories, in chains of failures, and in what is said to have become of failures.
+"""
+
+import re
+from math import inf
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life, operation
+from properties.test_blocked_is_told import Told, steps
+
+from tca_central.events import Effect, Record
+from tca_tools.analysis.failures import failures
+from tca_tools.coping import Failing, Fate, failing, fate, is_told, told_to, went_on
+from tca_tools.past import Past
+from tca_tools.records import Handling, Message, Task
+from tca_tools.story import story
+from tca_tools.tasktree_viz.failing import Link, failure_chain
+from tca_wire import facts
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role
+
+_NUMBER = re.compile(r"\{(\d+)\}")
+
+
+class Answers:
+    """What was answered by which event, as central tells it."""
+
+    def __init__(self) -> None:
+        self.answered: set[tuple[float, int]] = set()
+        self.failed: set[tuple[float, int]] = set()
+
+    def note(self, time: float, entry: facts.Entry) -> None:
+        for fact in entry.facts:
+            if isinstance(fact, facts.Answered):
+                self.answered.add((time, fact.id))
+            elif isinstance(fact, facts.Failed):
+                self.failed.add((time, fact.id))
+
+    def is_told(self, past: Past, query: Message, time: float) -> bool:
+        """Whether an answer, or the failure of its monitor, came of its failure, while who asked still ran."""
+        if query.role is Role.CONDITION:
+            return (time, query.about) in self.failed
+        return (time, query.id) in self.answered and not _has_ended(query, time)
+
+
+def _has_ended(failed: Failing, time: float) -> bool:
+    return failed.by is not None and failed.by.end is not None and failed.by.end < time
+
+
+class Answered(FoldedPlayer):
+    """Folds a life, and notes what was answered."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.answers = Answers()
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        _note(self.answers, self.history, effects)
+        return effects
+
+
+class ToldAnswered(Told):
+    """The same of handlers that block."""
+
+    def __init__(self) -> None:
+        self.answers = Answers()
+        super().__init__()
+
+    def event(self, event: object) -> list[Effect]:
+        effects = super().event(event)
+        _note(self.answers, self.history, effects)
+        return effects
+
+
+def _note(answers: Answers, past: Past, effects: list[Effect]) -> None:
+    for effect in effects:
+        if isinstance(effect, Record):
+            answers.note(past.times[past.numbers.index(effect.entry.number)], effect.entry)
+
+
+def assert_causes_come_first(past: Past, answers: Answers) -> None:
+    """Of everything that failed."""
+    for message in past.messages.values():
+        _assert_story(past, message)
+        if isinstance(message, Task):
+            _assert_chain(failure_chain(past, TaskId(message.id)))
+            for moment in past.times[:: max(len(past.times) // 5, 1)]:
+                _assert_chain(failure_chain(past, TaskId(message.id), moment))
+        elif message.message_class is MessageClass.QUERY:
+            for time, failure in message.became("failure"):
+                if failure:
+                    assert is_told(past, message, time) == answers.is_told(past, message, time), f"{message} at {time}"
+                    _assert_told(past, message, time)
+    for run in past.handlings:
+        if run.outcome is Outcome.FAILED and run.end is not None:
+            _assert_told(past, failing(past, run), run.end)
+    for kind in failures(past):
+        for case in kind.cases:
+            assert case.fate is Fate.UNTOLD or not case.why.startswith(Fate.UNTOLD)
+            assert case.recovery >= 0
+
+
+def _assert_told(past: Past, failed: Failing, time: float) -> None:
+    """Who is told had not ended, nor given up; with what nobody is told of nothing fails."""
+    told = told_to(past, failed, time)
+    if told.startswith(Fate.UNTOLD):
+        assert not went_on(past, failed, time)
+        assert fate(past, failed, time) is Fate.UNTOLD
+    elif told:
+        assert not _has_ended(failed, time), told
+        assert isinstance(failed, Handling) or not failed.was("dropped", time), told
+
+
+def _assert_chain(links: list[Link]) -> None:
+    """What stands under something happened no later than the last that is said of that, unless it is not decided."""
+    last: dict[int, float] = {-1: inf}
+    before = -1
+    for one in links:
+        assert one.time <= last[one.depth - 1], f"{one} comes after what it led to: {links}"
+        time = inf if one.text.endswith(" is being recovered") else one.time
+        last[one.depth] = max(time, last[one.depth]) if before == one.depth else time
+        before = one.depth
+
+
+def _assert_story(past: Past, message: Message) -> None:
+    """A sentence names nothing that was not there yet when it was over."""
+    for one in story(past, message.id):
+        end = past.time if one.is_open else one.time + (one.seconds or 0.0)
+        for number in map(int, _NUMBER.findall(one.text)):
+            named = past.messages.get(number)
+            assert named is None or named.received <= end, f"{message} at {one.time}: {one.text}"
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=60)
+def test_no_cause_comes_later_than_its_effect(operations: list[tuple[str, int, int, int, int]]) -> None:
+    player = Answered()
+    life = Life(player)
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    assert_causes_come_first(player.history, player.answers)
+
+
+@given(steps)
+@settings(max_examples=60)
+def test_nor_of_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
+    life = ToldAnswered()
+    life.hello("operator")
+    life.declare("user", "query missing")
+    for step in taken:
+        life.do(*step)
+        life.tick(1.0)
+    assert_causes_come_first(life.history, life.answers)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2)
+def test_nor_in_a_longer_life(seed: int) -> None:
+    player = Answered()
+    Life(player).go_on(seed, 200)
+    assert_causes_come_first(player.history, player.answers)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=150)
+def test_nor_in_many_lives(seed: int) -> None:
+    player = Answered()
+    Life(player).go_on(seed, 300)
+    assert_causes_come_first(player.history, player.answers)
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=2_000)
+def test_nor_of_many_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
+    test_nor_of_handlers_that_block.hypothesis.inner_test(taken)  # type: ignore[attr-defined]

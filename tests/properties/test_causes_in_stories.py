@@ -1,0 +1,125 @@
+"""A story names a cause for as long as it was the cause: at any moment it names what was known to be it then."""
+
+from bisect import bisect_right
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.folded import FoldedPlayer
+from properties.life import Life, operation
+from properties.test_blocked_is_told import blocking, steps
+
+from tca_tools.history import History
+from tca_tools.past import Past
+from tca_tools.records import OVER, State
+from tca_tools.story import Sentence, story
+from tca_tools.then import TaskThen, Then
+from tca_tools.waiting import why_waiting
+from tca_tools.whereabouts import kept_busy
+from tca_wire.points import TaskId
+from tca_wire.wording import place
+
+_NO_TIME = 1e-6
+"""Seconds: of what lasts no longer nothing is told."""
+_LOOKS = 40
+"""Moments of a run that are looked at."""
+
+
+def assert_names_causes(past: Past, looks: int = _LOOKS) -> None:
+    """Between any two entries, in the middle, each story names what was known to be the cause there."""
+    moments = [(before, after) for before, after in pairwise([*past.times, past.time]) if after - before > _NO_TIME]
+    stories = {number: story(past, number) for number in past.messages}
+    for before, after in moments[:: max(len(moments) // looks, 1)]:
+        then = Then(past, (before + after) / 2)
+        for number, told in stories.items():
+            if past.messages[number].received <= then.moment:
+                _assert_names_cause(then, number, told)
+
+
+def _assert_names_cause(then: Then, number: int, told: list[Sentence]) -> None:
+    known = [one.text.removesuffix(one.ending) for one in told if _goes_on(one, then.moment)]
+    for text in _causes(then, number):
+        assert text in known, f"message {number} at {then.moment}: {text!r} is not among {known}"
+
+
+def _goes_on(one: Sentence, moment: float) -> bool:
+    return one.time <= moment and (one.is_open or moment < one.time + (one.seconds or 0.0))
+
+
+def _causes(then: Then, number: int) -> list[str]:
+    """What a story has to say of what a message waits for."""
+    message = then.past.messages[number]
+    found = []
+    queueing = then.queueing_of(message)
+    if queueing is not None and queueing.module:
+        why = kept_busy(then, queueing.module, queueing.resource, message)
+        found.append(f"queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else ""))
+    task = then.tasks.get(number)
+    if task is None:
+        return found
+    reasons = why_waiting(then, TaskId(number))
+    if task.state not in OVER and not task.watches and _is_of_state(task) and reasons and _lasts(then, number):
+        found.append(f"{task.state}, {' and '.join(reasons)}")
+    run = task.handling
+    waits = then.waits_of(run) if run else []
+    locks = [one for one in waits if one.awaited in then.past.claims]
+    granted = [then.past.claims[one.awaited].granted == one.start for one in locks]
+    if task.state in (State.HANDLING, State.PLANNING) and len(waits) == len(locks) == 1 and not granted[0]:
+        found.append(f"its handler waits {reasons[0]}")
+    return found
+
+
+def _is_of_state(task: TaskThen) -> bool:
+    return task.state in (State.HELD, State.PLANNED, State.ACHIEVING, State.RECOVERING, State.ENDING)
+
+
+def _lasts(then: Then, number: int) -> bool:
+    """Whether it is for long in its state."""
+    states = then.past.tasks[number].states
+    after = bisect_right(states, then.moment, key=lambda one: one[0])
+    return after == len(states) or states[after][0] - states[after - 1][0] >= _NO_TIME
+
+
+def life_of(operations: list[tuple[str, int, int, int, int]]) -> History:
+    player = FoldedPlayer()
+    life = Life(player)
+    for name, *numbers in operations:
+        life.do(name, *numbers)
+    return player.history
+
+
+@given(st.lists(operation, max_size=50))
+@settings(max_examples=60)
+def test_a_story_names_each_cause_for_as_long_as_it_was_one(operations: list[tuple[str, int, int, int, int]]) -> None:
+    assert_names_causes(life_of(operations))
+
+
+@given(steps)
+@settings(max_examples=60)
+def test_so_it_does_of_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
+    assert_names_causes(blocking(taken).history)
+
+
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=2)
+def test_so_it_does_in_a_longer_life(seed: int) -> None:
+    player = FoldedPlayer()
+    Life(player).go_on(seed, 200)
+    assert_names_causes(player.history)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=150)
+def test_so_it_does_in_many_lives(seed: int) -> None:
+    player = FoldedPlayer()
+    Life(player).go_on(seed, 300)
+    assert_names_causes(player.history, 100)
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=2_000)
+def test_so_it_does_of_many_handlers_that_block(taken: list[tuple[str, int, int, int]]) -> None:
+    test_so_it_does_of_handlers_that_block.hypothesis.inner_test(taken)  # type: ignore[attr-defined]

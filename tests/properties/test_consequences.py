@@ -1,0 +1,342 @@
+"""What the tools name as the end of a wait is what it waits for: in random lives that is done, and nothing else, or
+everything else, and central shows what comes of it.
+
+1. *All of the rest* is done: whatever the ends do not name returns, is released or resumed. What waits, waits on.
+2. *All that is named* is done, and again what is named then: what waits gets there, without anything else.
+3. *All but one* of what is named is done, for ever: what waits does not get there.
+4. Where what is queued is said to wait for handlers that are busy, somebody gets in when one of them returns; where it
+   is said to wait for a lock that somebody wants, it does not.
+"""
+
+from collections.abc import Iterator
+
+import pytest
+from central.player import Player, before, point
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from properties.test_deadlocks import Blocking, free_handlers
+from properties.test_ends import reached
+
+from tca_central.core import Central
+from tca_central.events import Effect
+from tca_central.registry import Connection, Delivery
+from tca_central.resources import Claim as Wanted
+from tca_tools.ends import MOST, End, Ends
+from tca_tools.history import History
+from tca_tools.leads import Kind, Node, leads
+from tca_tools.records import Claim
+from tca_tools.then import TaskThen, Then
+from tca_tools.whereabouts import kept_out
+from tca_wire import headers
+from tca_wire.constraints import Flags
+from tca_wire.facts import Delivered
+from tca_wire.parts import Attachment
+from tca_wire.points import ROOT, Moment, TaskId
+
+numbers = st.integers(0, 50)
+steps = st.lists(
+    st.tuples(
+        st.sampled_from(["send"] * 6 + ["plan ahead", "ask", "ask", "ask all", "wait", "lock", "lock", "give up", "return", "return",
+                         "return", "kill", "suspend", "lose", "constrain", "fail", "retry"]),
+        numbers, numbers, numbers,
+    ), max_size=30,
+)  # fmt: skip
+LATER, LONG = 1_000.0, 10_000.0
+"""A delay, in seconds, and after how long all delays are over."""
+FLAGS = (Flags.NONE, Flags.SEQ_ACH, Flags.SEQ_ACH | Flags.DELAY_PLANNING, Flags.PLAN_FIRST,
+         Flags.SEQ_ACH | Flags.SEQ_PLANNING)  # fmt: skip
+AWAITED = [*Moment, Moment.START_ACHIEVING, Moment.END_PLANNING]
+HELD = [*Moment, Moment.START_PLANNING, Moment.START_ACHIEVING]
+ROUNDS = 100
+"""So often at most something is done until what waits gets there."""
+
+
+class Life(Blocking):
+    """Handlers that block, and that make more than their handlers can do."""
+
+    handled = {  # noqa: RUF012
+        "a": ("goal walk", "query where", "multi-query all", "exception handler recover"),
+        "b": ("command move", "query look", "multi-query all"),
+        "d": ("goal step", "query pose"),
+    }
+    names = ("walk", "move", "step", "move", "later")
+    questions = ("where", "look", "pose", "never")
+
+    def __init__(self) -> None:
+        self.events: list[object] = []
+        super().__init__(looks=False)
+        self.check = False
+        self.hello("operator")
+        self.declare("user", "command later", "query never")
+        self.receive("user", headers.Attach(self.number("user"), Attachment("", "recover", 2), ROOT))
+
+    def event(self, event: object) -> list[Effect]:
+        self.events.append(event)
+        return super().event(event)
+
+    def free(self) -> list[Delivery]:
+        return may_return(self.central)
+
+    def do(self, what: str, a: int, b: int, c: int) -> None:
+        free, tasks = self.free(), list(self.central.tree.tasks.values())
+        delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
+        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
+        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
+            return
+        if what == "send":
+            self._send(delivery, a, b, c)
+        elif what == "plan ahead":
+            parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
+            planned = self.task(who, "walk", under=parent, origin=origin)
+            begun = before(point(planned, AWAITED[b % 8]), point(-1, Moment.START_PLANNING))
+            self.send(who, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,))
+        elif what.startswith("ask"):
+            name = "all" if what == "ask all" else self.questions[b % len(self.questions)]
+            self.send(who, name, origin=origin, blocking=True)
+        elif what == "fail" and delivery:
+            self.fail(who, "slipped", origin)
+        elif what == "retry" and tasks:
+            self.receive("operator", headers.Retry(self.number("operator"), TaskId(tasks[b % len(tasks)].id)), b"\x08")
+        elif what == "give up":
+            self._release(b)
+        elif what == "lose":
+            slots = [one for one in self.central.registry.connections.values() if one.resource]
+            if slots and c % 4 == 0:
+                self.lose(slots[b % len(slots)].id.decode())
+        elif what == "lock":
+            wanted = headers.Lock(self.number(who), "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
+            self.receive(who, wanted)
+        else:
+            super().do(what, a, b, c)
+
+    def _send(self, delivery: Delivery | None, a: int, b: int, c: int) -> None:
+        """Another task; now and then one that waits for a moment of another, or is waited for."""
+        tasks = list(self.central.tree.tasks.values())
+        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
+        parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
+        constraints = []
+        if tasks and c % 2 == 0:
+            one, other = point(tasks[b % len(tasks)].id, AWAITED[a % 8]), point(-1, HELD[c // 2 % 8])
+            one, other = (other, one) if a % 7 == 6 else (one, other)
+            constraints.append(before(one, other, LATER * (b % 5 == 4)))
+        name = self.names[b % len(self.names)]
+        self.send(who, name, under=parent, origin=origin, flags=FLAGS[c % 5], constraints=tuple(constraints))
+
+    def _release(self, b: int) -> None:
+        """Somebody gives up a lock, or waits for something no longer, but for what his own thread is about."""
+        connections = self.central.registry.connections.values()
+        due = [(one, number) for one in connections for number in one.waits if len(one.handling) < 2]
+        due += [(claim.slot, claim.number) for claim in may_be_released(self.central)]
+        if due:
+            slot, number = due[b % len(due)]
+            self.receive(slot.id.decode(), headers.GiveUp(number))
+
+
+class Again(Player):
+    """The same life once more, to be gone on with otherwise; then things are done."""
+
+    def __init__(self, life: Life) -> None:
+        super().__init__(check=False)
+        self.central.look_after = 0
+        for event in life.events:
+            self.event(event)
+        self.time, self.numbers = life.time, dict(life.numbers)
+
+    @property
+    def then(self) -> Then:
+        return Then(History.until(self.entries))
+
+    def has_reached(self, node: Node) -> bool:
+        """Whether a task is past a moment, as central knows."""
+        assert node.moment
+        task = self.central.tree.tasks.get(TaskId(node.number))
+        return task is None or bool(task.reached & node.moment)
+
+    def act(self, end: End) -> None:
+        """Do what an end stands for. Raises AssertionError where central knows nothing of the kind."""
+        if end.kind is Kind.GOES_ON:
+            runs = [one for one in may_return(self.central) if one.message_id == end.number]
+            assert runs, f"{end} does not go on"
+            for run in runs:
+                self.answer(run)
+        elif end.kind is Kind.NOBODY:
+            self.take(self.then.past.messages[end.number].name)
+        elif end.kind is Kind.SUSPENDED:
+            assert self.central.tree.tasks[TaskId(end.number)].suspended, f"{end} is not suspended"
+            self.receive("operator", headers.Suspend(self.number("operator"), TaskId(end.number), resume=True))
+        elif end.kind is Kind.DELAYED:
+            self.tick(LONG)
+        elif end.kind is Kind.STANDS:
+            self.unlock_or_join(end)
+
+    def unlock_or_join(self, end: End) -> None:
+        """A lock is released that somebody has outside of handlers; or a resource that has no slot gets one."""
+        if claim := next((one for one in may_be_released(self.central) if one.id == end.number), None):
+            self.release(claim)
+            return
+        then = self.then
+        message, wanted = then.past.messages.get(end.number), then.past.claims.get(end.number)
+        places = [wanted] if wanted else [then.queueing_of(message), *then.copies_of(message)[1]] if message else []
+        modules = {module.name: module for module in self.central.registry.modules.values()}
+        empty = [one for one in places if one and not modules[one.module].resources[one.resource].capacity]
+        assert empty, f"{end} {message} stands, and nobody knows why"
+        self.hello(f"{empty[0].module}/{len(self.entries)}", empty[0].module, empty[0].resource)
+
+    def answer(self, run: Delivery) -> None:
+        if run.slot is not None:
+            self.reply(run.slot.id.decode(), run.given_as)
+
+    def take(self, name: str) -> None:
+        """A module joins that handles it."""
+        message = self.central.registry.messages[name]
+        self.module(f"new{len(self.entries)}", f"{message.message_class} {name}", capacity=2)
+
+    def release(self, claim: Wanted[Connection]) -> None:
+        self.receive(claim.slot.id.decode(), headers.GiveUp(claim.number))
+
+
+def may_return(central: Central) -> list[Delivery]:
+    """What is handled by handlers that wait for nothing, however briefly."""
+    return [one for one in free_handlers(central) if one.slot and not _pauses(one.slot, one)]
+
+
+def _pauses(slot: Connection, run: Delivery) -> bool:
+    return any(pause.since > slot.handling[run] for pause in slot.pauses.values())
+
+
+def may_be_released(central: Central) -> list[Wanted[Connection]]:
+    """Locks in force that whoever has them can release: he waits for nothing."""
+    granted, free = [claim for claim in central.claims.values() if claim.is_granted], may_return(central)
+    return [one for one in granted if (one.holder in free if one.holder else not (one.slot.waits or one.slot.pauses))]
+
+
+# --- what is done ----------------------------------------------------------------------------------------------------
+
+
+def check(taken: list[tuple[str, int, int, int]]) -> None:
+    life = Life()
+    for step in taken:
+        life.do(*step)
+    then = Again(life).then
+    waiting: dict[tuple[End, ...], list[Node]] = {}
+    for task in life.central.tree.tasks.values():
+        for moment in Moment:
+            if not task.reached & moment:
+                node = Node(task.id, moment)
+                waiting.setdefault(Ends.at(then).of_node(node), []).append(node)
+    for told in then.tasks.values():
+        if told.queueing and told.queueing.module:
+            who_is_said_to_be_next_is(life, then, told)
+    for ends, nodes in waiting.items():
+        if len(ends) <= MOST and all(end.kind is not Kind.WATCHES for end in ends):
+            nothing_else_helps(life, ends, nodes)
+            for node in dict.fromkeys((nodes[0], nodes[-1])):
+                what_is_named_helps(life, node)
+                each_is_needed(life, then, node, ends)
+
+
+def who_is_said_to_be_next_is(life: Life, then: Then, task: TaskThen) -> None:
+    """One that is handled there returns."""
+    assert task.queueing
+    place = task.queueing.module, task.queueing.resource
+    by, again = kept_out(then, *place, task), Again(life)
+    if isinstance(by, Claim) and (then.is_granted(by) or by.is_reserved):  # that may let it in
+        return
+    own_slots = {one.given_as for one in may_return(again.central) if not one.nested}
+    going_on = [run for run in then.running(*place) if run.delivery in own_slots]
+    for run in going_on[:1]:
+        known = len(again.entries)
+        again.answer(again.central.dispatcher.attended[run.delivery])
+        told = [fact for entry in again.entries[known:] for fact in entry.facts if isinstance(fact, Delivered)]
+        let_in = [fact.message_id for fact in told if (fact.module, fact.resource) == place]
+        is_wrong = task.id in let_in if isinstance(by, Claim) else not let_in
+        assert not is_wrong, f"{task} waits for {by}; {run} returned, and {let_in} got in"
+
+
+def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
+    again, named = Again(life), {end.number for end in ends}
+    circles = Ends.at(again.then)
+    done = list(rest(again, ends, named))
+    left = [node for node in nodes if not again.has_reached(node)]
+    assert left == nodes, f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
+
+
+def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
+    """Do whatever is not named."""
+    central, kinds = again.central, {end.kind for end in ends}
+    held = [one for one in may_be_released(central) if one.id not in named]
+    held = [one for one in held if one.holder is None or one.holder.message_id not in named]
+    for run in [one for one in may_return(central) if one.message_id not in named]:
+        again.answer(run)
+        yield run
+    for claim in held:
+        if claim.is_granted:
+            again.release(claim)
+            yield claim
+    if Kind.SUSPENDED not in kinds:
+        for task in [one for one in central.tree.tasks.values() if one.suspended]:
+            again.receive("operator", headers.Suspend(again.number("operator"), TaskId(task.id), resume=True))
+            yield f"{task} resumed"
+    if Kind.NOBODY not in kinds:
+        for name in ("later", "never"):
+            again.take(name)
+    if Kind.DELAYED not in kinds:
+        again.tick(LONG)
+        yield "time"
+
+
+def what_is_named_helps(life: Life, node: Node) -> None:
+    again, told = Again(life), []
+    for _ in range(ROUNDS):
+        if again.has_reached(node):
+            return
+        ends = Ends.at(again.then).of_node(node)
+        if ends[0].kind in (Kind.CIRCLE, Kind.WATCHES):
+            return
+        told.append(ends)
+        again.act(ends[0])
+    pytest.fail(f"{node} was not reached by what was named: {told[:20]}")
+
+
+def each_is_needed(life: Life, then: Then, node: Node, ends: tuple[End, ...]) -> None:
+    if len(ends) < 2 or ends[0].kind is Kind.CIRCLE:
+        return
+    for left in ends:
+        if left.kind is not Kind.DELAYED:
+            does_not_help_without(life, node, left)
+
+
+def does_not_help_without(life: Life, node: Node, left: End) -> None:
+    again = Again(life)
+    for _ in range(ROUNDS):
+        then = again.then
+        if any(is_choice(then, one) for one in reached(then, [node])):
+            return
+        ends = Ends.at(then).of_node(node)
+        others = [end for end in ends if end.number != left.number and end.kind is not Kind.DELAYED]
+        if not others or ends[0].kind is Kind.CIRCLE or left not in ends:
+            return
+        again.act(others[0])
+        assert not again.has_reached(node), f"{node} did not wait for {left}"
+
+
+def is_choice(then: Then, node: Node) -> bool:
+    """Whether one of several is enough: of those that are in a resource the first that returns makes room."""
+    message = then.past.messages.get(node.number)
+    queueing = then.queueing_of(message) if message else None
+    return queueing is not None and len(leads(then, node)[0]) > 1
+
+
+@given(steps)
+@settings(max_examples=40)
+def test_what_is_named_is_what_is_waited_for(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=5_000)
+def test_the_same_in_many_lives(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)

@@ -1,0 +1,102 @@
+"""The critical path of any task of a random life has no gaps, begins where somebody acted of his own will, and each of
+its parts says what really went on then, as the facts alone tell.
+"""
+
+import random
+from itertools import pairwise
+
+import pytest
+from central.player import before, point
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from properties.seen_in_facts import Facts
+from properties.test_blocked_is_told import Told
+
+from tca_tools.analysis.causes import Causes
+from tca_tools.analysis.critical_path import critical_path, why_then
+from tca_wire import headers
+from tca_wire.points import Moment
+
+KINDS = [
+    "send", "send", "send", "ask", "ask all", "ask all", "ask and go on", "fetch", "wait", "wait", "lock", "give up",
+    "return", "return", "return", "kill", "suspend", "lose", "constrain", "delay", "deadline",
+]  # fmt: skip
+numbers = st.integers(0, 50)
+steps = st.lists(st.tuples(st.sampled_from(KINDS), numbers, numbers, numbers), max_size=40)
+
+
+class Quiet(Told):
+    """What it knows of waits is looked at elsewhere."""
+
+    def compare(self) -> None:
+        pass
+
+    def do(self, what: str, a: int, b: int, c: int) -> None:
+        tasks = [*self.central.tree.tasks]
+        if what not in ("delay", "deadline"):
+            super().do(what, a, b, c)
+        elif what == "deadline" and tasks:
+            place = point(tasks[a % len(tasks)], list(Moment)[b % 6])
+            self.receive("operator", headers.Deadline(self.number("operator"), place, c % 10))
+        elif tasks:
+            pair = point(tasks[a % len(tasks)], list(Moment)[b % 6]), point(-1, list(Moment)[c % 6])
+            self.send("operator", ("walk", "move", "step")[a % 3], constraints=(before(*pair, b % 5),))
+
+
+def check(taken: list[tuple[str, int, int, int]]) -> None:
+    life = Quiet()
+    life.hello("operator")
+    life.declare("user", "query missing")
+    for step in taken:
+        life.do(*step)
+        life.tick(1.0)
+    past = life.history
+    seen, causes = Facts(life.entries, list(past.times)), Causes(past)
+    for task in past.tasks.values():
+        path = critical_path(past, causes, task)
+        if not path.steps:
+            continue
+        said = "\n".join(
+            f"{one.start}-{one.end} {one.doing} {past.describe(one.message_id)} {one.module}: {why_then(past, one)}"
+            for one in path.steps
+        )
+        assert path.end == min(seen.ends(task.id), past.time), f"{task} goes on after its path\n{said}"
+        for one, after in pairwise(path.steps):
+            assert one.end == after.start, f"a gap in the path of {task}\n{said}"
+        for one in path.steps:
+            assert seen.bears_out(one), f"of {task}: {one.doing} from {one.start} is not so\n{said}"
+        assert seen.is_own_will(path.start), f"the path of {task} begins too late\n{said}"
+
+
+@given(steps)
+@settings(max_examples=100)
+def test_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)
+
+
+@example(752)  # killed, but its handler does not heed it
+@example(1027)  # a question to many is given up while a copy stands in a queue
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=20)
+def test_paths_of_longer_lives_say_what_was_so(seed: int) -> None:
+    check(longer(seed))
+
+
+@pytest.mark.soak
+@given(st.integers(0, 1 << 32))
+@settings(max_examples=500)
+def test_many_paths_of_longer_lives(seed: int) -> None:
+    check(longer(seed))
+
+
+def longer(seed: int) -> list[tuple[str, int, int, int]]:
+    """Sixty steps, all as likely as each other."""
+    dice = random.Random(seed)
+    return [(dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51)) for _ in range(60)]
+
+
+@pytest.mark.soak
+@given(steps)
+@settings(max_examples=3_000)
+def test_many_paths_say_what_was_so(taken: list[tuple[str, int, int, int]]) -> None:
+    check(taken)

@@ -1,0 +1,183 @@
+"""What waits because of a lock is told so: in all copies of a module, and from when on somebody waits for the lock."""
+
+from itertools import pairwise
+
+import pytest
+from central.player import Player
+from central.test_copies import CLIENTS, OPERATIONS, is_granted, join
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tools.made_robots import near
+from tools.story import Story
+
+from tca_tools.analysis.advised import Advice, Topic
+from tca_tools.analysis.locks import Locks
+from tca_tools.history import History
+from tca_tools.past import Past
+from tca_tools.report.contents import Contents, contents
+from tca_wire import facts, headers
+from tca_wire.constraints import Flags
+from tca_wire.points import Moment
+from tca_wire.wording import called
+
+
+def advised(found: Contents) -> dict[Topic, Advice]:
+    return {one.topic: one for one in found.advice}
+
+
+def all_texts(found: Contents) -> str:
+    texts = [text for one in found.advice for text in (one.title, one.text, one.remedy, one.example)]
+    for shown in filter(None, (found.path, found.longest)):
+        texts += [share.name for share in shown.shares] + [step.what + step.why for step in shown.steps]
+    return "\n".join(texts)
+
+
+@pytest.fixture(scope="module")
+def two_arms() -> Contents:
+    """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both; and so has the lift
+    that is sent after it.
+    """
+    player = Player()
+    player.module("legs", "command move")
+    join(player, "new")
+    player.module("map", "query where")
+    player.module("user")
+    player.task("user", "move", flags=Flags.NONE)
+    player.send("user", "where")
+    number, (asked,) = player.number("map/1"), player.delivered("map/1")
+    player.receive("map/1", headers.Lock(number, "legs", "legs", origin=asked, blocking=True))
+    player.task("user", "move", flags=Flags.NONE)
+    assert not player.delivered("legs/1"), "the idle copy"
+    player.tick(20.0)
+    player.reply("new/1")
+    player.tick(10.0)
+    player.receive("map/1", headers.Release(player.number("map/1"), number))
+    player.reply(next(one for one in ("legs/1", "new/1") if player.delivered(one)))
+    return contents(History.until(player.entries))
+
+
+def test_a_lock_of_all_copies_is_no_bottleneck_of_one(two_arms: Contents) -> None:
+    told = advised(two_arms)
+    assert (told[Topic.LOCK].title, Topic.CAPACITY in told) == ("legs is locked while others wait", False)
+    assert "map had it" in told[Topic.LOCK].example
+    assert told[Topic.LOCK].saving > 30
+
+
+def test_behind_a_lock_nothing_is_planned(two_arms: Contents) -> None:
+    assert Topic.OVERLAP not in advised(two_arms)
+
+
+def test_both_copies_are_locked(two_arms: Contents) -> None:
+    (move, *_) = (use for use in two_arms.uses if use.name.startswith("legs"))
+    assert move.locked > 10
+
+
+def locking(*, is_reserved: bool = False) -> Story:
+    """*go* locks the legs, while these still move for somebody else."""
+    story = Story().module("m", "go").module("legs", "move").at(1.0)
+    move = story.command("move", "user")
+    story.delivered(move, "legs").at(2.0)
+    go = story.command("go", "user")
+    story.delivered(go, "m").at(3.0).say(facts.Claimed(50, "legs", "legs", is_reserved, "m", go))
+    story.at(6.0).returned(move).reached(move, Moment.END_ACHIEVING).say(facts.Granted(50))
+    return story.at(7.0).say(facts.ClaimEnded(50, "released")).returned(go).reached(go, Moment.END_ACHIEVING)
+
+
+@pytest.mark.parametrize("is_reserved", [False, True])
+def test_who_waits_for_what_nobody_has_locked_is_not_told_to_release_it(*, is_reserved: bool) -> None:
+    one = advised(contents(locking(is_reserved=is_reserved).fold()))[Topic.LOCK]
+    assert near(one.title, one.saving) == ("legs is busy when it is to be locked", 3.0)
+    assert one.remedy == "lock it when nothing is handled there, send it less before, or lock a smaller resource"
+    assert "but legs is busy with move {1}" in one.example
+
+
+def test_a_short_lock_does_not_make_a_long_queue() -> None:
+    """A move of 5 s, then a lock of half a second, then the move that waited for both."""
+    story = Story().module("m").module("legs", "move").at(1.0)
+    first, second = story.command("move", "user"), story.command("move", "user")
+    story.delivered(first, "legs").queued(second, "legs").at(6.0).returned(first)
+    story.reached(first, Moment.END_ACHIEVING).say(facts.Claimed(50, "legs", "legs", False, "m", 0), facts.Granted(50))
+    story.at(6.5).say(facts.ClaimEnded(50, "released")).delivered(second, "legs")
+    story.at(7.5).returned(second).reached(second, Moment.END_ACHIEVING)
+    told = advised(contents(story.fold()))
+    assert (told[Topic.CAPACITY].title, Topic.LOCK in told) == ("legs is a bottleneck", False)
+
+
+def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
+    story = Story().module("m").module("legs", "move")
+    past = story.at(1.0).say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50)).at(9.0).fold()
+    locks = Locks(past)
+    assert [locks.kept_out("legs", "legs", who, 2.0, 5.0) for who in ("m", "user")] == [0.0, 3.0]
+
+
+def test_a_lock_on_the_path_has_a_name() -> None:
+    """Somebody outside of any handler keeps what the handler wants to lock."""
+    story = Story().module("op").module("m", "go").module("legs", "move")
+    story.at(1.0).say(facts.Claimed(50, "legs", "legs", False, "op", 0), facts.Granted(50)).at(2.0)
+    go = story.command("go", "user")
+    story.delivered(go, "m").at(3.0).say(facts.Claimed(51, "legs", "legs", False, "m", go))
+    story.at(6.0).say(facts.ClaimEnded(50, "released"), facts.Granted(51)).at(7.0).returned(go)
+    found = contents(story.reached(go, Moment.END_ACHIEVING).fold())
+    assert advised(found)[Topic.LOCK].title == "legs is locked while others wait"
+    assert found.path
+    assert [share.name for share in found.path.shares] == ["lock of legs", "go"]
+
+
+# --- any life ------------------------------------------------------------------------------------------------------
+
+
+@given(st.lists(st.tuples(st.sampled_from([*OPERATIONS, "move", "reply"]), st.integers(0, 7)), max_size=60))
+@settings(max_examples=60)
+def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> None:
+    """A stay in a queue was because of a lock for as long as there was one, by the facts."""
+    past = lived(life)
+    locks = Locks(past)
+    for queueing in past.queueings:
+        if queueing.module:
+            sender = past.messages[queueing.message_id].sender
+            end = past.time if queueing.end is None else queueing.end
+            said = locks.kept_out(queueing.module, queueing.resource, sender, queueing.start, end)
+            assert -1e-6 <= said <= end - queueing.start + 1e-6
+            assert said == pytest.approx(by_facts(past, queueing.module, queueing.start, end, sender))
+    assert "?" not in all_texts(contents(past))
+
+
+def lived(life: list[tuple[str, int]]) -> Past:
+    player = Player()
+    wanted: list[tuple[str, int]] = []
+    copies: list[str] = []
+    for client in ("user", *CLIENTS):
+        player.module(client)
+    player.declare("user", "command move")
+    for what, number in life:
+        if what == "join":
+            copies.append(f"copy{len(copies)}")
+            join(player, copies[-1])
+        elif what == "move":
+            player.task((*CLIENTS, "user")[number % 4], "move", flags=Flags.NONE)
+        elif what == "reply" and (busy := [one for one in copies if player.delivered(f"{one}/1")]):
+            player.reply(f"{busy[number % len(busy)]}/1")
+        elif what in ("lock", "reserve") and copies:
+            client = CLIENTS[number % len(CLIENTS)]
+            wanted.append((client, player.number(client)))
+            player.receive(client, headers.Lock(wanted[-1][1], "legs", reserve=what == "reserve"))
+        elif what == "release" and (had := [one for one in wanted if is_granted(player, *one)]):
+            client, lock = wanted.pop(wanted.index(had[number % len(had)]))
+            player.receive(client, headers.Release(player.number(client), lock))
+        player.tick(float(number))
+    return History.until(player.entries)
+
+
+def by_facts(past: Past, module: str, start: float, end: float, sender: str) -> float:
+    """Looked up between every two entries."""
+    times = sorted({start, end, *(time for time in past.times if start < time < end)})
+    return sum(
+        after - time
+        for time, after in pairwise(times)
+        if any(
+            claim.start <= time and (claim.end is None or claim.end > time)
+            and (claim.start <= start or (claim.granted is not None and claim.granted <= time))
+            and not (claim.is_reserved and claim.sender == sender)
+            for claim in past.claims.values() if called(claim.module) == called(module)
+        )
+    )  # fmt: skip

@@ -1,0 +1,90 @@
+"""What runs are called, and by which address they are asked for: it stays, whatever comes to lie beside them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from tools.story import stumbling, walking
+
+from tca_tools.logs import open_log
+from tca_tools.view.runs import Runs
+from tca_wire import facts
+from tca_wire.endpoint import default_journals
+from tca_wire.facts import JOURNAL_VERSION
+
+
+@contextmanager
+def runs_of(journal: Path | None) -> Iterator[Runs]:
+    runs = Runs(open_log(journal), follows=journal is None)
+    try:
+        yield runs
+    finally:
+        runs.stop()
+
+
+def begin_another_in(folder: Path) -> None:
+    story = stumbling()
+    story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
+    (folder / "00000002.tcaj").write_bytes(story.encoded())
+
+
+def link_to(folder: Path, name: str) -> None:
+    for link in default_journals().iterdir():
+        if link.resolve() == folder:
+            link.unlink()
+    (default_journals() / name).symlink_to(folder)
+
+
+@pytest.fixture
+def journals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.delenv("TCA_CENTRAL", raising=False)
+    default_journals().mkdir(parents=True)
+    return tmp_path
+
+
+def test_a_run_is_asked_for_as_before_when_another_begins_in_its_folder(journals: Path) -> None:
+    folder = walking().write(journals / "walk")
+    link_to(folder, "2026-01-01")
+    with runs_of(None) as runs:
+        old = runs.newest
+        shown = runs.show(None)
+        assert old.name == "walk"
+        begin_another_in(folder)
+        link_to(folder, "2026-01-02")  # as central does when it is started there anew
+        assert [run.name for run in runs.all()] == ["walk#1", "walk#2"]
+        assert runs.show(old.address) is shown
+        assert shown
+        assert [one.name for one in runs.names(shown)] == ["walk#1", "walk#2"]
+    with runs_of(None) as runs:
+        again = runs.show(old.address)
+        assert again
+        assert runs.names(again)[0] == (old.address, "walk#1")
+        assert open_log(Path(old.address)).name == "walk#1"  # it names the run as LOG, too
+
+
+def test_a_run_of_which_nothing_was_written_is_asked_for_as_before_when_there_is_something(tmp_path: Path) -> None:
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    (folder / "00000001.tcaj").touch()
+    with runs_of(folder) as runs:
+        shown = runs.show(None)
+        assert shown
+        empty = shown.address
+        (folder / "00000001.tcaj").write_bytes(walking().encoded())
+        assert runs.all()[0].address != empty
+        assert {one.address for one in runs.names(shown)} == {runs.all()[0].address}
+        with shown.reading:
+            shown.reading.wait_for_more(0, 60)
+        assert shown.address == runs.all()[0].address
+        assert runs.show(empty) is runs.show(shown.address) is shown
+
+
+def test_folders_of_one_name_are_told_apart_by_those_in_which_they_lie(journals: Path) -> None:
+    for number, where in enumerate(("a/robot/journal", "b/robot/journal", "b/arm/journal", "walk", "a/walk")):
+        (journals / where).parent.mkdir(parents=True, exist_ok=True)
+        link_to(walking().write(journals / where), f"2026-01-0{number}")
+    with runs_of(None) as runs:
+        names = [run.name for run in runs.all()]
+    assert names == ["a/robot/journal", "b/robot/journal", "arm/journal", f"{journals.name}/walk", "a/walk"]
