@@ -8,6 +8,11 @@ from collections.abc import Iterable
 
 from tca_central.registry import Connection
 
+LATE = 8
+"""So many beats are let pass for a line that has never been there: a process tries at least every 5 s to connect it."""
+_REMEMBERED = 1000
+"""Of so many that have left it is remembered that their lines were there."""
+
 
 class Pulses:
     """How many beats each pulse has left unanswered. Knows no socket and no clock."""
@@ -17,6 +22,7 @@ class Pulses:
         self.heard: set[bytes] = set()  #: routing ids of all that has come since the last beat
         self._patience = patience
         self._unanswered: dict[bytes, int] = {}
+        self._met: set[bytes] = set()  #: those whose line has been there
 
     def beat(self, connections: Iterable[Connection]) -> set[bytes]:
         """It is time for the next beat: the pulses that it goes to."""
@@ -24,6 +30,8 @@ class Pulses:
         pulses = {connection.pulse for connection in connections if connection.pulse}
         self._unanswered = {pulse: beats + 1 for pulse, beats in self._unanswered.items() if pulse in pulses}
         self.listen(connections)
+        if len(self._met) > len(pulses) + _REMEMBERED:
+            self._met &= pulses
         return pulses
 
     def listen(self, connections: Iterable[Connection]) -> None:
@@ -36,11 +44,17 @@ class Pulses:
 
     def sent(self, pulse: bytes) -> None:
         """A beat is on its way to it: an answer is due."""
-        self._unanswered.setdefault(pulse, 0)
+        self._met.add(pulse)
+        self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
     def gone(self, pulse: bytes) -> None:
-        """Its line is not there: no reason to blame the process, whose other connections tell when they close."""
-        self._unanswered.pop(pulse, None)
+        """Its line is not there. Where it was, that is no reason to blame the process, whose other connections tell
+        when they close. Where it never was, the process may have been stopped before it could connect it.
+        """
+        if pulse in self._met:
+            self._unanswered.pop(pulse, None)
+        else:
+            self._unanswered.setdefault(pulse, -LATE)
 
     def silent(self) -> set[bytes]:
         """Pulses that have been silent for too long."""

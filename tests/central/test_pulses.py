@@ -6,7 +6,7 @@ import pytest
 from central.player import Player
 
 from tca_central.events import ConnectionId
-from tca_central.pulses import Pulses
+from tca_central.pulses import LATE, Pulses
 from tca_central.registry import Connection, Module
 from tca_wire.headers import PROTOCOL_VERSION, Hello, Refused
 from tca_wire.vocabulary import Limit, Refusal
@@ -74,12 +74,46 @@ def test_who_names_no_pulse_is_not_watched() -> None:
 
 def test_a_line_that_is_not_there_blames_nobody() -> None:
     pulses, legs = Pulses(1), connection_of(b"legs")
-    for _ in range(3):
+    beat(pulses, legs)
+    pulses.heard.add(b"legs")
+    for _ in range(3 * LATE):
         assert pulses.beat([legs]) == {b"legs"}
         pulses.gone(b"legs")  # says the socket
         assert pulses.silent() == set()
     beat(pulses, legs)
     assert beat(pulses, legs) == {b"legs"}
+
+
+def beats_without_a_line(pulses: Pulses, *connections: Connection) -> int:
+    """After so many a process whose pulse has no line is silent."""
+    for beats in range(3 * LATE):
+        if pulses.silent():
+            return beats
+        for pulse in pulses.beat(connections):
+            pulses.gone(pulse)
+    return 0
+
+
+def test_a_line_that_never_comes_is_one_of_a_process_that_was_stopped_before() -> None:
+    """A test stopped a module in its first milliseconds, and waited in vain for its loss."""
+    assert beats_without_a_line(Pulses(2), connection_of(b"legs")) == 1 + LATE + 2
+
+
+def test_a_line_that_comes_late_is_watched_from_then_on() -> None:
+    pulses, legs = Pulses(2), connection_of(b"legs")
+    for _ in range(LATE):
+        pulses.beat([legs])
+        pulses.gone(b"legs")
+    for _ in range(2):
+        assert beat(pulses, legs) == set()
+    assert beat(pulses, legs) == {b"legs"}
+
+
+def test_who_has_been_there_is_known_when_he_comes_back() -> None:
+    pulses, legs = Pulses(2), connection_of(b"legs")
+    beat(pulses, legs)
+    beat(pulses)
+    assert beats_without_a_line(pulses, legs) == 0
 
 
 @pytest.mark.parametrize("length", [Limit.NAME, Limit.NAME + 1])

@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import zmq
 from integration.programs import Central, central, program, run
 from module.real_central import until
 
 from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, connect
 from tca_tools.logs import open_log
-from tca_wire import facts
+from tca_wire import codec, facts, headers
 
 STEP, LOOK, LOAD = Command("step"), Query("look", reply=str), Command("load", float)
 VIEWS = MultiQuery("views", reply=str)
@@ -146,6 +147,21 @@ def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
             hear(script, "has it")
             script.send_signal(signal.SIGSTOP)
             other.lock("camera", timeout=SOON).release()
+
+
+@pytest.mark.soak
+def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path: Path) -> None:
+    """Its first words have come, the line of its pulse never does."""
+    with central(tmp_path, "--lost-after", "2") as daemon, connect("user", daemon.address) as user:
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        with context, context.socket(zmq.DEALER) as early:
+            early.linger = 0
+            early.connect(daemon.address)
+            early.send(codec.pack([(headers.Hello(1, headers.PROTOCOL_VERSION, "early", "1", pulse=b"none"), b"")]))
+            until(lambda: {module.name for module in user.modules()} == {"user", "early"}, "it is there")
+            until(lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON)
+        daemon.stop()
+        assert silent(daemon.journal) == ["early"]
 
 
 @pytest.mark.soak

@@ -63,20 +63,20 @@ class RealCentral:
 
 
 @contextmanager
-def soon(what: str) -> Iterator[Callable[[], bool]]:
+def soon(what: str, seconds: float = SOON) -> Iterator[Callable[[], bool]]:
     """Gives a question: may we go on trying? Asked too late, it fails."""
-    deadline = time.monotonic() + SOON
+    deadline = time.monotonic() + seconds
 
     def may_go_on() -> bool:
-        assert time.monotonic() < deadline, f"not within {SOON:g} s: {what}"
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
         time.sleep(0.005)
         return True
 
     yield may_go_on
 
 
-def until(is_so: Callable[[], Any], what: str) -> None:
+def until(is_so: Callable[[], Any], what: str, seconds: float = SOON) -> None:
     """Wait until something is so."""
-    with soon(what) as may_go_on:
+    with soon(what, seconds) as may_go_on:
         while not is_so() and may_go_on():
             pass
