@@ -92,6 +92,7 @@ def test_beside_two_gauges_both_are_looked_at() -> None:
     assert {action.name for action in goes_round(explore(scenario))} == {"", "battery/1", "battery/2"}
 
 
+@pytest.mark.soak
 def test_two_who_play_ball_beside_two_who_do() -> None:
     """Each pair could go on for ever without the other: that would be no accident, and is not shown."""
     scenario = Scenario("ball", eventually(achieved(WALK)))

@@ -323,6 +323,10 @@ def test_what_never_comes_to_its_turn_is_found() -> None:
     assert "queued" in report(result)
     assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
     assert not explore(starving(1, eventually(achieved(STEP)))).ok
+
+
+@pytest.mark.soak
+def test_where_nobody_goes_before_it_everybody_comes_to_his_turn() -> None:
     assert explore(starving(0, never_stuck(), eventually(achieved(STEP)))).ok
 
 

@@ -33,11 +33,11 @@ DIGGER = """
         import signal; signal.pause()
 """
 
-TASKS = 100_000
+TASKS = 20_000
 
 
 def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:
-    """Central stands still for a second, and here is stopped, too, as on a slower day: who has no patience is told; what
+    """Central stands still for a while, and here is stopped, too, as on a slower day: who has no patience is told; what
     is handled goes on, and who handles stays.
     """
     with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:

@@ -1,4 +1,4 @@
-"""Everything that steers tasks works on trees of a hundred thousand, deep or wide: no recursion, nothing left behind."""
+"""Everything that steers tasks works on trees of very many tasks, deep or wide: no recursion, nothing left behind."""
 
 import pytest
 from central.player import Player, before, point
@@ -10,14 +10,14 @@ from tca_wire.headers import Kill
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Scope
 
-SIZE = 100_000
 START = Moment.START_ACHIEVING
 
 
+@pytest.mark.parametrize("size", [30_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
-def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bool) -> None:
+def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(deep: bool, size: int) -> None:
     bench = Steered()
-    bottom = bench.grow(SIZE, deep=deep)
+    bottom = bench.grow(size, deep=deep)
     bench.steady(bottom, 10)
     bench.operations(bottom)
     assert len(bench.central.tree.tasks) == 2  # the top-level task, and under it what leaves things safe
