@@ -55,6 +55,8 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
         if rounds == EASY:
             if borders.leads_up:
                 return _way_up(start, goal)
+            if borders.leads_back:
+                return None
             drawing = borders.draw(tree)
         if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
             break
@@ -103,7 +105,12 @@ class Borders:
     @property
     def leads_up(self) -> bool:
         """Whether the goal is the end of a task above: all below leads there."""
-        return self._goal.moment == END_ACHIEVING and any(one is self._goal.task for one in _above(self._start.task))
+        return self._goal.moment == END_ACHIEVING and _is_below(self._start.task, self._goal.task)
+
+    @property
+    def leads_back(self) -> bool:
+        """Whether the start is the end of a task above: all below leads there, a way back would be a circle already."""
+        return self._start.moment == END_ACHIEVING and _is_below(self._goal.task, self._start.task)
 
     def draw(self, tree: TaskTree) -> Iterator[None]:
         """Find them, step by step."""
@@ -162,6 +169,10 @@ class Borders:
         if moment == END_ACHIEVING or not task.is_goal or task.delayed:
             return False
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
+
+
+def _is_below(task: Task, other: Task) -> bool:
+    return task is not other and task.above(other.id) is other
 
 
 def _above(task: Task) -> Iterator[Task]:

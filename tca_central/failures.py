@@ -125,11 +125,18 @@ def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = 
     if trouble is None:
         return None
     at, attached = trouble.at, trouble.attached
-    invocations = at.more.invocations
-    invocations[attached.id] = invocations.get(attached.id, 0) + 1
+    _count(central, at, attached)
     handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
     central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
     return handler
+
+
+def _count(central: State, at: Task, attached: Attached) -> None:
+    """One call more. Calls of exception handlers that have been removed are forgotten when they are the most."""
+    calls = at.more.invocations
+    calls[attached.id] = calls.get(attached.id, 0) + 1
+    if len(calls) > 2 * (len(at.more.attached) + len(at.message.attached)) + 16:
+        at.more.invocations = {number: count for number, count in calls.items() if number in central.attached}
 
 
 def _find(
@@ -319,7 +326,7 @@ def _asking(connection: Connection, task: Task) -> Task | None:
     if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
         return None
     failing = asking.context.failing
-    if all(above is not task for above in failing.lineage()):
+    if failing.above(task.id) is None:
         text = f"{asking} handles the failure of {failing}: it can retry that or a task above it, and not {task}"
         raise RequestError(Refusal.PROTOCOL, text)
     return asking

@@ -179,7 +179,7 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
     until = options.until
     if until is None or until.moment is not Moment.END_ACHIEVING:
         return
-    above = next((one for one in parent.lineage() if one.id == until.task), None)
+    above = parent.above(until.task)
     if above is not None:
         text = f"{message.message_class} '{message.name}' under {above} can't watch until that ends, which waits for it"
         raise RequestError(Refusal.CYCLE, f"{text}: without an end of its own it ends with what it watches over")

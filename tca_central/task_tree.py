@@ -3,7 +3,7 @@
 Only tasks that have not ended are here; what has ended lives on in the journal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from tca_central.errors import RequestError
@@ -17,7 +17,7 @@ class Rare:
     """What only few tasks have: most tasks do without this object."""
 
     __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped",
-                 "is_void", "keepers", "kept", "listeners", "parting", "pending", "recovering", "taps",
+                 "is_void", "keepers", "kept", "listeners", "offspring", "parting", "pending", "recovering", "taps",
                  "void_followers", "watch")  # fmt: skip
 
     def __init__(self) -> None:
@@ -40,6 +40,7 @@ class Rare:
         self.asked: list[Task] = []  #: of an exception handler: the tasks that it wants retried
         self.is_guest = False  #: of a monitor: others have put it under its parent (watching.py)
         self.guests = 0  #: number of such children
+        self.offspring: Siblings | None = None  #: its children but those aside, once the newest has been killed
         self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
         self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
 
@@ -126,10 +127,42 @@ class Task(Delivery):
             yield task
             task = task.parent
 
+    def above(self, number: int) -> "Task | None":
+        """The task of that number, if it is this one or above it. Stops at what is older: that has an older parent."""
+        task: Task | None = self
+        while task is not None and task.id > number:
+            task = task.parent
+        return task if task is not None and ROOT < task.id == number else None
+
     def top_level(self) -> "Task":
         """The ancestor right under the root, or this task itself."""
         *_, top = self.lineage()
         return top
+
+
+class Siblings:
+    """Living siblings in the order in which they came. The newest is found at constant cost, however many have ended
+    since, or stand aside.
+    """
+
+    __slots__ = ("_order", "living")
+
+    def __init__(self, tasks: Iterable[Task] = ()) -> None:
+        self.living = {task.id: task for task in tasks}
+        self._order = list(self.living)
+
+    def add(self, task: Task) -> None:
+        """It is the newest."""
+        self.living[task.id] = task
+        self._order.append(task.id)
+        if len(self._order) > 2 * len(self.living) + 16:
+            self._order = list(self.living)
+
+    def newest(self) -> Task | None:
+        """The one that came last of those that are left."""
+        while self._order and self._order[-1] not in self.living:
+            self._order.pop()
+        return self.living[self._order[-1]] if self._order else None
 
 
 class Kept:
@@ -175,7 +208,7 @@ class TaskTree:
         self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
         self.newest = 0  #: the highest id given so far
         self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
-        self.top_of_module: dict[str, dict[int, Task]] = {}  #: living top-level tasks per sending module, oldest first
+        self.top_of_module: dict[str, Siblings] = {}  #: living top-level tasks per sending module
 
     def task(self, task_id: TaskId) -> Task | None:
         """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
@@ -201,8 +234,12 @@ class TaskTree:
         parent.watchers += task.is_watcher
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
-        if parent is self.root and not is_aside(task):
-            self.top_of_module.setdefault(_sender(task), {})[task.id] = task
+        if is_aside(task):
+            return
+        if parent is self.root:
+            self.top_of_module.setdefault(_sender(task), Siblings()).add(task)
+        elif parent.rare is not None and parent.rare.offspring is not None:
+            parent.rare.offspring.add(task)
 
     def become_last(self, task: Task, sender: str) -> None:
         """A task is there for good: from now on flags refer to it, if a module sent it."""
@@ -230,20 +267,21 @@ class TaskTree:
             parent.watchers -= task.is_watcher
             if task.rare is not None and task.rare.is_guest:
                 parent.more.guests -= 1
+            if parent.rare is not None and parent.rare.offspring is not None:
+                parent.rare.offspring.living.pop(task.id, None)
             if parent.last_child is task:
-                # After a killed last child flags refer to the sibling before it, not to nothing.
-                before = (child for child in reversed(parent.children.values()) if not is_aside(child))
-                parent.last_child = next(before, None) if task.killed else None
+                parent.last_child = _newest_child(parent) if task.killed and parent.children else None
 
     def _detach_top(self, task: Task, sender: str) -> None:
         """After a killed top-level task flags refer to the living one that the same module sent before it."""
         others = self.top_of_module[sender]
-        del others[task.id]
+        del others.living[task.id]
         if self.last_of_module.get(sender) is task:
             del self.last_of_module[sender]
-            if task.killed and others:
-                self.last_of_module[sender] = next(reversed(others.values()))
-        if not others:
+            newest = others.newest() if task.killed else None
+            if newest is not None:
+                self.last_of_module[sender] = newest
+        if not others.living:
             del self.top_of_module[sender]
 
     def forget_module(self, sender: str) -> None:
@@ -304,6 +342,13 @@ def to_be_fired(task: Task, moments: int) -> list[Tap]:
 def is_aside(task: Task) -> bool:
     """Whether it stands beside the sequence of its siblings: constraint flags never refer to it."""
     return bool(task.role) or task.message.is_aside
+
+
+def _newest_child(parent: Task) -> Task | None:
+    """After a killed last child flags refer to the sibling before it, not to nothing."""
+    if parent.more.offspring is None:
+        parent.more.offspring = Siblings(child for child in (parent.children or {}).values() if not is_aside(child))
+    return parent.more.offspring.newest()
 
 
 def _sender(task: Task) -> str:

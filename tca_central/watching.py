@@ -95,11 +95,12 @@ def is_put_by_others(central: State, parent: Task, origin: int) -> bool:
     than from the handling of *parent*: then nobody puts it there again when that is retried, and a retry spares it.
 
     Looks who sent what to that handler, back to *parent*. Who helps after a failure comes from elsewhere, and so does
-    what a monitor of others has sent, and what wiretaps have that are fired for *parent* once.
+    what a monitor of others has sent, and what wiretaps have that are fired for *parent* once. Each
+    step leads to something older, so what is older than *parent* ends the search.
     """
     one = central.dispatcher.attended.get(origin)
     is_own = origin == parent.given_as
-    while one is not None and not is_own:
+    while one is not None and one.id >= parent.id and not is_own:
         if one.role is Role.LISTENER:
             tapped, tap = central.tree.tasks.get(one.context.tapped.task), central.taps.get(one.context.tap.id)
             if tapped is parent:

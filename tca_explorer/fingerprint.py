@@ -66,8 +66,8 @@ IGNORED = {
         "since",  # for people
     },
     "Task": {"parent"},  # met as a child of it
-    "Rare": {"void_followers"},  # when to look through them
-    "Agenda": {"_facts"},
+    "Rare": {"void_followers", "offspring"},  # when to look through them; its children once more
+    "Siblings": {"_order"}, "Agenda": {"_facts"},
     "Resource": {"_sent_by"},  # the same queue in other words
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # its place in the queue shows
     "Clock": {"now", "_asked", "_cancelled"},  # what is due is taken relative to now, in its order
@@ -97,7 +97,7 @@ def recognised(play: Play, memories: Iterable[int], detail: Detail) -> tuple[byt
     central = play.central
     for module in sorted(central.tree.top_of_module):  # so that the order between modules does not show
         walk.add(module)
-        walk.add(list(central.tree.top_of_module[module].values()))
+        walk.add(list(central.tree.top_of_module[module].living.values()))
     walk.add(central)
     walk.finish()
     _add_modules(walk, play, detail)

@@ -5,10 +5,14 @@
     task.goal(REST, constraints=[leg.handling.end <= this.planning.start])
 """
 
+from typing import NoReturn
+
 from tca_module.arguments import check_point, check_seconds
 from tca_module.errors import MisuseError
 from tca_wire.constraints import Constraint
 from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
+
+_STRICT = "points are compared with <= and >=: write first.achieving.end <= second.achieving.start"
 
 
 class Order(Constraint, frozen=True):
@@ -42,6 +46,11 @@ class TaskPoint(Point, frozen=True):
 
     def __le__(self, other: Point) -> Order:
         return Order(self, _checked(other))
+
+    def __lt__(self, other: object) -> NoReturn:
+        raise MisuseError(_STRICT)
+
+    __gt__ = __lt__
 
     def __ge__(self, other: Point | LaterPoint) -> Order:
         return other <= self if isinstance(other, LaterPoint) else Order(_checked(other), self)

@@ -10,6 +10,7 @@ import time
 
 from tca_module.connection import Connection
 from tca_module.errors import TcaError
+from tca_module.line import STALL
 
 TEND_PERIOD = 0.5
 """Seconds between two looks at the connection."""
@@ -25,7 +26,8 @@ class Keeper:
         self._reconnect = reconnect
         self._stop = stop  #: the module is to end
         self._is_left = threading.Event()  #: its thread leaves
-        self._since, self._warned = time.monotonic(), False
+        self._since = self._looked = time.monotonic()
+        self._warned = False
         self._log = logging.getLogger(f"tca.{link.session.module}")
         self._thread = threading.Thread(target=self._run, name=f"{link.session.module} keeper", daemon=True)
         self._thread.start()
@@ -50,6 +52,9 @@ class Keeper:
 
     def _tend(self) -> None:
         link, silence = self._link, self._link.tend(self._since)
+        before, self._looked = self._looked, time.monotonic()
+        if self._looked - before > STALL:
+            self._since, silence = self._looked, 0.0  # it was this process that stood still
         if silence > self._patience and not self._reconnect and not self._stop.is_set():
             self.error = link.line.lost()
             self._log.error("module '%s' ends: %s", link.session.module, self.error)

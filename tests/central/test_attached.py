@@ -6,7 +6,7 @@ import pytest
 from central.transcript import Transcript
 
 from tca_central import status
-from tca_wire import headers
+from tca_wire import facts, headers
 from tca_wire.parts import WatchOptions
 from tca_wire.points import TaskId
 
@@ -61,3 +61,19 @@ def test_what_is_refused_or_killed_at_once_is_not_told(robot: Transcript) -> Non
     assert told(robot) == []
     robot.player.send("user", "watch", under=walk, watch=WatchOptions(period=0.0))
     assert told(robot) == []
+
+
+def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_forgotten() -> None:
+    """A program that is restarted every hour attaches them to a task that lives for months."""
+    robot = Transcript()
+    for line in ("module legs handles command move", "module helper handles exception handler help", "module user",
+                 "user: command move", "user: command move flags NONE"):  # fmt: skip
+        robot.play(line)
+    for _ in range(100):
+        robot.play("user: attach slipped->help to 1")
+        attached = robot.player.central.tree.newest
+        robot.play("user: raise slipped on 1")
+        robot.play("helper/1: reply")
+        robot.play(f"user: remove {attached}")
+    assert len(robot.player.facts(facts.Caught)) == 100
+    assert len(robot.player.central.tree.tasks[TaskId(1)].more.invocations) < 20

@@ -29,7 +29,7 @@ from tca_central.holds import Release
 from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
 from tca_central.resources import Claim
 from tca_central.state import Recovery
-from tca_central.task_tree import Rare, TaskTree
+from tca_central.task_tree import Rare, Siblings, TaskTree
 from tca_central.watching import Watch
 from tca_explorer import Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
@@ -286,7 +286,7 @@ def test_the_tables_name_what_there_is() -> None:
         central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
         message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module),
         Claim(resource, Connection(ConnectionId(b""), "", module), module, admits_owner=False),
-        central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(),  # type: ignore[arg-type]
+        central.clock, central.clock.after(1, Due.TEST, None), Release(central.tree.root, 1, None), Rare(), Siblings(),  # type: ignore[arg-type]
         Watch(central.tree.root, WatchOptions(), []), Ending(central.tree.root, Scope.TASK, 0, "", ""),
         Recovery(*[None] * 5),  # type: ignore[arg-type]
     ]  # fmt: skip

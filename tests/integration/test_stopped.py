@@ -175,6 +175,22 @@ def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
+def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, eyes_at(daemon.address).running():
+        with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
+            user.wait_until_handled(STEP, timeout=SOON)
+            user.command(STEP)
+            hear(legs, "steps")
+            legs.send_signal(signal.SIGSTOP)
+            threading.Event().wait(12)  # longer than anybody's patience
+            legs.send_signal(signal.SIGCONT)
+            hear(legs, "was told")
+            user.wait_until_handled(STEP, timeout=SOON)
+            legs.terminate()
+            assert "does not answer" not in legs.communicate()[1]
+
+
+@pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
 def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> None:
     with running(tmp_path, "--lost-after", "2", bind=bind) as (daemon, address):

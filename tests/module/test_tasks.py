@@ -1,5 +1,6 @@
 """Goals and commands: the tree they make, their order, their results and failures, told as small stories."""
 
+import operator
 import queue
 import threading
 
@@ -194,6 +195,12 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
     assert isinstance(one, Constraint)
     assert str(one) == "end achieving task 1 <= start planning task 2"
     assert str(second.planning.start >= first.achieving.end) == str(one)
+    for other in (second.planning.start, first.handling.end + 2.0):
+        for compare in (operator.lt, operator.gt):
+            with pytest.raises(MisuseError, match=r"write first.achieving.end <= second.achieving.start"):
+                compare(first.achieving.end, other)
+            with pytest.raises(MisuseError, match=r"points are compared with <= and >="):
+                compare(other, first.achieving.end)
     with pytest.raises(MisuseError, match="write a <= b <= c as two constraints"):
         _ = first.achieving.start <= first.achieving.end <= second.planning.start
 
