@@ -234,11 +234,9 @@ class TaskTree:
         parent.watchers += task.is_watcher
         if task.rare is not None and task.rare.is_guest:
             parent.more.guests += 1
-        if is_aside(task):
-            return
-        if parent is self.root:
+        if parent is self.root and not is_aside(task):
             self.top_of_module.setdefault(_sender(task), Siblings()).add(task)
-        elif parent.rare is not None and parent.rare.offspring is not None:
+        elif parent.rare is not None and parent.rare.offspring is not None and not is_aside(task):
             parent.rare.offspring.add(task)
 
     def become_last(self, task: Task, sender: str) -> None:
