@@ -161,16 +161,16 @@ export class Chart {
       context.fillRect(x, top, Math.max(Math.min(this.#x(span.end), this.width) - x, 0), bottom - top);
     }
     let y = top;
-    for (const lane of row.held.slice(0, held)) {
+    for (const lane of row.held.lists.slice(0, held)) {
       this.#drawLane(lane, y, THIN - 2, (span, x, w) => this.#drawHeld(x, w, y));
       y += THIN;
     }
-    for (const lane of row.handled.slice(0, lanes)) {
+    for (const lane of row.handled.lists.slice(0, lanes)) {
       this.#drawLane(lane, y, LANE - 2, (span, x, w) => this.#drawBar(span, x, w, y));
       y += LANE;
     }
     y = top + held * THIN + lanes * LANE;
-    for (const lane of row.queued.slice(0, thin)) {
+    for (const lane of row.queued.lists.slice(0, thin)) {
       this.#drawLane(lane, y, step - 2, (span, x, w) => this.#drawQueued(span, x, w, y, step - 2));
       y += step;
     }
@@ -318,9 +318,9 @@ export class Chart {
     for (const { row, top, bottom, lanes, held, thin, step } of this.layout) {
       if (y < top || y > bottom) continue;
       const inside = y - top - held * THIN;
-      const lane = inside < 0 ? row.held[Math.floor((y - top) / THIN)]
-        : inside < lanes * LANE ? row.handled[Math.floor(inside / LANE)]
-          : row.queued[Math.min(Math.floor((inside - lanes * LANE) / step), thin - 1)];
+      const lane = inside < 0 ? row.held.lists[Math.floor((y - top) / THIN)]
+        : inside < lanes * LANE ? row.handled.lists[Math.floor(inside / LANE)]
+          : row.queued.lists[Math.min(Math.floor((inside - lanes * LANE) / step), thin - 1)];
       const time = this.#timeAt(x), near = this.#timeAt(x + 3) - time;
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;
