@@ -89,10 +89,7 @@ export class Chart {
     return from + (x - this.labels) / (this.width - this.labels) * (to - from);
   }
 
-  #scrollTo(scroll) {
-    this.scroll = scroll;
-    this.draw();
-  }
+  #scrollTo(scroll) { this.scroll = scroll; this.draw(); }
 
   // --- drawing -----------------------------------------------------------------------------------------------------
 
@@ -221,19 +218,20 @@ export class Chart {
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
     const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
-    if (span.outcome === "failed") this.#outline(x + inset, y + inset, wide - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
+    const left = span.end > this.time ? Math.max(this.#x(this.time), x) : x; // before a failure is known, only what is to come has its frame
+    if (span.outcome === "failed") this.#outline(left + inset, y + inset, x + wide - left - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
       context.beginPath();
       context.rect(x, y, wide, tall);
       context.clip();
-      const left = Math.max(x, this.labels) + 4;
-      const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - left - 2);
-      const right = left + context.measureText(words).width;
-      context.fillStyle = isLight(span, this.#timeAt(left), this.#timeAt(right)) ? "#111" : "#fff";
+      const begin = Math.max(x, this.labels) + 4;
+      const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - begin - 2);
+      const last = begin + context.measureText(words).width;
+      context.fillStyle = isLight(span, this.#timeAt(begin), this.#timeAt(last)) ? "#111" : "#fff";
       context.textAlign = "left";
-      context.fillText(words, left, y + tall / 2 + 0.5);
+      context.fillText(words, begin, y + tall / 2 + 0.5);
       context.restore();
     }
   }
