@@ -196,7 +196,9 @@ def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
     page = look(address)
     expect(page.locator("#counts")).to_contain_text("1 handling")
     begin_another_in(folder)
+    expect(page.locator("#newer")).to_be_visible()  # the server knows of it
     for opened in (page, look(address), look(address, "#t=1.4&task=7")):
+        expect(opened.locator("#newer")).to_be_visible()
         expect(opened.locator("#newer")).to_contain_text("a newer run has begun: walk#2")
         expect(opened.locator("#runs option:checked")).to_have_text("walk#1")
     page.locator("#newer button").click()
