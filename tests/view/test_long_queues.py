@@ -1,7 +1,9 @@
 """What waits by the thousand: its bars lie in lanes as in the other charts, and the page does not stand still for them."""
 
+import math
 import random
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import pytest
@@ -9,9 +11,15 @@ from playwright.sync_api import Page, expect
 from tools.story import Story, walking
 from view.conftest import Look, until
 
+from tca_tools.ends import causes
 from tca_tools.gantt.bars import Bar, chart
 from tca_tools.gantt.bars import _in_lanes as in_lanes
+from tca_tools.logs import Log, open_log
+from tca_tools.then import Then
+from tca_tools.view.answers import causes_answer
+from tca_tools.view.reading import Reading
 from tca_wire import facts
+from tca_wire.facts import Entry
 
 pytestmark = pytest.mark.slow
 
@@ -66,6 +74,38 @@ def test_a_lane_is_found_without_a_look_at_all_others(look: Look, tmp_path: Path
       return [looks, lanes.length, lanes.lists[0].length];
     }"""
     assert page.evaluate(looks, [10_000]) == [2 * 10_000, 10_000, 2]
+
+
+class Watched(Reading):
+    """Others look at it, or more is read, whenever that is possible."""
+
+    def __init__(self, log: Log, entries: list[Entry]) -> None:
+        super().__init__(log)
+        self.looks = 0
+        self.entries_to_come = entries
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, trace)
+        self.looks += 1
+        if self.looks == 2 and self.entries_to_come:
+            for entry in self.entries_to_come:
+                self.feed.apply(entry)
+            self.records += len(self.entries_to_come)
+
+
+@pytest.mark.parametrize("moment", [3000.0, 3900.0, math.inf])
+@pytest.mark.parametrize("read_before", [3500, 4003])
+def test_others_are_let_in_while_causes_are_looked_for(tmp_path: Path, moment: float, read_before: int) -> None:
+    story = queue_of(4000)
+    reading = Watched(open_log(story.write(tmp_path / "long")), story.entries[read_before:])
+    for entry in story.entries[:read_before]:
+        reading.feed.apply(entry)
+    answer = causes_answer(reading, moment)
+    waiting, things, found = causes(Then(story.fold(), moment))
+    assert answer == {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
+    assert reading.looks >= 3
 
 
 def random_bars(life: random.Random) -> list[Bar]:
