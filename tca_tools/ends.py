@@ -4,7 +4,7 @@ Each task is looked at once a moment, however many wait for it, and nothing recu
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from heapq import merge
 from itertools import groupby, islice
 from typing import NamedTuple
@@ -78,6 +78,12 @@ class Ends:
             for group in _Walk(self._then, self._ends).groups(node, within):
                 self._settle(group)
         return self._ends.get(node, ())
+
+    def look_for(self, tasks: Iterable[int]) -> None:
+        """Find those of some tasks beforehand, where many are to be asked for."""
+        for number in tasks:
+            if self._then.tasks[number].state not in OVER:
+                self.of(number)
 
     def circle(self, number: int) -> list[int]:
         """All that wait for each other in a circle, by its first."""

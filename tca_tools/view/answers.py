@@ -1,6 +1,7 @@
 """What a page asks for as it is needed: one task, notes on those in sight, messages around a moment. As plain data."""
 
 from dataclasses import asdict
+from time import sleep
 from typing import Any
 
 from tca_tools.ages import age
@@ -8,7 +9,7 @@ from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
-from tca_tools.ends import causes, in_the_end
+from tca_tools.ends import Ends, causes, in_the_end
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.story import Sentence, sender_of, story
@@ -25,6 +26,9 @@ from tca_wire.wording import Wording, subject_of
 
 _MOST_LINES = 200
 _MOST_NOTES = 500
+_TASKS_AT_ONCE = 1000
+_BREATH = 1e-3
+"""Seconds: who waits for the reading is not woken at once."""
 _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
 _LONGEST_FAILURE = 2000
@@ -148,9 +152,24 @@ def _note(then: Then, task: TaskThen) -> dict[str, Any]:
 
 
 def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:
-    """How many tasks wait, for how many things in the end, and the things that most of them wait for."""
+    """How many tasks wait, for how many things in the end, and the things that most of them wait for.
+
+    Looks at some tasks at a time: where a hundred thousand wait, others want to look, and the journal to be read on.
+    """
     with reading:
-        waiting, things, found = causes(reading.then(moment))
+        then, known = reading.then(moment), reading.records
+        is_past = moment < reading.feed.history.time  # all of it is known
+        tasks = list(then.tasks)
+    for first in range(0, len(tasks), _TASKS_AT_ONCE):
+        with reading:
+            if not is_past and reading.records != known:
+                break  # something of that moment may have come
+            Ends.at(then).look_for(tasks[first : first + _TASKS_AT_ONCE])
+        sleep(_BREATH)
+    with reading:
+        if not is_past and reading.records != known:
+            then = reading.then(moment)
+        waiting, things, found = causes(then)
         return {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
 
 

@@ -131,6 +131,7 @@ def _columns(runs: Runs, shown: Shown, since: dict[str, int], patience: float | 
             "kinds": [kind.name.lower() for kind in SpanKind],
             "follows": runs.follows,
             "newest": {"run": newest.address, "name": newest.name},
+            "newestAtStart": runs.newest_at_start,
         }
         return reading.feed.columns.frame(since, told)
 

@@ -47,6 +47,8 @@ class Reading:
         """Why nothing more can be read."""
         self.cut = ""
         """What there is to say of a last entry that is not whole."""
+        self.records = 0
+        """How many have been read: an entry of many facts has several."""
         self._worked_out: tuple[int, dict[object, Any]] | None = None
         """How many entries there were at the moment that was looked at last, and what was worked out of it."""
         self._grown = threading.Condition()
@@ -224,5 +226,6 @@ class Reading:
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
             self._known = monotonic(), self.feed.history.time
             self._tell_remarks()
+            self.records += len(self._pending)
             self._pending.clear()
             self._grown.notify_all()

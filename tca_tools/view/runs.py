@@ -82,6 +82,8 @@ class Runs:
         self._first = self._newest = _address(self._own, log.run)
         self._look_again = 0.0
         self.all()
+        self.newest_at_start = self._newest
+        """By address: what a page that shows the run of a LOG need not be told of."""
 
     def all(self) -> list[Run]:
         """Those there are now, oldest first."""

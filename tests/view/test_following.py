@@ -75,7 +75,7 @@ def test_what_a_bar_of_the_future_stands_for_is_in_sight(look: Look, walk: Path)
       Object.assign(tca.chart, { from: 580, to: 600 });
       tca.chart.draw();
       const { chart } = tca, place = chart.layout.find((one) => one.row.label === "legs");
-      const span = place.row.handled[0].at(-1), box = chart.canvas.getBoundingClientRect(), [from, to] = chart.window;
+      const span = place.row.handled.lists[0].at(-1), box = chart.canvas.getBoundingClientRect(), [from, to] = chart.window;
       const x = chart.labels + (span.start + 0.2 - from) / (to - from) * (chart.width - chart.labels);
       return [box.left + x, box.top + place.top + 6];
     }""")

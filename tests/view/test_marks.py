@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from tools.made_robots import caught, fail
 from tools.story import Story
 from tools.test_coping import asking, replacing
-from view.conftest import Look
+from view.conftest import Look, until
 
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
@@ -229,3 +229,30 @@ def test_a_failure_that_is_raised_beside_the_handler_is_marked_on_the_bar(look: 
     page.locator(f".row[data-task='{move}']").click()
     expect(page.locator("#task")).to_contain_text("failed: slip: why (raised by the command 'tca raise')")
     expect(page.locator("#task")).to_contain_text("the failure's data: 3.125")
+
+
+def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").at(1.0)
+    move = story.command("move", "user")
+    story.delivered(move, "legs").at(9.0).returned(move, Outcome.FAILED).say(facts.Failed(move, "slip", "why"))
+    page = look(story.at(10.0).say(facts.Closed("done")).write(tmp_path / "slip"), "#t=5")
+    expect(page.locator("#clock")).to_have_text("5.000 s")
+    framed = """([time]) => {
+      const { chart } = tca, [{ top }] = chart.layout, [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
+      const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels);
+      const [red, green, blue] = chart.canvas.getContext("2d").getImageData(Math.floor(x), top, 1, 1).data;
+      return [box.left + x, box.top + top + 8, red > green + 50 && red > blue + 50];
+    }"""
+    told = "move {1} handled by legs"
+    went = ": 1.000 s – 9.000 s (8.00 s)"
+    for time, is_framed, said in (
+        ("5", [False, True], f"{told}: 1.000 s – (4.00 s); later: failed: until 9.000 s (8.00 s)"),
+        ("0.5", [True, True], f"later: {told}: failed{went}"),
+        ("9", [True, True], f"{told}: failed{went}"),
+    ):
+        page.evaluate(f"location.hash = '#t={time}'")
+        until(page, f"tca.chart.time === {time}")
+        (x, y, early), (_, _, late) = (page.evaluate(framed, [moment]) for moment in (3, 7))
+        assert [early, late] == is_framed
+        page.mouse.move(x, y)
+        expect(page.locator("#hint")).to_have_text(said)

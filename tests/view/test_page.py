@@ -132,7 +132,7 @@ def test_subtrees_are_closed_and_a_bar_chooses_its_task(look: Look, tmp_path: Pa
     expect(line(page, 6)).to_have_count(1)
     x, y = page.evaluate("""() => {
       const { chart } = tca, place = chart.layout.find((one) => one.row.label === "controller");
-      const span = place.row.handled[0].find((one) => one.name === "move leg"), box = chart.canvas.getBoundingClientRect();
+      const span = place.row.handled.lists[0].find((one) => one.name === "move leg"), box = chart.canvas.getBoundingClientRect();
       const [from, to] = chart.window, middle = (span.start + span.end) / 2;
       const x = chart.labels + (middle - from) / (to - from) * (chart.width - chart.labels);
       return [box.left + x, box.top + place.top + 6];

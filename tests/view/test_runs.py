@@ -172,13 +172,47 @@ def test_a_run_that_is_there_no_more_is_still_the_one_that_is_shown(
     first.stop()
 
 
-def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
+def begin_another_in(folder: Path) -> None:
     story = stumbling()
-    folder = walking().write(tmp_path / "mixed")
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
     (folder / "00000002.tcaj").write_bytes(story.encoded())
+
+
+def test_each_of_several_runs_in_one_folder(look: Look, tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "mixed")
+    begin_another_in(folder)
     page = look(folder)
     expect(page.locator("#runs option")).to_have_text(["mixed#2 (newest)", "mixed#1"])
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
     page.locator("#runs").select_option(index=1)
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("until take steps {2} is achieved")
+
+
+def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
+    look: Look, serve: Callable[..., str], tmp_path: Path
+) -> None:
+    folder = walking().write(tmp_path / "walk")
+    address = serve(folder)
+    page = look(address)
+    expect(page.locator("#counts")).to_contain_text("1 handling")
+    begin_another_in(folder)
+    expect(page.locator("#newer")).to_be_visible()  # the server knows of it
+    for opened in (page, look(address), look(address, "#t=1.4&task=7")):
+        expect(opened.locator("#newer")).to_be_visible()
+        expect(opened.locator("#newer")).to_contain_text("a newer run has begun: walk#2")
+        expect(opened.locator("#runs option:checked")).to_have_text("walk#1")
+    page.locator("#newer button").click()
+    expect(page.locator("#status")).to_have_text("ended")
+    expect(page.locator("#newer")).to_be_hidden()
+    page.locator("#runs").select_option(label="walk#1")  # by choice
+    expect(page.locator("#status")).to_have_text("cut off")
+    expect(page.locator("#newer")).to_be_hidden()
+
+
+def test_who_names_an_older_run_as_log_is_not_told_of_those_that_were_there(look: Look, tmp_path: Path) -> None:
+    folder = walking().write(tmp_path / "walk")
+    begin_another_in(folder)
+    page = look(folder.with_name("walk#1"))
+    expect(page.locator("#runs option")).to_have_text(["walk#2 (newest)", "walk#1"])
+    expect(page.locator("#status")).to_have_text("cut off")
+    expect(page.locator("#newer")).to_be_hidden()

@@ -89,10 +89,7 @@ export class Chart {
     return from + (x - this.labels) / (this.width - this.labels) * (to - from);
   }
 
-  #scrollTo(scroll) {
-    this.scroll = scroll;
-    this.draw();
-  }
+  #scrollTo(scroll) { this.scroll = scroll; this.draw(); }
 
   // --- drawing -----------------------------------------------------------------------------------------------------
 
@@ -161,16 +158,16 @@ export class Chart {
       context.fillRect(x, top, Math.max(Math.min(this.#x(span.end), this.width) - x, 0), bottom - top);
     }
     let y = top;
-    for (const lane of row.held.slice(0, held)) {
+    for (const lane of row.held.lists.slice(0, held)) {
       this.#drawLane(lane, y, THIN - 2, (span, x, w) => this.#drawHeld(x, w, y));
       y += THIN;
     }
-    for (const lane of row.handled.slice(0, lanes)) {
+    for (const lane of row.handled.lists.slice(0, lanes)) {
       this.#drawLane(lane, y, LANE - 2, (span, x, w) => this.#drawBar(span, x, w, y));
       y += LANE;
     }
     y = top + held * THIN + lanes * LANE;
-    for (const lane of row.queued.slice(0, thin)) {
+    for (const lane of row.queued.lists.slice(0, thin)) {
       this.#drawLane(lane, y, step - 2, (span, x, w) => this.#drawQueued(span, x, w, y, step - 2));
       y += step;
     }
@@ -221,19 +218,20 @@ export class Chart {
       if (right > left) context.fillRect(left, y + 1, right - left, tall - 2);
     }
     const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
-    if (span.outcome === "failed") this.#outline(x + inset, y + inset, wide - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
+    const left = span.end > this.time ? Math.max(this.#x(this.time), x) : x; // before a failure is known, only what is to come has its frame
+    if (span.outcome === "failed") this.#outline(left + inset, y + inset, x + wide - left - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
       context.beginPath();
       context.rect(x, y, wide, tall);
       context.clip();
-      const left = Math.max(x, this.labels) + 4;
-      const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - left - 2);
-      const right = left + context.measureText(words).width;
-      context.fillStyle = isLight(span, this.#timeAt(left), this.#timeAt(right)) ? "#111" : "#fff";
+      const begin = Math.max(x, this.labels) + 4;
+      const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - begin - 2);
+      const last = begin + context.measureText(words).width;
+      context.fillStyle = isLight(span, this.#timeAt(begin), this.#timeAt(last)) ? "#111" : "#fff";
       context.textAlign = "left";
-      context.fillText(words, left, y + tall / 2 + 0.5);
+      context.fillText(words, begin, y + tall / 2 + 0.5);
       context.restore();
     }
   }
@@ -318,9 +316,9 @@ export class Chart {
     for (const { row, top, bottom, lanes, held, thin, step } of this.layout) {
       if (y < top || y > bottom) continue;
       const inside = y - top - held * THIN;
-      const lane = inside < 0 ? row.held[Math.floor((y - top) / THIN)]
-        : inside < lanes * LANE ? row.handled[Math.floor(inside / LANE)]
-          : row.queued[Math.min(Math.floor((inside - lanes * LANE) / step), thin - 1)];
+      const lane = inside < 0 ? row.held.lists[Math.floor((y - top) / THIN)]
+        : inside < lanes * LANE ? row.handled.lists[Math.floor(inside / LANE)]
+          : row.queued.lists[Math.min(Math.floor((inside - lanes * LANE) / step), thin - 1)];
       const time = this.#timeAt(x), near = this.#timeAt(x + 3) - time;
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;

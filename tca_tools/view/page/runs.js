@@ -10,7 +10,7 @@ export class Runs {
   // `isMoved` says whether the reader has gone to a moment or a task, from which he is not to be taken away.
   constructor(store, { isMoved }) {
     Object.assign(this, { store, isMoved });
-    this.known = null; // the newest run when the page was opened
+    this.known = null; // the newest run that the reader knows of
     this.names = null; // of the runs there are
     this.latest = null; // the one that the list calls the newest
     this.isLeaving = false; // for another run: until the browser has its page, this one goes on
@@ -24,12 +24,12 @@ export class Runs {
   // What has been said of the runs: over to one that has begun since, or a note that it has.
   update() {
     if (this.isLeaving) return;
-    const { newest, run, name, follows } = this.store.head, told = JSON.stringify([newest, run, name]);
+    const { newest, newestAtStart, run, name, follows } = this.store.head, told = JSON.stringify([newest, run, name]);
     this.#sayOver();
     if (told === this.told) return;
     const isSame = newest.run === this.newest;
     this.told = told;
-    this.known ??= newest.run;
+    this.known ??= chosen === null && !follows ? newestAtStart : newest.run; // who named a LOG chose among those of then
     this.newest = newest.run;
     this.#fetch();
     this.note.firstElementChild.textContent = `a newer run has begun: ${newest.name}`;

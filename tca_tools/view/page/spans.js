@@ -5,17 +5,27 @@ import { wasHandled } from "./store.js";
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
+// What is known of it at a time; what is to come is said to come later.
 export function describe({ span, wait, row, failure }, store, time) {
-  if (failure) return `a failure was raised on ${span.name} {${span.message}}, beside its handler, at ${seconds(failure.time)}${wasHandled(failure, time) ? ", and handled" : ""}`;
-  const one = wait ?? span, end = Math.min(one.end, store.end);
-  const holder = store.byId.get(span.message)?.name ?? "message";
-  const what = !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
-  const where = span.kind === "suspended" ? span.by : ` ${row.label}`;
-  const handled = wasHandled(span.failure, time) ? ", and handled" : "";
+  const one = wait ?? span, later = (failure?.time ?? one.start) > time ? "later: " : "";
+  if (failure) return `${later}a failure was raised on ${span.name} {${span.message}}, beside its handler, at ${seconds(failure.time)}${wasHandled(failure, time) ? ", and handled" : ""}`;
+  if (wait) return `${later}${what(span, store)} in ${row.label} waits for ${wait.name} {${wait.message}}${went(wait, "", store, time)}`;
+  const where = span.kind === "suspended" ? span.by : ` ${row.label}`, handled = wasHandled(span.failure, time) ? ", and handled" : "";
   const how = span.outcome && span.outcome !== "done" ? `: ${span.outcome}${handled}` : "";
-  const went = `${seconds(one.start)} – ${one.end === Infinity ? "" : seconds(one.end)} (${length(end - one.start)})`;
-  if (wait) return `${what} in ${row.label} waits for ${wait.name} {${wait.message}}: ${went}`;
-  return `${what} ${VERBS[span.kind]}${where}${how}: ${went}`;
+  return `${later}${what(span, store)} ${VERBS[span.kind]}${where}${went(span, how, store, time)}`;
+}
+
+function what(span, store) {
+  const holder = store.byId.get(span.message)?.name ?? "message";
+  return !span.message ? span.name : span.kind === "held" ? `${span.name}, handling ${holder} {${span.message}},` : `${span.name} {${span.message}}`;
+}
+
+// From when until when, and how it ended; of what goes on at a time that apart.
+function went({ start, end }, how, store, time) {
+  const isWhole = end <= time || start > time, until = `${seconds(end)} (${length(Math.min(end, store.end) - start)})`;
+  if (isWhole && end < Infinity) return `${how}: ${seconds(start)} – ${until}`;
+  const soFar = `: ${seconds(start)} – (${length((isWhole ? store.end : time) - start)})`;
+  return end === Infinity ? soFar : `${soFar}; later${how}: until ${until}`;
 }
 
 // Which part of some seconds the spans of a lane between two places take.

@@ -1,5 +1,6 @@
 // The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
 
+import { Lanes } from "./lanes.js";
 import { ofRun } from "./runs.js";
 
 export const NEVER = -1;
@@ -43,15 +44,7 @@ function noteFailure(task, time) {
 }
 
 function newRow(label) {
-  return { label, handled: [], queued: [], held: [], connected: [], failed: [], raised: [] };
-}
-
-// Into the first lane in which nothing else goes on.
-function putIntoLane(lanes, span) {
-  let lane = lanes.findIndex((spans) => spans[spans.length - 1].end <= span.start);
-  if (lane < 0) lane = lanes.push([]) - 1;
-  span.lane = lane;
-  lanes[lane].push(span);
+  return { label, handled: new Lanes(), queued: new Lanes(), held: new Lanes(), connected: [], failed: [], raised: [] };
 }
 
 export class Store {
@@ -63,10 +56,10 @@ export class Store {
     this.tasks = []; // { id, parent, name, sender, role, form, time, children, times, states, holds, before }
     this.byId = new Map();
     this.top = [];
-    this.rows = []; // of the chart: { label, handled, queued, held, connected, failed }; the first three are lanes of spans
+    this.rows = []; // of the chart: { label, handled, queued, held, connected, failed, raised }; the first three are Lanes
     this.suspended = newRow("(suspended)");
     this.suspensions = []; // the spans in it, as they began
-    this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure }
+    this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure, lanes, lane }
     this.failed = new Set(); // the tasks that were ever in that state
     this.failures = []; // those of messages, as they were raised: { message, time, span, handled, turns }
     this.failuresOf = new Map(); // the same by message
@@ -156,12 +149,13 @@ export class Store {
   #noteSuspension(task, state, time) {
     if (task.suspension) {
       task.suspension.end = time;
+      task.suspension.lanes.ended(task.suspension);
       task.suspension = null;
     }
     if (this.head.states[state].name !== "suspended") return;
-    task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [], by: "" };
+    task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [], lanes: null, by: "" };
     this.suspensions.push(task.suspension);
-    putIntoLane(this.suspended.queued, task.suspension);
+    this.suspended.queued.put(task.suspension);
   }
 
   #addSaid(columns) {
@@ -205,7 +199,7 @@ export class Store {
       const span = {
         row: rows[i], kind: this.head.kinds[columns["span.kind"][i]], name: this.texts[columns["span.name"][i]],
         message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
-        end: Infinity, outcome: "", waits: [], failure: null,
+        end: Infinity, outcome: "", waits: [], failure: null, lanes: null,
       };
       if (span.kind !== "connected") this.first = Math.min(this.first, span.start);
       this.spans.push(span);
@@ -215,6 +209,7 @@ export class Store {
     for (let i = 0; i < ended.length; i++) {
       const span = this.spans[ended[i]];
       span.end = columns["end.time"][i];
+      span.lanes?.ended(span);
       span.outcome = this.head.outcomes[columns["end.outcome"][i]];
       if (span.outcome === "failed") this.rows[span.row].failed.push(span);
     }
@@ -229,7 +224,7 @@ export class Store {
     } else if (span.kind === "connected") {
       row.connected.push(span);
     } else {
-      putIntoLane({ queued: row.queued, held: row.held }[span.kind] ?? row.handled, span);
+      ({ queued: row.queued, held: row.held }[span.kind] ?? row.handled).put(span);
     }
     const task = this.byId.get(span.message);
     if (task && span.kind === "handling") (task.modules ??= new Set()).add(row.label);
