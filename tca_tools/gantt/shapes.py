@@ -1,7 +1,7 @@
 """What the parts of a chart's SVG have in common: sizes, looks and labels."""
 
 from tca_tools import drawing
-from tca_tools.gantt.bars import Row
+from tca_tools.gantt.parts import Row
 from tca_tools.terminal import cut, printable
 
 MARGIN = 24.0

@@ -6,8 +6,8 @@ from statistics import median
 
 from tca_tools.drawing import document, text
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.bars import Chart
 from tca_tools.gantt.legend import legend, patterns
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.rows import Painter, Scale
 from tca_tools.gantt.shapes import CHARACTER, MARGIN, OWN_STYLE, row_label
 from tca_tools.terminal import columns_of
