@@ -10,7 +10,7 @@ from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
 from tca_tools.gantt.colours import dark, light
 from tca_tools.gantt.parts import Bar, Chart, Row
 from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, row_label
-from tca_tools.terminal import columns_of
+from tca_tools.terminal import columns_of, printable
 
 _LANE, _QUEUE_LANE = 24.0, 9.0
 _MOST_LANES = 12
@@ -75,9 +75,10 @@ class Painter:
         return _QUEUE_HEIGHT if row.queue_lanes > _MOST_QUEUE_LANES else row.queue_lanes * _QUEUE_LANE
 
     def label(self, row: Row, right: float, top: float) -> str:
-        """The row's name."""
-        y = top + min(_LANE, self.height(row)) / 2 + 4
-        return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(row_label(row))}</text>'
+        """The row's name; of a long one the whole at the mouse."""
+        y, name = top + min(_LANE, self.height(row)) / 2 + 4, row_label(row)
+        whole = f"<title>{text(row.label)}</title>" if name != printable(row.label) else ""
+        return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(name)}{whole}</text>'
 
     def band(self, row: Row, top: float) -> Iterator[str]:
         """When its module was connected, and when somebody had the resource for himself."""

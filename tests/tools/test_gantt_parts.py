@@ -57,6 +57,12 @@ def test_a_lock_is_in_the_row_of_the_copy_that_it_was_asked_of() -> None:
     assert held == {"legs": 0, "legs#2": 1}
 
 
+def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
+    name = "controller of the left " * 3
+    drawing = svg_text(chart(Story().module(name, "move").module("legs", "step").fold()), "run")
+    assert re.findall(r'class="label"[^>]*>(.*?)</text>', drawing) == [f"{name[:39]}…<title>{name}</title>", "legs"]
+
+
 def test_who_has_a_resource_for_himself() -> None:
     legs = chart(locking().fold()).rows[2]
     assert [(one.start, one.end, one.is_reserved, one.owner) for one in legs.held] == [
