@@ -5,9 +5,10 @@ from pathlib import Path
 import click
 
 from tca_tools.folding import folded
-from tca_tools.gantt.bars import ROOM, Pick, chart
+from tca_tools.gantt.bars import chart
 from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
+from tca_tools.gantt.window import ROOM, Pick
 from tca_tools.garbage import no_garbage
 from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options

@@ -1,8 +1,7 @@
 """From a history to rows of bars: what every resource did, waited for and kept waiting. Pure; draws nothing."""
 
 import heapq
-from collections.abc import Callable, Container, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import chain
 from math import inf
@@ -11,10 +10,11 @@ from typing import Any
 
 from tca_tools.coping import has_coped, went_on
 from tca_tools.gantt import titles
+from tca_tools.gantt.parts import Bar, Chart, Held, Mark, Part, Row
+from tca_tools.gantt.window import ALL, Pick, span_of
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
 from tca_tools.stretches import in_state
-from tca_tools.terminal import cut, printable
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import place
 
@@ -26,169 +26,10 @@ _ON_TOP = (("", SUSPENDED), ("", ""))
 
 _HELD = (State.HELD, State.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
-_FEWEST = 8
-ROOM = 0.02
-"""Beside the bars, of the time that they take."""
-
-
-@dataclass(slots=True)
-class Part:
-    """A part of a bar: its handler waits."""
-
-    start: float
-    end: float
-    tell: Callable[[], str]
-
-    @property
-    def title(self) -> str:
-        """All there is to say about it."""
-        return self.tell()
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """A moment of a bar."""
-
-    time: float
-    has_coped: bool
-    """Whether the run went on after that failure."""
-    title: str
-    """All there is to say about it."""
-
-
-@dataclass(slots=True)
-class Bar:
-    """A message in a resource: handled, waited for outside of a handler, queued, suspended or held."""
-
-    name: str
-    tell: Callable[[], str]
-    start: float
-    end: float
-    is_open: bool
-    """Whether it went on when the journal ended."""
-    has_failed: bool = False
-    has_coped: bool = False
-    """Whether the run went on after that failure."""
-    waits: list[Part] = field(default_factory=list)
-    raised: list[Mark] = field(default_factory=list)
-    """The failures that were raised on it meanwhile, beside its handler."""
-    is_suspended: bool = False
-    why: Callable[[], str] | None = None
-    """Of what is held: what that waits for, with its name; it stands on the bar if there is room for some of it."""
-    first: "Bar | None" = None
-    """Of what is held by one thing after the other the bar of the first, in whose lane it is ..."""
-    lasts_until: float = -inf
-    """... and of that, when the last of them ends."""
-    is_beside: bool = False
-    """Whether it is not what was asked for, but what that waited for."""
-    lane: int = 0
-    """Bars of one lane do not overlap."""
-
-    @property
-    def title(self) -> str:
-        """All there is to say about it."""
-        return self.tell()
-
-    def words(self, columns: int) -> str:
-        """Why it is held, in so many columns; "" if that are too few to say anything."""
-        return cut(printable(self.why()), columns) if self.why and columns >= _FEWEST else ""
-
-
-@dataclass(slots=True)
-class Held:
-    """Somebody has a resource for himself."""
-
-    start: float
-    end: float
-    is_reserved: bool
-    owner: str
-    tell: Callable[[], str]
-
-    @property
-    def title(self) -> str:
-        """All there is to say about it."""
-        return self.tell()
-
-
-@dataclass(slots=True)
-class Row:
-    """One resource."""
-
-    label: str
-    connected: list[tuple[float, float]] = field(default_factory=list)
-    handled: list[Bar] = field(default_factory=list)
-    queued: list[Bar] = field(default_factory=list)
-    """What waits for the resource."""
-    held_back: list[Bar] = field(default_factory=list)
-    """What constraints hold back that would be handled there."""
-    held: list[Held] = field(default_factory=list)
-    """Its locks and reservations."""
-    is_offered: bool = False
-    """Whether its module offers to handle something."""
-
-    @property
-    def lanes(self) -> int:
-        """How many lanes the handled bars need."""
-        return max((bar.lane + 1 for bar in self.handled), default=1 if self.connected or self.held else 0)
-
-    @property
-    def queue_lanes(self) -> int:
-        """How many lanes the queued bars need."""
-        return max((bar.lane + 1 for bar in self.queued), default=0)
-
-    @property
-    def held_lanes(self) -> int:
-        """How many lanes the bars need of what is held back."""
-        return max((bar.lane + 1 for bar in self.held_back), default=0)
-
-    @property
-    def bars(self) -> list[Bar]:
-        """All its bars."""
-        return [*self.handled, *self.queued, *self.held_back]
-
-
-@dataclass(slots=True)
-class Chart:
-    """Rows over a span of time."""
-
-    start: float
-    end: float
-    rows: list[Row]
-    names: list[str]
-    """Messages in the order in which they were first sent, whatever the span: a name's place tells its colour."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pick:
-    """Which bars are asked for."""
-
-    modules: Container[str] | None = None
-    """Only in the rows of these modules."""
-    messages: Container[int] | None = None
-    """Only of these messages ..."""
-    beside: Container[int] = ()
-    """... and, paler, of these."""
-    held: Container[int] = ()
-    """Of which tasks it is shown when they were held, and why."""
-    since: float | None = None
-    """When what is asked for began: there the chart begins if nothing else is asked for ..."""
-    until: float | None = None
-    """... and there it ends: when that ended."""
-
-    def row(self, module: str) -> bool:
-        """Whether a module has rows."""
-        return self.modules is None or module in self.modules
-
-    def message(self, number: int) -> bool:
-        """Whether a message has bars."""
-        return self.messages is None or number in self.messages or number in self.beside
-
-
-ALL = Pick()
 
 
 def chart(past: Past, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
-    """What happened between *start* and *end*, a row for each resource; by default from the first bar to the last."""
+    """What happened between *start* and *end*, a row for each resource; by default all that happened."""
     rows: dict[tuple[str, str], Row] = {}
     for module in past.modules.values():
         if pick.row(module.name):
@@ -196,7 +37,7 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
     _Filler(past, pick, rows, start, end).fill()
     bars = [bar for row in rows.values() for bar in row.bars]
     names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
-    start, end = _span_of(bars, past, pick, start, end)
+    start, end = span_of(list(rows.values()), past, pick, start, end)
     for row in rows.values():
         row.handled, row.queued, row.held_back = (
             _in_lanes(bars, start, end) for bars in (row.handled, row.queued, row.held_back)
@@ -210,20 +51,6 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
 def _shows_empty(row: Row, pick: Pick) -> bool:
     """Whether a row is shown though there is nothing in it: who only sends has one if he is asked for."""
     return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
-
-
-def _span_of(bars: list[Bar], past: Past, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
-    """From when until when the chart goes: what was not asked for is where the bars are, with a little room; of a run
-    that goes on, until now.
-    """
-    now = past.time
-    start, end = (pick.since if start is None else start), (pick.until if end is None else end)
-    first = min((bar.start for bar in bars), default=0.0)
-    last = max((bar.end for bar in bars), default=now)
-    room = (last - first) * ROOM
-    start = max(first - room, 0.0) if start is None else start
-    end = (now if past.is_live else min(last + room, now)) if end is None else end
-    return start, max(end, start)
 
 
 def _add_rows(rows: dict[tuple[str, str], Row], past: Past, module: ModuleRecord) -> None:
@@ -272,8 +99,8 @@ class _Filler:
         return self.pick.row(one.module) and self.pick.message(one.message_id)
 
     def _add_waits(self, module: ModuleRecord) -> None:
-        """What a module waits for outside of handlers."""
-        waits = [wait for wait in self._showing(module.waits) if self.pick.message(wait.awaited)]
+        """What a module waits for outside of handlers, if it has to wait for it."""
+        waits = [wait for wait in self._showing(_lasting(module.waits)) if self.pick.message(wait.awaited)]
         self.rows[module.name, _resources(module)[0]].handled += [self._waited(module.name, wait) for wait in waits]
 
     def _showing(self, spans: Iterable[Any]) -> Iterator[Any]:
@@ -301,7 +128,7 @@ class _Filler:
         bar.has_coped = bar.has_failed and has_coped(past, handling)
         bar.is_beside = self._is_beside(handling.message_id)
         bar.raised = self._raised(handling.message_id, bar)
-        for wait in handling.waits:
+        for wait in _lasting(handling.waits):
             until = end if wait.end is None else min(wait.end, end)
             bar.waits.append(Part(wait.start, until, partial(titles.handler_waits, past, handling, wait)))
         return bar
@@ -370,7 +197,12 @@ class _Filler:
     def _held(self, claim: Claim) -> Held:
         start = claim.start if claim.granted is None else claim.granted
         tell = partial(titles.held, self.past, claim)
-        return Held(start, self._until(claim.end), claim.is_reserved, claim.sender, tell)
+        return Held(start, self._until(claim.end), claim.is_reserved, claim.sender, claim.end is None, tell)
+
+
+def _lasting(waits: Iterable[Wait]) -> Iterator[Wait]:
+    """The waits that took any time: what was there at once is nothing to look at."""
+    return (wait for wait in waits if wait.end is None or wait.end > wait.start)
 
 
 def _home(past: Past, task: Task, start: float, end: float | None) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 
-from tca_tools.gantt.bars import Bar
+from tca_tools.gantt.parts import Bar
 
 _NAMED = 4
 """How many messages the title of a block names."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tca_tools.gantt.bars import Chart
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import MARGIN, STYLE
 from tca_tools.gantt.svg import pieces_of, svg_text
 from tca_tools.gantt.text import Blocks, chart_lines

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from html import escape
 
 from tca_tools.drawing import width_of
-from tca_tools.gantt.bars import Chart
 from tca_tools.gantt.colours import dark
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import COPED, FAILED, LONGEST_LABEL, MARGIN
 from tca_tools.terminal import cut, printable
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from tca_tools.drawing import rectangle, text
-from tca_tools.gantt.bars import Bar, Chart, Row
 from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
 from tca_tools.gantt.colours import dark, light
+from tca_tools.gantt.parts import Bar, Chart, Row
 from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, row_label
-from tca_tools.terminal import columns_of
+from tca_tools.terminal import columns_of, printable
 
 _LANE, _QUEUE_LANE = 24.0, 9.0
 _MOST_LANES = 12
@@ -75,9 +75,10 @@ class Painter:
         return _QUEUE_HEIGHT if row.queue_lanes > _MOST_QUEUE_LANES else row.queue_lanes * _QUEUE_LANE
 
     def label(self, row: Row, right: float, top: float) -> str:
-        """The row's name."""
-        y = top + min(_LANE, self.height(row)) / 2 + 4
-        return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(row_label(row))}</text>'
+        """The row's name; of a long one the whole at the mouse."""
+        y, name = top + min(_LANE, self.height(row)) / 2 + 4, row_label(row)
+        whole = f"<title>{text(row.label)}</title>" if name != printable(row.label) else ""
+        return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(name)}{whole}</text>'
 
     def band(self, row: Row, top: float) -> Iterator[str]:
         """When its module was connected, and when somebody had the resource for himself."""
@@ -177,8 +178,9 @@ class Painter:
         right = max(right, left + scale.finest)
         y, height = top + 2, _LANE - 4
         gap = 0.8 * scale.finest if right - left > 4 and not bar.is_open else 0.0  # to tell neighbours apart
-        seen = f' stroke="{dark(number)}" stroke-width="0.8"' if right - left < _SMALLEST else ""
-        yield rectangle(f'fill="{dark(number)}"{seen}{paled}', left, y, right - gap, height, bar.title)
+        colour = light(number) if bar.is_waiting and right - left <= _SMALLEST * scale.finest else dark(number)
+        seen = f' stroke="{colour}" stroke-width="0.8"' if right - left < _SMALLEST else ""
+        yield rectangle(f'fill="{colour}"{seen}{paled}', left, y, right - gap, height, bar.title)
         waits = [(max(scale.x(wait.start), left), min(scale.x(wait.end), right), wait) for wait in bar.waits]
         for start, end, wait in waits:
             if end - start > _SMALLEST * scale.finest:

@@ -1,13 +1,15 @@
 """What the parts of a chart's SVG have in common: sizes, looks and labels."""
 
 from tca_tools import drawing
-from tca_tools.gantt.bars import Row
+from tca_tools.gantt.parts import Row
 from tca_tools.terminal import cut, printable
 
 MARGIN = 24.0
 CHARACTER = 6.5
 """Mean width of a character of the labels; a guess that must not be too small."""
 LONGEST_LABEL = 40
+_WIDEST = 1.2
+"""How much wider than usual letters are where a machine has none of the fonts that are asked for."""
 FAILED, COPED = "#c81e1e", "#d08a00"
 """The colours of what failed, and of what did though the run went on."""
 OWN_STYLE = f"""\
@@ -21,3 +23,8 @@ STYLE = drawing.STYLE + OWN_STYLE
 def row_label(row: Row) -> str:
     """The row's name as it is shown."""
     return cut(printable(row.label), LONGEST_LABEL)
+
+
+def label_room(row: Row) -> float:
+    """How many pixels its name needs at most: nothing scrolls to what is cut off there."""
+    return drawing.width_of(row_label(row)) * _WIDEST

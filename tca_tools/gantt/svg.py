@@ -6,11 +6,10 @@ from statistics import median
 
 from tca_tools.drawing import document, text
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.bars import Chart
 from tca_tools.gantt.legend import legend, patterns
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.rows import Painter, Scale
-from tca_tools.gantt.shapes import CHARACTER, MARGIN, OWN_STYLE, row_label
-from tca_tools.terminal import columns_of
+from tca_tools.gantt.shapes import MARGIN, OWN_STYLE, label_room
 
 _NARROWEST, _WIDEST = 1100.0, 1700.0
 _USUAL_BAR = 8.0
@@ -56,7 +55,7 @@ def svg_text(chart: Chart, title: str) -> str:
 def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
     """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than *widest* (pixels)."""
     width = min(_plot_width(chart), widest)
-    label_width = max((columns_of(row_label(row)) for row in chart.rows), default=0) * CHARACTER + 12
+    label_width = max((label_room(row) for row in chart.rows), default=0.0) + 12
     bars_at_all = sum(len(row.handled) + len(row.queued) for row in chart.rows)
     depths = tuple(depth for depth in _DEPTHS if depth == 1 or (can_zoom and bars_at_all <= _MOST_SHAPES[depth]))
     scale = Scale(width, chart.start, chart.end, depths)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import click
 
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.bars import Bar, Chart, Row
 from tca_tools.gantt.blocks import queue_lengths
+from tca_tools.gantt.parts import Bar, Chart, Row
 from tca_tools.terminal import columns_of, cut, padded, printable
 
 _WIDEST_LABEL = 32
@@ -182,7 +182,9 @@ def _long_queue(row: Row, chart: Chart, columns: int, blocks: Blocks) -> _Cells:
 def _paint(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -> None:
     first, behind = _columns(bar.start, bar.end, chart, len(cells.characters))
     line = [blocks.handled] * (behind - first)
-    if len(line) > 1 and not bar.is_open and bar.end <= chart.end:
+    if len(line) == 1 and bar.is_waiting:
+        line[0] = blocks.waiting
+    elif len(line) > 1 and not bar.is_open and bar.end <= chart.end:
         line[-1] = blocks.end  # a hair's breadth to the next bar
     for wait in bar.waits:
         start, end = (_column(time, chart, len(cells.characters)) for time in (wait.start, wait.end))

@@ -6,8 +6,9 @@ from math import ceil
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.coping import GOOD_FATES
-from tca_tools.gantt.bars import Chart, chart
+from tca_tools.gantt.bars import chart
 from tca_tools.gantt.legend import meanings, patterns
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import STYLE
 from tca_tools.gantt.svg import pieces_of
 from tca_tools.history import History

@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from tca_tools.ages import Age, age
@@ -19,17 +20,15 @@ from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.wording import by_whom
 
 _LONGEST_FAILURE = 200
-_SHORTEST_TEXT, _SHORTEST_BESIDE_NAME = 30, 16
-"""Columns that a reason keeps beside what comes of it in the end, and beside the name of that alone."""
-_THEN, _IN_THE_END = "; ", "in the end "
+_WAITS, _THEN, _IN_THE_END = "waits ", "; ", "in the end "
 _CLAUSE = re.compile(r"( (is|has been) [a-z ]+)?")
 """What may stand behind the name of what is waited for."""
 _END = re.compile(r"^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$")
 """What it is in the end, why that stands, and how many more there are."""
 _SHORTEST_NAME = 5
 """Columns that are left of the name of an end."""
-_SHORTEST_NOTE = 12
-"""Columns of a note that must be left to say for how long it is so, too."""
+_CAUSE = re.compile(r"^(?:(?:suspended by [^,]*|killed|asked),? )?[^,{]*(?:\{\d+\})?")
+"""What of a reason names the cause."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
 
@@ -68,39 +67,47 @@ class Note(NamedTuple):
     """What it waits for in the end, if that says more: ``in the end for calibrate {3}, which no module handles``; where
     the text names that already, why it waits for nothing else: ``no module handles that``."""
     alone: str = ""
-    """The end where there is no room for the text."""
+    """The end with its name."""
 
     def within(self, room: int | None, time: float) -> str:
         """As much of it at a *time* as there is room for. How long it waits stands behind what it is said of, and gives
-        way where that is less than the whole wait. The text is cut before the end is; where both have no room, the
-        end's name is what a reader needs: what is next stands near by, as a rule.
+        way first; then why the end stands, what follows the cause in the text, and the end. The cause stays.
         """
-        lasted, in_all = _lasted(self.age, time)
-        whole, without = (self._whole(one) for one in (f"{lasted}{in_all}", lasted))
+        lasted, in_all = _lasted(self.age, time) if self.text else ("", "")
+        whole = self._with_end(f"{self.text}{lasted}{in_all}", self.end)
         if room is None or columns_of(whole) <= room:
             return whole
-        if columns_of(without) <= room:
-            return without
-        if not self.end:
-            left = room - columns_of(lasted)
-            return cut(self.text, left) + lasted if left > _SHORTEST_NOTE else cut(without, room)
-        return self._beside_end(room, lasted)
+        if not self.text:
+            ends = [end for one in (self.end, _briefly(self.end)) for end in (one, one.removeprefix(_IN_THE_END))]
+            return next((one for one in ends if columns_of(one) <= room), _shortened(ends[-1], room))
+        return next(self._fitting(lasted, room), cut(self.text, room))
 
-    def _whole(self, lasted: str) -> str:
-        told = f"{self.text}{lasted}" if self.text else lasted.removeprefix(", ").strip()
-        return _THEN.join(filter(None, (told, self.end)))
+    def _with_end(self, told: str, end: str) -> str:
+        return _THEN.join(filter(None, (told, end)))
 
-    def _beside_end(self, room: int, lasted: str) -> str:
-        """What there is room for. How long it waits gives way before the name of the end, and after all else."""
-        end = self.alone or self.end
-        brief = _END.sub(r"\1\3", end)
-        for one, least in ((end, _SHORTEST_TEXT), (brief, _SHORTEST_BESIDE_NAME)):
-            left = room - columns_of(lasted + _THEN + one)
-            if self.text and left >= min(least, columns_of(self.text)):
-                return f"{cut(self.text, left)}{lasted}{_THEN}{one}"
-        ends = [end, end.removeprefix(_IN_THE_END), brief, brief.removeprefix(_IN_THE_END)]
-        found = [f"{lasted.removeprefix(', ')}{_THEN}{one}" for one in ends if lasted] + ends
-        return next((one for one in found if columns_of(one) <= room), _shortened(ends[-1], room))
+    def _fitting(self, lasted: str, room: int) -> Iterator[str]:
+        """What has room and names the cause, the best first."""
+        brief = _briefly(self.end)
+        for end in dict.fromkeys((self.end, brief, "")):
+            made = (self._with_end(f"{self.text}{one}", end) for one in (lasted, ""))
+            yield from (one for one in made if columns_of(one) <= room)
+            if end == brief or not end:
+                yield from self._cut(end, lasted, room)
+
+    def _cut(self, end: str, lasted: str, room: int) -> Iterator[str]:
+        """The same with a part of the text."""
+        for text in (self.text, self.text.removeprefix(_WAITS)):
+            cause = _CAUSE.match(text)
+            least = columns_of(cause[0].rstrip()) if cause else 0
+            for one in (lasted, ""):
+                behind = f"{one}{_THEN * bool(end)}{end}"
+                if (left := room - columns_of(behind)) > least:
+                    yield f"{cut(text, left)}{behind}"
+
+
+def _briefly(end: str) -> str:
+    """An end without why it stands."""
+    return _END.sub(r"\1\3", end)
 
 
 def _shortened(end: str, room: int) -> str:
@@ -122,13 +129,13 @@ def note(then: Then, task: TaskThen, *, within: int | None = None) -> str:
 
 def note_of(then: Then, task: TaskThen, within: int | None = None) -> Note:
     """The same in its parts."""
-    text, its_age = _text_and_age(then, task)
     last = last_of(then, task, within)
+    text, its_age = _text_and_age(then, task, has_end=bool(last))
     if not last:
         return Note(text, its_age)
     alone = printable(f"{_IN_THE_END}{last}")
     end = printable(last.that + last.others) if _names_only(text, printable(last.thing)) else alone
-    return Note(text, its_age or age(then, task), end, alone)
+    return Note(text, its_age, end, alone)
 
 
 def _names_only(text: str, thing: str) -> bool:
@@ -137,7 +144,7 @@ def _names_only(text: str, thing: str) -> bool:
     return bool(found) and "{" not in before and bool(_CLAUSE.fullmatch(after))
 
 
-def _text_and_age(then: Then, task: TaskThen) -> tuple[str, Age | None]:
+def _text_and_age(then: Then, task: TaskThen, *, has_end: bool) -> tuple[str, Age | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.state is State.ENDING:
         return _ending(then, task), age(then, task)
@@ -147,7 +154,7 @@ def _text_and_age(then: Then, task: TaskThen) -> tuple[str, Age | None]:
         return failure_line(task.failure), None
     if task.why_killed is not None:
         return _why_killed(then, task), None
-    text, its_age = _going_on(then, task)
+    text, its_age = _going_on(then, task, has_end=has_end)
     return "; ".join(filter(None, (failure_line(task.failure), text))), its_age
 
 
@@ -158,13 +165,19 @@ def _recovering(then: Then, task: TaskThen) -> str:
     return printable(f"{waits_how(task)} {', and '.join([dealing(then, task, failure), *more])}")
 
 
-def _going_on(then: Then, task: TaskThen) -> tuple[str, Age | None]:
-    """What keeps it from going on, or else what is to come."""
-    reasons = why_waiting(then, TaskId(task.id), with_children=False)  # they are shown
+def _going_on(then: Then, task: TaskThen, *, has_end: bool) -> tuple[str, Age | None]:
+    """What keeps it from going on, or else what is to come. What is under it is shown, and named only where that leads
+    to an end.
+    """
+    reasons = why_waiting(then, TaskId(task.id), with_children=False)
+    with_children = has_end and not reasons
+    reasons = why_waiting(then, TaskId(task.id)) if with_children else reasons
     ahead = coming(then, task)
     if reasons:
         more = f" ({'; '.join(ahead)})" if ahead else ""
-        return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), age(then, task, with_children=False)
+        return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), age(
+            then, task, with_children=with_children
+        )
     if task.suspension and task.handling:
         start, by = task.suspension.start, by_whom(task.suspension.by)
         return printable(f"still runs, though {then.describe(task.suspension.cause)} is suspended{by}"), Age(

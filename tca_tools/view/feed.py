@@ -216,6 +216,9 @@ class Feed:
             self._end(queueing, queueing.end)
 
     def _tell_wait(self, wait: Wait) -> None:
+        """What was there at once is nothing to look at."""
+        if wait.end == wait.start:
+            return
         name = self.history.name(wait.awaited)
         if isinstance(wait.by, Handling):
             row, within = self._row(wait.by.module, wait.by.resource), self._open.get(id(wait.by), -1)

@@ -79,13 +79,14 @@ def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
 
 def test_what_is_told_of_waits_gives_way_before_their_end() -> None:
     end = "in the end for calibrate {3}"
-    note = words.Note("waits until a very long name of a step {7} is achieved", SINCE_1, end, end)
+    note = words.Note("waits until a very long name of a step {7} is achieved", SINCE_1, end)
     assert note.within(None, 4.0) == f"waits until a very long name of a step {{7}} is achieved, for 3.00 s; {end}"
-    assert note.within(80, 4.0) == f"waits until a very long name of a ste…, for 3.00 s; {end}"
-    assert note.within(50, 4.0) == f"for 3.00 s; {end}"
-    assert note.within(35, 4.0) == "for 3.00 s; for calibrate {3}"
-    assert note.within(28, 4.0) == end
-    assert note.within(20, 4.0) == "for calibrate {3}"
+    assert note.within(84, 4.0) == f"waits until a very long name of a step {{7}} is achieved; {end}"
+    assert note.within(80, 4.0) == f"waits until a very long name of a step {{7}} is ach…; {end}"
+    assert note.within(70, 4.0) == f"until a very long name of a step {{7}} is…; {end}"
+    assert note.within(66, 4.0) == "waits until a very long name of a step {7} is achieved, for 3.00 s"
+    assert note.within(60, 4.0) == "waits until a very long name of a step {7} is achieved"
+    assert note.within(20, 4.0) == "waits until a very …"
 
 
 def test_of_the_whole_wait_is_told_where_there_is_room() -> None:
@@ -98,9 +99,10 @@ def test_of_the_whole_wait_is_told_where_there_is_room() -> None:
 
 def test_how_long_stands_behind_what_it_is_said_of() -> None:
     then = Then(stuck().fold())
+    end = "in the end for calibrate {3}, which no module handles"
     notes = [words.note(then, then.tasks[number]) for number in (1, 3, 6)]
     assert notes == [
-        "for 3.00 s; in the end for calibrate {3}, which no module handles",
+        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3.00 s; {end}",
         "waits for a module that handles calibrate, for 3.00 s",
         "waits until drill {5} is achieved, for 3.00 s; in the end for calibrate {3}, which no module handles",
     ]
@@ -114,24 +116,23 @@ def test_no_name_is_said_twice() -> None:
     assert in_the_end(then, then.tasks[2]) == "for calibrate {3}, which no module handles"
 
 
-def test_the_name_of_the_end_is_the_last_to_give_way() -> None:
+def test_the_cause_is_the_last_to_give_way() -> None:
+    """And no duration stands alone: nobody could tell what it is of."""
     end = "in the end for ring bell {12}, which waits until 500.250 s, and 2 others"
-    note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, end, end)
-    assert note.within(80, 2.0) == "waits until its parent…, for 1.00 s; in the end for ring bell {12}, and 2 others"
-    assert note.within(60, 2.0) == "for 1.00 s; in the end for ring bell {12}, and 2 others"
-    assert note.within(45, 2.0) == "for 1.00 s; for ring bell {12}, and 2 others"
-    assert note.within(43, 2.0) == "in the end for ring bell {12}, and 2 others"
-    assert note.within(35, 2.0) == "for ring bell {12}, and 2 others"
-    assert note.within(20, 2.0) == "for ring bell {12}"
-    assert note.within(14, 2.0) == "for ring… {12}"
-    assert words.Note("", SINCE_1, end, end).within(45, 2.0) == "for 1.00 s; for ring bell {12}, and 2 others"
+    note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, end)
+    assert note.within(80, 2.0) == "waits until its parent package {7}…; in the end for ring bell {12}, and 2 others"
+    assert note.within(63, 2.0) == "waits until its parent package {7} is being achieved"
+    assert all(f"{note.within(room, 2.0)} ".startswith(("waits until its", "until its")) for room in range(20, 120))
+    assert words.Note("", SINCE_1, end).within(45, 2.0) == "in the end for ring bell {12}, and 2 others"
+    assert words.Note("", SINCE_1, end).within(20, 2.0) == "for ring bell {12}"
+    assert words.Note("", SINCE_1, end).within(14, 2.0) == "for ring… {12}"
 
 
-def test_where_its_name_has_no_room_in_the_text_the_end_is_named() -> None:
-    end = "in the end for calibrate {3}, which no module handles"
-    note = words.Note("waits until calibrate {3} is achieved", SINCE_1, "no module handles that", end)
+def test_an_end_that_the_cause_names_is_not_named_again() -> None:
+    note = words.Note("waits until calibrate {3} is achieved", SINCE_1, "no module handles that")
     assert note.within(80, 4.0) == "waits until calibrate {3} is achieved, for 3.00 s; no module handles that"
-    assert note.within(60, 4.0) == "waits until calib…, for 3.00 s; in the end for calibrate {3}"
+    assert note.within(61, 4.0) == "waits until calibrate {3} is achieved; no module handles that"
+    assert note.within(50, 4.0) == "waits until calibrate {3}…; no module handles that"
 
 
 def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:

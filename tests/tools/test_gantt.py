@@ -8,8 +8,9 @@ from click.testing import Result
 from tools.story import QUERY, Story, stumbling, walking
 
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.bars import NO_HANDLER, Chart, chart
+from tca_tools.gantt.bars import NO_HANDLER, chart
 from tca_tools.gantt.colours import dark, light
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_wire import facts

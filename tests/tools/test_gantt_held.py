@@ -9,9 +9,11 @@ from click.testing import Result
 from tools.made_robots import stepping
 from tools.story import COMMAND, THIS, Story, walking
 
-from tca_tools.gantt.bars import NO_HANDLER, Chart, Pick, chart
+from tca_tools.gantt.bars import NO_HANDLER, chart
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
+from tca_tools.gantt.window import Pick
 from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
 from tca_wire.points import ROOT, Moment, TaskId

@@ -10,9 +10,11 @@ import pytest
 from click.testing import Result
 from tools.story import COMMAND, Story, locking, stumbling, walking
 
-from tca_tools.gantt.bars import ALL, NO_HANDLER, SUSPENDED, Chart, Pick, chart
+from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
 from tca_tools.gantt.blocks import in_blocks, queue_lengths
+from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.svg import svg_text
+from tca_tools.gantt.window import ALL, Pick
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
@@ -52,7 +54,13 @@ def test_a_lock_is_in_the_row_of_the_copy_that_it_was_asked_of() -> None:
     story = Story().module("legs", "move").module("legs#2", "move").module("eyes").at(1.0)
     story.say(facts.Claimed(90, "legs#2", "legs#2", False, "eyes", TaskId(0)), facts.Granted(90))
     held = {row.label: len(row.held) for row in chart(story.at(3.0).say(facts.ClaimEnded(90, "released")).fold()).rows}
-    assert held == {"legs": 0, "legs#2": 1, "eyes": 0}
+    assert held == {"legs": 0, "legs#2": 1}
+
+
+def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
+    name = "controller of the left " * 3
+    drawing = svg_text(chart(Story().module(name, "move").module("legs", "step").fold()), "run")
+    assert re.findall(r'class="label"[^>]*>(.*?)</text>', drawing) == [f"{name[:39]}…<title>{name}</title>", "legs"]
 
 
 def test_who_has_a_resource_for_himself() -> None:

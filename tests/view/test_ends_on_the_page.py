@@ -24,7 +24,9 @@ def test_every_row_that_waits_says_for_what_in_the_end(look: Look, tmp_path: Pat
     page = look(stuck().write(tmp_path / "stuck"), "#task=6")
     page.set_viewport_size({"width": 2200, "height": 860})
     why = {number: page.locator(f".row[data-task='{number}'] .why") for number in range(1, 7)}
-    expect(why[1]).to_have_text(f"achieving, for 3.00 s; {END}")
+    expect(why[1]).to_have_text(
+        f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3.00 s; {END}"
+    )
     expect(why[2]).to_have_text("waits until calibrate {3} is achieved, for 3.00 s; no module handles that")
     expect(why[3]).to_have_text("waits for a module that handles calibrate, for 3.00 s")
     expect(why[6]).to_have_text(f"waits until drill {{5}} is achieved, for 3.00 s; {END}")

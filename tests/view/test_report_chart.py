@@ -29,7 +29,14 @@ def long_walk() -> Story:
     return story
 
 
-@pytest.fixture(params=[walking, long_walk])
+def pool() -> Story:
+    """Two copies of a program, whose longest name has more wide letters than most."""
+    story = Story().module("arm", "pick").module("arm#2", "pick", resource="arm").at(1.0)
+    story.acted(story.command("pick", "user"), "arm", 1.0)
+    return story.acted(story.command("pick", "user"), "arm#2", 1.0)
+
+
+@pytest.fixture(params=[walking, long_walk, pool])
 def paged(request: pytest.FixtureRequest, browser: Browser, tmp_path: Path) -> Iterator[Page]:
     """The page of a report."""
     out = tmp_path / "run.html"
@@ -63,6 +70,18 @@ def test_a_wide_screen_shows_the_whole_chart(paged: Page, width: int) -> None:
     assert text is not None
     assert chart["width"] > text["width"] + (300 if width > 2000 else 100)
     assert chart["x"] + chart["width"] <= width
+
+
+@pytest.mark.parametrize("width", [2400, 900])
+def test_no_label_is_cut_off_at_the_left(paged: Page, width: int) -> None:
+    paged.set_viewport_size({"width": width, "height": 900})
+    left = left_of(paged, "#r-labels")
+    labels = paged.locator("#r-labels text").all()
+    assert labels
+    for label in labels:
+        box = label.bounding_box()
+        assert box is not None
+        assert box["x"] >= left, label.text_content()
 
 
 @pytest.mark.parametrize("width", [900, 420])
