@@ -13,7 +13,7 @@ def fetching(title: str, *, in_sequence: bool) -> Scenario:
     scenario = Scenario(title, before(achieved(DRIVE), begun(GRASP)), never_stuck())
     planner, user = scenario.module("planner"), scenario.module("user")
     base = scenario.module("base", may_be_lost=1, comes_back=True)
-    arm = scenario.module("arm", arrives_late=True)
+    arm = scenario.module("arm")
 
     @planner.handles(FETCH)
     def fetch(task: Task) -> None:

@@ -1,6 +1,7 @@
 """Who may import whom: the arrows of docs/architecture.md, and the few files that may touch the world."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -221,7 +222,8 @@ CENTRAL: dict[str, set[str]] = {
 }
 
 
-def imports(path: Path) -> set[str]:
+@cache
+def imports(path: Path) -> frozenset[str]:
     """Dotted names that a file imports, for types or anything else."""
     found = set()
     tree = ast.parse(path.read_text())
@@ -231,7 +233,7 @@ def imports(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             assert node.level == 0, f"{path}: relative import"
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+    return frozenset(found)
 
 
 def files(package: str) -> list[Path]:

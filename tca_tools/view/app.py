@@ -76,7 +76,9 @@ async def _page(_request: Request) -> Response:
 async def _runs(runs: Runs, _request: Request) -> Response:
     """Those that can be chosen, newest first."""
     found = await run_in_threadpool(runs.all)
-    last = runs.newest.address if runs.follows else found[-1].address if found else ""
+    last = (
+        (await run_in_threadpool(lambda: runs.newest)).address if runs.follows else found[-1].address if found else ""
+    )
     return JSONResponse(
         [
             {"run": run.address, "name": run.name, "began": run.began, "isNewest": run.address == last}

@@ -62,7 +62,9 @@ class Shown(NamedTuple):
 
 
 class Runs:
-    """All runs there are, as they come. May be asked by several threads."""
+    """All runs there are, as they come. May be asked by several threads, also by one that looks at a reading: who has
+    the lock waits for no reading. A signal may stop it in the midst of anything.
+    """
 
     def __init__(self, log: Log, *, follows: bool) -> None:
         self.log = log
@@ -74,7 +76,7 @@ class Runs:
         self._folders: dict[Path, Folder] = {}
         self._places = {self._own: None}
         """Where runs lie that are to be found though no link leads there (any more)."""
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._is_stopped = False
         self._given: Log | None = log
         self._names: dict[str, str] = {}
@@ -123,15 +125,18 @@ class Runs:
                 self._shown[kept] = Shown(log.path.resolve(), reading, token_hex(8)), 0.0
             shown, _ = self._shown.pop(kept)
             self._shown[kept] = shown, monotonic()  # the last one that was asked for is the last in it
-            self._forget()
-            return shown
+            forgotten = self._forget()
+        for one in forgotten:
+            one.reading.stop()
+        return shown
 
     def stop(self) -> None:
         """Read no more, and let nobody wait for it."""
         with self._lock:
             self._is_stopped = True
-            for shown, _ in self._shown.values():
-                shown.reading.stop()
+            readings = [shown.reading for shown, _ in self._shown.values()]
+        for reading in readings:
+            reading.stop()
 
     def _named(self, address: str) -> Named:
         return Named(address, self._names.get(address) or called(Path(address.partition("#")[0])))
@@ -202,12 +207,12 @@ class Runs:
             one = name if len(epochs) == 1 else f"{name}#{number}"
             yield Run(_address(place, opened.epoch), one, place, opened.epoch, opened.began)
 
-    def _forget(self) -> None:
-        """Those that nobody looks at any more, but the last few."""
-        for address, (shown, asked) in list(self._shown.items())[:-_KEPT]:
-            if monotonic() - asked > _UNASKED:
-                shown.reading.stop()
-                del self._shown[address]
+    def _forget(self) -> list[Shown]:
+        """Those that nobody looks at any more, but the last few: they are to be stopped."""
+        unasked = [
+            address for address, (_, asked) in list(self._shown.items())[:-_KEPT] if monotonic() - asked > _UNASKED
+        ]
+        return [self._shown.pop(address)[0] for address in unasked]
 
 
 def _told_apart(places: list[Path]) -> dict[Path, str]:

@@ -39,6 +39,7 @@ ROCKS = DemonMonitor("rocks", set_up=REST, action=NOTE)
 GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
 
 LOST: dict[str, Any] = {"may_be_lost": 1, "comes_back": True}
+SOAKED_LOSS = pytest.param(LOST, marks=pytest.mark.soak)
 
 
 def nothing(*_: object) -> None:
@@ -186,7 +187,7 @@ MONITORS: dict[str, tuple[Any, Callable[[Script], Any], list[Any]]] = {
 }
 
 
-@pytest.mark.parametrize("battery", [{}, LOST], ids=["", "and a loss"])
+@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
 @pytest.mark.parametrize("name", MONITORS)
 def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
     """Or it is killed: by somebody, or because what answers its condition is lost, which is a failure of its own."""
@@ -281,12 +282,12 @@ def second_is_ahead(world: World) -> bool:
     return any(step.is_begun or step.is_killed for step in those(world, STEP, data=2))
 
 
-@pytest.mark.parametrize("legs", [{"capacity": 2}, LOST], ids=["two legs", "a loss"])
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
 def test_a_constraint_added_later_holds(legs: dict[str, Any]) -> None:
     good(two_steps(constrained, **legs), before(over(STEP, 1), begun(STEP, 2)))
 
 
-@pytest.mark.parametrize("legs", [{"capacity": 2}, LOST], ids=["two legs", "a loss"])
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
 def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
     good(
         two_steps(with_delay, **legs),
@@ -295,7 +296,7 @@ def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
     )
 
 
-@pytest.mark.parametrize("legs", [{}, LOST], ids=["a kill", "a loss"])
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
 def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
     good(two_steps(with_priority, **legs), before(second_is_ahead, begun(STEP, 1)))
 
@@ -316,7 +317,7 @@ def test_who_waits_for_a_moment_is_told_how_the_task_stands(legs: dict[str, Any]
     )
 
 
-@pytest.mark.parametrize("legs", [{}, LOST], ids=["a kill", "a loss"])
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
 def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> None:
     def plan(task: Task) -> None:
         step = task.command(STEP, 1)

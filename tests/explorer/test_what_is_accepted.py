@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 from explorer.accepting import BETWEEN, EVER, HELP, at_once, good, robot, those
 from explorer.scenarios import LIFT, SLIPPED, STEP
+from sampling import one_in
 
 from tca_explorer import Scenario, Script, Seen, Task, World, accepted, before, begun, within
 from tca_module import Scope
@@ -82,8 +83,7 @@ REQUESTS = {
 }
 
 
-@pytest.mark.parametrize("between", BETWEEN)
-@pytest.mark.parametrize("name", REQUESTS)
+@pytest.mark.parametrize(("name", "between"), one_in(3, REQUESTS, BETWEEN))
 def test_what_is_asked_of_a_task(name: str, between: str) -> None:
     request = REQUESTS[name]
     ends_it = between in ("loss of who asked", "loss of who handles it")

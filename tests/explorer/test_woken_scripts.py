@@ -22,6 +22,7 @@ WAITS: dict[str, Callable[[Task], Any]] = {
     "lock": lambda task: task.lock(HELD),
     "until handled": lambda task: task.wait_until_handled(LIFT),
 }
+SOME = [pytest.param(how, marks=[] if how in ("query", "subtask", "lock") else [pytest.mark.soak]) for how in WAITS]
 
 
 def killed(world: World) -> object:
@@ -62,7 +63,7 @@ def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
     assert result.ok, report(result)
 
 
-@pytest.mark.parametrize("how", WAITS)
+@pytest.mark.parametrize("how", SOME)
 def test_who_was_woken_may_ask_further(how: str) -> None:
     def cleans_up(task: Task) -> None:
         try:
@@ -99,7 +100,7 @@ def gone(world: World) -> bool:
     return "planner" not in world.modules
 
 
-@pytest.mark.parametrize("how", WAITS)
+@pytest.mark.parametrize("how", SOME)
 def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
     """With Stopped, as on the robot: the walk fails, and the module can go."""
     seen = set()

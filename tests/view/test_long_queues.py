@@ -12,8 +12,9 @@ from tools.story import Story, walking
 from view.conftest import Look, until
 
 from tca_tools.ends import causes
-from tca_tools.gantt.bars import Bar, chart
 from tca_tools.gantt.bars import _in_lanes as in_lanes
+from tca_tools.gantt.bars import chart
+from tca_tools.gantt.parts import Bar
 from tca_tools.logs import Log, open_log
 from tca_tools.then import Then
 from tca_tools.view.answers import causes_answer

@@ -1,10 +1,12 @@
 """What runs are called, and by which address they are asked for: it stays, whatever comes to lie beside them."""
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from module.real_central import SOON, until
 from tools.story import stumbling, walking
 
 from tca_tools.logs import open_log
@@ -21,6 +23,31 @@ def runs_of(journal: Path | None) -> Iterator[Runs]:
         yield runs
     finally:
         runs.stop()
+
+
+def test_who_looks_at_a_run_while_the_server_ends_is_not_waited_for(journals: Path) -> None:
+    """He has its reading and asks for the newest run; who stops them has the list of runs and wants the reading."""
+    runs = Runs(open_log(walking().write(journals / "walk")), follows=False)
+    shown = runs.show(None)
+    assert shown is not None
+    looks, may_ask = threading.Event(), threading.Event()
+    names: list[str] = []
+
+    def look() -> None:
+        with shown.reading:
+            looks.set()
+            may_ask.wait(SOON)
+            names.extend(run.name for run in runs.names(shown))
+
+    threads = [threading.Thread(target=look, daemon=True), threading.Thread(target=runs.stop, daemon=True)]
+    threads[0].start()
+    assert looks.wait(SOON)
+    threads[1].start()
+    until(lambda: runs._is_stopped, "the runs are to be stopped")
+    may_ask.set()
+    for thread in threads:
+        thread.join(SOON)
+    assert names == ["walk", "walk"]
 
 
 def begin_another_in(folder: Path) -> None:

@@ -234,9 +234,9 @@ export class Tree {
     const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4 - wide(lasted, ", for ");
     const [what, last] = withEnd(told, end, alone, room, this.widthOf);
     if (what) why.append(element("span", { class: "what", text: what }));
-    if (lasted) why.append(what ? ", for " : "for ", lasted);
-    const rest = last && (what || lasted) ? `; ${last}` : last;
-    if (inAll && wide(inAll) + this.widthOf(what + rest) <= room) why.append(inAll); // nothing gives way to that
+    if (lasted && what) why.append(", for ", lasted);
+    const rest = last && what ? `; ${last}` : last;
+    if (inAll && what && wide(inAll) + this.widthOf(what + rest) <= room) why.append(inAll); // nothing gives way to that
     if (last) why.append(element("span", { class: "end", text: rest }));
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
