@@ -22,7 +22,7 @@ WAITS: dict[str, Callable[[Task], Any]] = {
     "lock": lambda task: task.lock(HELD),
     "until handled": lambda task: task.wait_until_handled(LIFT),
 }
-SOME = [pytest.param(how, marks=[] if how in ("query", "subtask", "lock") else [pytest.mark.soak]) for how in WAITS]
+SOME = [pytest.param(how, marks=[] if how in ("query", "lock") else [pytest.mark.soak]) for how in WAITS]
 
 
 def killed(world: World) -> object:

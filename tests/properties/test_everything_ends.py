@@ -134,7 +134,7 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
 
 
 @given(steps)
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_whatever_happens_everything_ends(taken: list[tuple[str, int, int, int]]) -> None:
     check(taken)
 

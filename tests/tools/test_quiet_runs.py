@@ -75,10 +75,10 @@ def test_files_say_so_too(tca: Tca, run: Path, tmp_path: Path, command: str) -> 
     assert "still running" not in out.read_text()
 
 
-def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_now(tca: Tca, tmp_path: Path) -> None:
+def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was_done(tca: Tca, tmp_path: Path) -> None:
     idle = Story().module("legs", "move").at(1.0)
     idle.acted(idle.command("move", "user"), "legs", 1.0)
     run = idle.write(tmp_path / "idle")
     with silent_for(run, 100.0):
-        assert "0.98 to 10" in tca("gantt", run).stdout
+        assert "0.98 to 2.02 s" in tca("gantt", run).stdout
     assert "0.98 to 2.00 s" in tca("gantt", run).stdout
