@@ -292,20 +292,21 @@ def served(log: Log) -> Iterator[str]:
             thread.join()
 
 
-def test_a_hundred_thousand_tasks_stay_usable(look: Look, tmp_path: Path) -> None:
+@pytest.mark.parametrize("many", [20_000, pytest.param(100_000, marks=pytest.mark.soak)])
+def test_very_many_tasks_stay_usable(look: Look, tmp_path: Path, many: int) -> None:
     log = tmp_path / "long.tcaj"
-    log.write_bytes(many_tasks(100_000))
+    log.write_bytes(many_tasks(many))
     page = look(log)
-    expect(page.locator("#counts")).to_contain_text("99998 achieved")
+    expect(page.locator("#counts")).to_contain_text(f"{many - 2} achieved")
     assert page.locator(".row").count() < 100  # only what is in sight
     page.locator("#counts button[data-state='failed']").click()
     expect(page.locator(".row.chosen")).to_contain_text("failed: slip: on ice")
     expect(page.locator("#task")).to_contain_text("handled by legs")
-    page.locator("#search").fill("move 55555")
+    page.locator("#search").fill("move 15555")
     page.keyboard.press("Enter")
     expect(page.locator("#found")).to_have_text("1 of 1")
-    expect(page.locator(".row.chosen")).to_contain_text("55555")
+    expect(page.locator(".row.chosen")).to_contain_text("15555")
     page.keyboard.press("Escape")
     page.locator("#tree").focus()
     page.keyboard.press("ArrowLeft")
-    expect(page.locator("#counts")).to_contain_text("9999")
+    expect(page.locator("#counts")).to_contain_text(str(many - 2)[:4])
