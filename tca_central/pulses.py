@@ -8,8 +8,10 @@ from collections.abc import Iterable
 
 from tca_central.registry import Connection
 
-LATE = 8
-"""So many beats are let pass for a line that has never been there: a process tries at least every 5 s to connect it."""
+LATE = 20
+"""So many beats are let pass for a line that has never been there. A process notices within 10 s that its line leads
+nowhere any more, as when the computer of the central before went down, and connects it anew at least every 5 s.
+"""
 _REMEMBERED = 1000
 """Of so many that have left it is remembered that their lines were there."""
 
@@ -39,7 +41,7 @@ class Pulses:
         for connection in connections:
             pulse = connection.pulse
             if pulse in self._unanswered and (pulse in self.heard or connection.id in self.heard):
-                self._unanswered[pulse] = 0
+                self._unanswered[pulse] = 0 if pulse in self._met else -LATE
         self.heard.clear()
 
     def sent(self, pulse: bytes) -> None:

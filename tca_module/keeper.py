@@ -54,7 +54,8 @@ class Keeper:
         link, silence = self._link, self._link.tend(self._since)
         before, self._looked = self._looked, time.monotonic()
         if self._looked - before > STALL:
-            self._since, silence = self._looked, 0.0  # it was this process that stood still
+            self._since = self._looked  # it was this process that stood still
+            return
         if silence > self._patience and not self._reconnect and not self._stop.is_set():
             self.error = link.line.lost()
             self._log.error("module '%s' ends: %s", link.session.module, self.error)

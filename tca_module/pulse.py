@@ -12,6 +12,14 @@ from secrets import token_hex
 
 import zmq
 
+KEEPALIVE = (
+    (zmq.TCP_KEEPALIVE, 1),
+    (zmq.TCP_KEEPALIVE_IDLE, 5),  # seconds
+    (zmq.TCP_KEEPALIVE_INTVL, 1),
+    (zmq.TCP_KEEPALIVE_CNT, 5),
+)
+"""Options by which a line whose far end has vanished is noticed."""
+
 
 class Pulse:
     """One for all connections of this process to one central: ``pulse_to`` gives it, ``release`` ends its use."""
@@ -49,6 +57,8 @@ _OPTIONS = (
     (zmq.LINGER, 0),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 5000),
+    (zmq.CONNECT_TIMEOUT, 5000),  # else the kernel tries for minutes to reach a computer that is away
+    *KEEPALIVE,  # it only answers: by itself it would never notice that there is nobody any more
 )
 _lock = threading.Lock()
 _pulses: dict[tuple[int, str], Pulse] = {}

@@ -16,15 +16,7 @@ from typing import Protocol
 import zmq
 
 from tca_module.errors import MisuseError
-from tca_module.pulse import Pulse, pulse_to
-
-KEEPALIVE = (
-    (zmq.TCP_KEEPALIVE, 1),
-    (zmq.TCP_KEEPALIVE_IDLE, 5),  # seconds
-    (zmq.TCP_KEEPALIVE_INTVL, 1),
-    (zmq.TCP_KEEPALIVE_CNT, 5),
-)
-"""Options by which a line whose far end has vanished is noticed."""
+from tca_module.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
     # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).

@@ -1,7 +1,7 @@
 """What an event costs does not grow with the tree: whatever can be asked takes as many steps deep down, under a very wide
 task and beside many monitors, taps, waits and kept tasks as where there are few. Steps are lines of central's code.
 
-What looks at every task by its nature is not here: the kill, suspension and retry of what has many under it, and the
+What one call of C looks through is one step here. What looks at every task by its nature is not here: the kill, suspension and retry of what has many under it, and the
 search of a failure for its exception handler, which goes from task to task upward.
 """
 
@@ -116,6 +116,12 @@ ROUNDS = {
     "watched until the end of a task": [
         "user: command move under {at} from outside",
         "user: polling monitor watch under {at} every 1000000 until end achieving {new} from outside",
+        "user: end monitor {new}",
+        "user: kill {new}",
+    ],
+    "watched by a handler that is above": [
+        "user: command move under {at} from outside",
+        "planner/1: polling monitor watch under {new} every 1000000 for ever here",
         "user: end monitor {new}",
         "user: kill {new}",
     ],

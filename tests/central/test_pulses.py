@@ -109,6 +109,15 @@ def test_a_line_that_comes_late_is_watched_from_then_on() -> None:
     assert beat(pulses, legs) == {b"legs"}
 
 
+def test_a_word_of_a_process_whose_line_has_yet_to_come_gives_it_all_the_time_again() -> None:
+    pulses, legs = Pulses(2), connection_of(b"legs")
+    for _ in range(3):
+        pulses.beat([legs])
+        pulses.gone(b"legs")
+    pulses.heard.add(legs.id)
+    assert beats_without_a_line(pulses, legs) == 1 + LATE + 2
+
+
 def test_who_has_been_there_is_known_when_he_comes_back() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     beat(pulses, legs)
