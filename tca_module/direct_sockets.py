@@ -12,7 +12,8 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.transport import DONTWAIT, EVENTS, KEEPALIVE, POLLIN, SNDMORE, context
+from tca_module.pulse import KEEPALIVE
+from tca_module.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.vocabulary import Limit
 
 MOST_UNDER_WAY = 1000

@@ -165,5 +165,12 @@ def test_a_queue_that_empties_and_fills_again_lies_as_in_other_charts(look: Look
     page = look(story.at(130.0).say(facts.Closed("done")).write(tmp_path / "queue"))
     expect(page.locator("#counts")).to_be_attached()
     [row] = chart(story.fold()).rows
+    counted = page.evaluate(
+        """() => Array.from({ length: 120 }, (_, second) =>
+          tca.chart.layout.find(({ row }) => row.label === "legs").row.queued.count(second + 0.25))"""
+    )
+    bars = [sum(bar.start <= second + 0.25 < bar.end for bar in row.queued) for second in range(120)]
+    assert counted == bars
+    assert max(bars) > 12
     by_start = sorted(row.queued, key=lambda bar: bar.start)
     assert [lane for _, lane in lanes_on(page, "legs")] == [bar.lane for bar in by_start]

@@ -6,6 +6,7 @@ import { lastNotAfter } from "./store.js";
 
 const SHOWN = 4;
 const LEAST = 150; // milliseconds between two questions
+const FAR = 2; // seconds of the run: what was told of a moment so far away is not shown any more
 const REST = 4; // after an answer that took a while nothing is asked for so many times as long
 
 export class Causes {
@@ -16,14 +17,24 @@ export class Causes {
     this.answer = null; // what was told last, and of when
     this.drawn = ""; // which of it is shown
     this.isAsking = false;
+    this.rest = null; // a timer
     this.fetch = soon(() => this.#fetch(), LEAST);
   }
 
   show(time) {
+    const hasMoved = time < this.time || time > this.time + FAR; // the reader has: he does not wait until a rest is over
     this.time = time;
     this.moment = lastNotAfter(this.store.times, time);
     this.wanted = `${this.moment}#${this.store.version}`; // what is known changes with messages
     if (this.answer && this.answer.asked !== this.wanted) this.#draw(); // some of it may not be so any more
+    if (hasMoved && this.rest !== null) this.#goOn();
+    else if (this.wanted !== this.asked) this.fetch();
+  }
+
+  #goOn() {
+    clearTimeout(this.rest);
+    this.rest = null;
+    this.isAsking = false;
     if (this.wanted !== this.asked) this.fetch();
   }
 
@@ -31,25 +42,24 @@ export class Causes {
     if (this.isAsking || this.wanted === this.asked) return; // the answer comes back here
     this.isAsking = true;
     this.asked = this.wanted;
-    const begun = performance.now(), { asked } = this, told = toldOf(this.store, this.moment);
-    const answer = await this.ask("causes", { at: this.time });
+    const begun = performance.now(), { asked, time: at } = this, told = toldOf(this.store, this.moment);
+    const answer = await this.ask("causes", { at });
     if (answer) {
-      this.answer = { ...answer, asked, told };
+      this.answer = { ...answer, asked, told, at };
       this.#draw();
     }
-    setTimeout(() => {
-      this.isAsking = false;
-      if (this.wanted !== this.asked) this.fetch();
-    }, (performance.now() - begun) * REST);
+    this.rest = setTimeout(() => this.#goOn(), (performance.now() - begun) * REST);
   }
 
   // Of what was told of an earlier moment, causes that are not in the same state any more are left out.
   #draw() {
-    const { waiting, things, causes, asked, told } = this.answer;
+    const { waiting, things, causes, asked, told, at } = this.answer;
+    const isFar = asked !== this.wanted && Math.abs(this.time - at) > FAR;
     const lasting = causes.filter(({ text }) => asked === this.wanted || !hasChanged(this.store, text, told, this.time));
-    const drawn = `${asked} ${lasting.length}`;
+    const drawn = `${asked} ${lasting.length} ${isFar}`;
     if (drawn === this.drawn) return; // what is pressed just now stays there
     this.drawn = drawn;
+    if (isFar) return this.panel.replaceChildren(element("span", { class: "faint", text: "what is waited for is being looked for …" }));
     if (!waiting) return this.panel.replaceChildren(element("span", { class: "faint", text: "nothing waits" }));
     const isWhole = lasting.length === causes.length;
     const head = `${waiting} ${waiting === 1 ? "waits" : "wait"} for ${things} ${things === 1 ? "thing" : "things"}:`;

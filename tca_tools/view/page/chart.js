@@ -2,11 +2,12 @@
 
 import { clipped, css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
+import { drawLength } from "./lanes.js";
 import { describe, firstWith, isLight, isNobody, share } from "./spans.js";
 import { wasHandled } from "./store.js";
 
 const LANE = 18, THIN = 7, NAMED = 14, GAP = 9, AXIS = 20;
-const MOST_LANES = 12;
+const MOST_LANES = 12, CURVE = 18; // of more that wait the number is drawn
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
@@ -122,8 +123,8 @@ export class Chart {
       const isNamed = row === suspended || isNobody(row); // no module's: there is nothing else in it
       const lanes = isNamed ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES), thin = Math.min(row.queued.length, MOST_LANES);
       const held = Math.min(row.held.length, 3), step = isNamed ? NAMED : THIN;
-      const tall = lanes * LANE + thin * step + held * THIN;
-      const place = { row, top, bottom: top + tall, lanes, thin, held, step };
+      const curve = row.queued.length > MOST_LANES ? CURVE : 0, tall = lanes * LANE + thin * step + held * THIN + curve;
+      const place = { row, top, bottom: top + tall, lanes, thin, held, step, curve };
       top += tall + GAP;
       return place;
     });
@@ -150,7 +151,7 @@ export class Chart {
     }
   }
 
-  #drawRow({ row, top, lanes, thin, held, step, bottom }) {
+  #drawRow({ row, top, lanes, thin, held, step, curve, bottom }) {
     const { context } = this;
     context.fillStyle = css("--panel");
     for (const span of row.connected) {
@@ -171,6 +172,7 @@ export class Chart {
       this.#drawLane(lane, y, step - 2, (span, x, w) => this.#drawQueued(span, x, w, y, step - 2));
       y += step;
     }
+    if (curve) drawLength(context, row.queued, { left: Math.ceil(this.labels), right: Math.min(this.#x(this.store.end), this.width), y, tall: curve - 2, timeAt: (x) => this.#timeAt(x), ink: css("--ink"), paper: css("--paper") });
     for (const span of row.failed) {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
@@ -318,7 +320,7 @@ export class Chart {
       const inside = y - top - held * THIN;
       const lane = inside < 0 ? row.held.lists[Math.floor((y - top) / THIN)]
         : inside < lanes * LANE ? row.handled.lists[Math.floor(inside / LANE)]
-          : row.queued.lists[Math.min(Math.floor((inside - lanes * LANE) / step), thin - 1)];
+          : row.queued.lists.slice(0, thin)[Math.floor((inside - lanes * LANE) / step)];
       const time = this.#timeAt(x), near = this.#timeAt(x + 3) - time;
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;

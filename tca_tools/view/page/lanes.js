@@ -4,6 +4,9 @@
 export class Lanes {
   constructor() {
     this.lists = []; // of spans, by lane
+    this.starts = []; // of all spans, in the order of time
+    this.ends = []; // the same, but for those that came with their ends
+    this.isInOrder = true; // the ends are
     this.room = 1; // lanes for which there are leaves: a power of two
     this.earliest = new Float64Array(2).fill(Infinity); // a tree: of each half of the lanes under a node the earliest end; the leaves are behind
   }
@@ -17,17 +20,31 @@ export class Lanes {
     if (span.lane === this.lists.length) this.lists.push([]);
     if (span.lane >= this.room) this.#grow();
     this.lists[span.lane].push(span);
+    this.starts.push(span.start);
     this.ended(span);
   }
 
   // A span's end is known, or another one than before.
   ended(span) {
+    const { end } = span;
+    if (end < Infinity && !span.isCounted) {
+      span.isCounted = true;
+      this.isInOrder &&= !(end < this.ends.at(-1));
+      this.ends.push(end);
+    }
     if (span !== this.lists[span.lane].at(-1)) return; // another one has begun behind it: that counts
     let node = this.room + span.lane;
-    for (this.earliest[node] = span.end; node > 1;) {
+    for (this.earliest[node] = end; node > 1;) {
       node >>= 1;
       this.earliest[node] = Math.min(this.earliest[2 * node], this.earliest[2 * node + 1]);
     }
+  }
+
+  // How many go on at a time.
+  count(time) {
+    if (!this.isInOrder) this.ends.sort((one, other) => one - other);
+    this.isInOrder = true;
+    return upTo(this.starts, time) - upTo(this.ends, time);
   }
 
   #firstFree(time) {
@@ -44,4 +61,33 @@ export class Lanes {
     this.earliest.set(earliest.subarray(room), 2 * room);
     for (let node = this.room - 1; node > 0; node--) this.earliest[node] = Math.min(this.earliest[2 * node], this.earliest[2 * node + 1]);
   }
+}
+
+function upTo(times, time) {
+  let low = 0, high = times.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+// How many wait in a long queue, of which not all lanes are drawn: a curve, and the most that wait at a time in sight.
+export function drawLength(context, lanes, { left, right, y, tall, timeAt, ink, paper }) {
+  const counts = Array.from({ length: Math.max(Math.round(right - left), 0) }, (_, x) => lanes.count(timeAt(left + x)));
+  const most = counts.reduce((one, other) => Math.max(one, other), 0);
+  if (!most) return;
+  context.fillStyle = ink;
+  context.globalAlpha = 0.35;
+  counts.forEach((count, x) => context.fillRect(left + x, y + tall * (1 - count / most), 1, tall * count / most));
+  context.globalAlpha = 1;
+  const text = `up to ${most.toLocaleString("en")} wait`, begin = left + Math.max(counts.indexOf(most) - context.measureText(text).width - 6, 4);
+  context.fillStyle = paper;
+  context.globalAlpha = 0.8;
+  context.fillRect(begin - 2, y + 1, context.measureText(text).width + 4, tall - 2);
+  context.globalAlpha = 1;
+  context.fillStyle = ink;
+  context.textAlign = "left";
+  context.fillText(text, begin, y + tall / 2 + 0.5);
 }
