@@ -88,6 +88,27 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
     expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
 
 
+def test_what_was_told_of_a_moment_far_away_is_not_shown_meanwhile(look: Look, tmp_path: Path) -> None:
+    """Nothing waits at the beginning: that stood at the end until the next answer came."""
+    page = look(in_turn().write(tmp_path / "lifts"), "#t=0.5")
+    causes = page.locator("#causes")
+    expect(causes).to_have_text("nothing waits")
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/api/causes*", hold)
+    page.keyboard.press("End")
+    expect(causes).to_have_text("what is waited for is being looked for …")
+    late = time.monotonic() + 30
+    while not held:
+        assert time.monotonic() < late, "the page asks for causes"
+        page.wait_for_timeout(10)
+    held[0].continue_()
+    expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
+
+
 @pytest.mark.parametrize("many", [10_000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_very_many_that_wait_are_told_what_for(look: Look, tmp_path: Path, many: int) -> None:
     page = look(stuck(many).write(tmp_path / "many"))
