@@ -78,7 +78,7 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
     expect(page.locator(".row[data-task='1']")).to_have_class(re.compile("achieved"))
     assert "lift {1}" not in second.inner_text()
     expect(third).to_have_text("waits until lift {2} is achieved, for 2.00 s")
-    expect(causes).to_have_text("2 wait for 1 thing:…")
+    expect(causes).to_have_text("2 wait for 1 thing:lift {1}, which arm handlesas of 1.500 s")
     late = time.monotonic() + 30
     while len(held) < 2:
         assert time.monotonic() < late, "the page asks for notes and causes"
@@ -90,7 +90,7 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
 
 def test_what_was_told_of_a_moment_far_away_is_not_shown_meanwhile(look: Look, tmp_path: Path) -> None:
     """Nothing waits at the beginning: that stood at the end until the next answer came."""
-    page = look(in_turn().write(tmp_path / "lifts"), "#t=0.5")
+    page = look(in_turn().at(9.0).module("late").write(tmp_path / "lifts"), "#t=0.5")
     causes = page.locator("#causes")
     expect(causes).to_have_text("nothing waits")
     held: list[Route] = []
@@ -107,6 +107,20 @@ def test_what_was_told_of_a_moment_far_away_is_not_shown_meanwhile(look: Look, t
         page.wait_for_timeout(10)
     held[0].continue_()
     expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
+
+
+def test_how_old_what_is_shown_is_said(look: Look, tmp_path: Path) -> None:
+    """Answers may take seconds, of a run that goes on meanwhile."""
+    tale = in_turn()
+    for moment in range(4, 20):
+        tale.at(float(moment)).module("late")
+    page = look(tale.write(tmp_path / "lifts"), "#t=3.5")
+    causes = page.locator("#causes")
+    expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
+    page.route("**/api/causes*", lambda _: None)
+    page.locator("#speed").select_option("5")
+    page.keyboard.press(" ")
+    expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handlesas of 3.500 s")
 
 
 @pytest.mark.parametrize("many", [10_000, pytest.param(100_000, marks=pytest.mark.soak)])

@@ -1,13 +1,13 @@
 // What all tasks that wait wait for in the end: how many wait for how many things, and what these are.
 
-import { element, soon } from "./format.js";
+import { element, seconds, soon } from "./format.js";
 import { hasChanged, toldOf } from "./stale.js";
 import { lastNotAfter } from "./store.js";
 
 const SHOWN = 4;
 const LEAST = 150; // milliseconds between two questions
-const FAR = 2; // seconds of the run: what was told of a moment so far away is not shown any more
-const REST = 4; // after an answer that took a while nothing is asked for so many times as long
+const FAR = 2; // seconds of the run: where the reader has gone so far, what was told before is not shown any more
+const REST = 2; // after an answer that took a while nothing is asked for so many times as long
 
 export class Causes {
   constructor(store, { choose, ask }) {
@@ -17,17 +17,21 @@ export class Causes {
     this.answer = null; // what was told last, and of when
     this.drawn = ""; // which of it is shown
     this.isAsking = false;
+    this.hasMoved = false; // the reader has, since it was asked: he does not wait until a rest is over
     this.rest = null; // a timer
     this.fetch = soon(() => this.#fetch(), LEAST);
   }
 
   show(time) {
-    const hasMoved = time < this.time || time > this.time + FAR; // the reader has: he does not wait until a rest is over
+    this.hasMoved ||= time < this.time || time > this.time + FAR;
     this.time = time;
     this.moment = lastNotAfter(this.store.times, time);
     this.wanted = `${this.moment}#${this.store.version}`; // what is known changes with messages
-    if (this.answer && this.answer.asked !== this.wanted) this.#draw(); // some of it may not be so any more
-    if (hasMoved && this.rest !== null) this.#goOn();
+    if (this.answer && this.answer.asked !== this.wanted) { // some of it may not be so any more
+      if (this.#isFar(this.answer.at)) this.#forget();
+      else this.#draw();
+    }
+    if (this.hasMoved && this.rest !== null) this.#goOn();
     else if (this.wanted !== this.asked) this.fetch();
   }
 
@@ -41,33 +45,43 @@ export class Causes {
   async #fetch() {
     if (this.isAsking || this.wanted === this.asked) return; // the answer comes back here
     this.isAsking = true;
+    this.hasMoved = false;
     this.asked = this.wanted;
     const begun = performance.now(), { asked, time: at } = this, told = toldOf(this.store, this.moment);
     const answer = await this.ask("causes", { at });
-    if (answer) {
+    if (answer && this.#isFar(at)) this.#forget();
+    else if (answer) {
       this.answer = { ...answer, asked, told, at };
       this.#draw();
     }
-    this.rest = setTimeout(() => this.#goOn(), (performance.now() - begun) * REST);
+    this.rest = setTimeout(() => this.#goOn(), this.hasMoved ? 0 : (performance.now() - begun) * REST);
   }
 
-  // Of what was told of an earlier moment, causes that are not in the same state any more are left out.
+  #isFar(at) { return this.hasMoved && Math.abs(this.time - at) > FAR; }
+
+  #forget() {
+    this.answer = null;
+    this.asked = this.drawn = "";
+    this.panel.replaceChildren(element("span", { class: "faint", text: "what is waited for is being looked for …" }));
+  }
+
+  // Of what was told of an earlier moment, causes that are not in the same state any more are left out; or all is said to
+  // be of that moment, where none is.
   #draw() {
     const { waiting, things, causes, asked, told, at } = this.answer;
-    const isFar = asked !== this.wanted && Math.abs(this.time - at) > FAR;
-    const lasting = causes.filter(({ text }) => asked === this.wanted || !hasChanged(this.store, text, told, this.time));
-    const drawn = `${asked} ${lasting.length} ${isFar}`;
+    const isNow = asked === this.wanted, isOld = !isNow && this.time - at > FAR;
+    const same = causes.filter(({ text }) => isNow || !hasChanged(this.store, text, told, this.time));
+    const lasting = same.length ? same : causes, isWhole = same.length === causes.length && !isOld;
+    const drawn = `${asked} ${same.length} ${isWhole}`;
     if (drawn === this.drawn) return; // what is pressed just now stays there
     this.drawn = drawn;
-    if (isFar) return this.panel.replaceChildren(element("span", { class: "faint", text: "what is waited for is being looked for …" }));
-    if (!waiting) return this.panel.replaceChildren(element("span", { class: "faint", text: "nothing waits" }));
-    const isWhole = lasting.length === causes.length;
+    const asOf = isWhole ? [] : [element("span", { class: "faint", text: `as of ${seconds(at)}` })]; // the new ones are on their way
+    if (!waiting) return this.panel.replaceChildren(element("span", { class: "faint", text: "nothing waits" }), ...asOf);
     const head = `${waiting} ${waiting === 1 ? "waits" : "wait"} for ${things} ${things === 1 ? "thing" : "things"}:`;
     const links = lasting.slice(0, SHOWN).map((cause) => this.#link(cause, things > 1));
     const more = isWhole ? things - links.length : 0, others = lasting.slice(SHOWN).map(({ text, tasks }) => `${tasks} for ${text}`);
-    const rest = isWhole ? `and ${more} more` : "…"; // the new ones are on their way
-    if (more > 0 || !isWhole) links.push(element("span", { class: "faint", text: rest, title: others.join("\n") }));
-    this.panel.replaceChildren(element("span", { class: isWhole ? "" : "faint", text: head }), ...links);
+    if (more > 0) links.push(element("span", { class: "faint", text: `and ${more} more`, title: others.join("\n") }));
+    this.panel.replaceChildren(element("span", { class: isWhole ? "" : "faint", text: head }), ...links, ...asOf);
   }
 
   #link({ text, tasks, number }, isCounted) {
