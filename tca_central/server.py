@@ -27,6 +27,7 @@ from tca_wire import codec, facts
 from tca_wire.endpoint import default_folder
 from tca_wire.errors import ProtocolError
 from tca_wire.headers import Beat, Closing, ToModule
+from tca_wire.lines import first_line, printable
 from tca_wire.vocabulary import Limit
 
 log = logging.getLogger("tca.central")
@@ -158,7 +159,8 @@ class Server:
                 log.log(level, words(fact))
             elif isinstance(fact, facts.Failed):
                 what = record.failed[fact.id]
-                log.warning("failure '%s' of %s%s", fact.failure, what, _last_line(fact.text))
+                said = printable(first_line(fact.text))
+                log.warning("failure '%s' of %s%s", fact.failure, what, f": {said}" if said else "")
             elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.asked:
                 watch = self.central.asked[fact.id]
                 what = watch.condition.message.name
@@ -373,12 +375,6 @@ def _lock_of(endpoint: str) -> int:
         msg = f"{path.parent} belongs to another user: choose another address with --bind"
         raise CentralError(msg)
     return lock
-
-
-def _last_line(text: str) -> str:
-    """Of a traceback it says what happened."""
-    last = text.strip().rpartition("\n")[2]
-    return f": {last}" if last else ""
 
 
 _TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {

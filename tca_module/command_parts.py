@@ -13,6 +13,7 @@ from tca_module.client import Client, connect
 from tca_module.errors import MisuseError, TcaError
 from tca_wire.endpoint import VARIABLE
 from tca_wire.errors import BadData, BadFormat
+from tca_wire.lines import printable
 from tca_wire.notices import COMMANDS
 
 
@@ -72,8 +73,3 @@ def as_text(value: Any) -> str:
     """A value for people: a text as it is, else JSON in one line."""
     value = plain(value)
     return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))
-
-
-def printable(text: str) -> str:
-    """*text* without characters that would steer a terminal."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

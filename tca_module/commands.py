@@ -9,9 +9,10 @@ from typing import Any
 import click
 
 from tca_module.client import Client
-from tca_module.command_parts import as_json, central_option, json_option, plain, printable, talking
+from tca_module.command_parts import as_json, central_option, json_option, plain, talking
 from tca_wire.errors import BadData
 from tca_wire.formats import decode_untyped
+from tca_wire.lines import printable
 from tca_wire.wording import by_whom
 
 _SHOWN = 20  # lines about what waits

@@ -12,13 +12,14 @@ import click
 
 from tca_module.arguments import name_of
 from tca_module.client import Client
-from tca_module.command_parts import SECONDS, as_json, as_text, central_option, json_option, printable, talking
+from tca_module.command_parts import SECONDS, as_json, as_text, central_option, json_option, talking
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.replies import QUERY_TIMEOUT
 from tca_module.task_ref import TaskRef
 from tca_wire.controls import ExceptionHandler
 from tca_wire.declarations import Broadcast, Command, Goal, Message, MultiQuery, Query, Variable
 from tca_wire.errors import BadData
+from tca_wire.lines import printable
 from tca_wire.plain_data import Bare
 from tca_wire.vocabulary import Outcome
 

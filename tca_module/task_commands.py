@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import click
 
 from tca_module.client import Client
-from tca_module.command_parts import SECONDS, central_option, printable, talking
+from tca_module.command_parts import SECONDS, central_option, talking
 from tca_module.commands import attached_in_all, attached_to
 from tca_module.errors import Refused
 from tca_module.task_handle import TaskHandle, TaskInfo
 from tca_wire.declarations import Failure
+from tca_wire.lines import printable
 from tca_wire.plain_data import Bare, PlainFormat
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import Scope

@@ -9,11 +9,12 @@ from typing import Any
 import click
 
 from tca_module.client import Client, connect
-from tca_module.command_parts import as_json, central_option, json_option, printable, talking
+from tca_module.command_parts import as_json, central_option, json_option, talking
 from tca_module.errors import MisuseError, TcaError
 from tca_module.keys import Keys, typed_keys
 from tca_module.top_frame import Answer, Frame, frame, plain_frame
 from tca_wire.endpoint import default_endpoint
+from tca_wire.lines import printable
 
 _NAME = "tca top"
 _PATIENCE = 1.0

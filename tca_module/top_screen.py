@@ -9,8 +9,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tca_module.command_parts import printable
 from tca_module.top_frame import Frame, MessageLine, ResourceLine, SuspendedLine, WaitLine
+from tca_wire.lines import printable
 
 _BAR = 8
 _HEAD, _TABLE = 2, 3

@@ -15,8 +15,8 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from tca_tools.data import data_text
-from tca_tools.terminal import printable
 from tca_wire import facts
+from tca_wire.lines import printable
 from tca_wire.points import ALL_MOMENTS, Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.wording import by_whom, kill_reason

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
-from tca_tools.terminal import printable
 from tca_wire.errors import BadData
 from tca_wire.formats import decode_untyped
+from tca_wire.lines import printable
 
 _LONGEST_TEXT = 2000
 _DEEPEST = 100

@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from html import escape
 
-from tca_tools.terminal import columns_of, printable
+from tca_tools.terminal import columns_of
+from tca_wire.lines import printable
 
 STYLE = """\
 text { font: 12px Helvetica, Arial, "Liberation Sans", sans-serif; fill: #1f2933; }

@@ -13,8 +13,9 @@ from tca_tools.classic import classic_lines
 from tca_tools.data import data_text
 from tca_tools.fact_rows import fact_row
 from tca_tools.logs import newest_journal, open_log, run_folders, runs_in
-from tca_tools.terminal import columns_of, cut, line_width, padded, printable
+from tca_tools.terminal import columns_of, cut, line_width, padded
 from tca_wire.facts import Entry, Fact, kind_of
+from tca_wire.lines import printable
 from tca_wire.wording import Wording
 
 KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))

@@ -13,11 +13,11 @@ import click
 from tca_tools.errors import DamagedLog, UnusableLog
 from tca_tools.losses import Losses
 from tca_tools.segments import Folder, listed, segments_in
-from tca_tools.terminal import printable
 from tca_wire.endpoint import VARIABLE, default_journals, journal_link
 from tca_wire.errors import JournalDamaged
 from tca_wire.facts import Entry, Opened
 from tca_wire.journal import SEGMENT_SUFFIX, JournalReader
+from tca_wire.lines import printable
 
 _POLL_SECONDS = 0.2
 _STILL = 1.0

@@ -11,8 +11,8 @@ from typing import Protocol, TypeVar
 from tca_tools.errors import NotInLog
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Message, Queueing, Task, Wait
-from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
+from tca_wire.lines import printable
 from tca_wire.points import ROOT, Moment, TaskId
 
 _GRANTED, _START = attrgetter("granted"), attrgetter("start")

@@ -6,13 +6,6 @@ import sys
 import unicodedata
 
 
-def printable(text: str) -> str:
-    """*text* without characters that would steer a terminal: those are written as escapes."""
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
 def line_width() -> int | None:
     """The columns a line may take; None if nobody looks (a pipe or file), so nothing need be cut."""
     if os.environ.get("COLUMNS", "").isdecimal() or sys.stdout.isatty():
@@ -38,12 +31,6 @@ def cut(text: str, width: int | None) -> str:
             break
         kept.append(character)
     return "".join(kept) + "…" * (width > 0)
-
-
-def first_line(text: str) -> str:
-    """The first line; of more, such as a traceback, there is a "..."."""
-    first, *rest = text.strip().splitlines() or [""]
-    return first + (" ..." if any(map(str.strip, rest)) else "")
 
 
 def padded(text: str, width: int) -> str:

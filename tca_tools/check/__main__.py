@@ -19,8 +19,9 @@ from tca_tools.check.world import World
 from tca_tools.history import History
 from tca_tools.logs import Log, open_log
 from tca_tools.losses import Losses
-from tca_tools.terminal import line_width, printable
+from tca_tools.terminal import line_width
 from tca_wire.facts import Entry
+from tca_wire.lines import printable
 
 _MOST_GAPS = 5
 _MOST_SHOWN = 100

@@ -7,7 +7,8 @@ import click
 from tca_tools.check.rules import Violation
 from tca_tools.past import Past
 from tca_tools.story import story
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
+from tca_wire.lines import printable
 
 _LONGEST_STORY = 40
 """Sentences of one story that are shown."""

@@ -14,9 +14,9 @@ from tca_tools.logs import Log, open_log
 from tca_tools.options import force_option
 from tca_tools.output import check_free, made_for, make_folder, new_file
 from tca_tools.past import Past
-from tca_tools.terminal import printable
 from tca_wire.facts import Entry
 from tca_wire.journal import SEGMENT_SUFFIX
+from tca_wire.lines import printable
 
 
 class Format(NamedTuple):

@@ -15,7 +15,8 @@ from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.past import Past
 from tca_tools.records import OVER, Task
 from tca_tools.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
-from tca_tools.terminal import can_show, cut, line_width, printable
+from tca_tools.terminal import can_show, cut, line_width
+from tca_wire.lines import printable
 from tca_wire.points import Moment
 
 

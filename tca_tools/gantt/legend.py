@@ -7,7 +7,8 @@ from tca_tools.drawing import width_of
 from tca_tools.gantt.colours import dark
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import COPED, FAILED, LONGEST_LABEL, MARGIN
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
+from tca_wire.lines import printable
 
 _LINE = 24.0
 _MOST_NAMES = 40

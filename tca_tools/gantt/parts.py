@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
 
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
+from tca_wire.lines import printable
 
 _FEWEST = 8
 """Columns of a reason."""

@@ -10,7 +10,8 @@ from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
 from tca_tools.gantt.colours import dark, light
 from tca_tools.gantt.parts import Bar, Chart, Row
 from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, row_label
-from tca_tools.terminal import columns_of, printable
+from tca_tools.terminal import columns_of
+from tca_wire.lines import printable
 
 _LANE, _QUEUE_LANE = 24.0, 9.0
 _MOST_LANES = 12

@@ -2,7 +2,8 @@
 
 from tca_tools import drawing
 from tca_tools.gantt.parts import Row
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
+from tca_wire.lines import printable
 
 MARGIN = 24.0
 CHARACTER = 6.5

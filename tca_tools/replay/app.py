@@ -10,7 +10,7 @@ from textual.widgets import Footer
 from tca_tools.replay.panes import MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Outline
-from tca_tools.terminal import printable
+from tca_wire.lines import printable
 from tca_wire.wording import subject_of
 
 FRAMES = 15

@@ -23,10 +23,11 @@ from tca_tools.replay.tree import Row
 from tca_tools.story import Sentence, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
 from tca_tools.then import Then
 from tca_tools.waiting import coming, waits_how, why_waiting
 from tca_wire.facts import kind_of
+from tca_wire.lines import printable
 from tca_wire.points import TaskId
 
 _STATE_WIDTH = 11

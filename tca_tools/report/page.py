@@ -14,7 +14,8 @@ from tca_tools.coping import GOOD_FATES, HANDLED
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
-from tca_tools.terminal import cut, first_line, printable
+from tca_tools.terminal import cut
+from tca_wire.lines import first_line, printable
 
 _HERE = Path(__file__).parent
 _LONGEST_TEXT = 300

@@ -13,7 +13,8 @@ from tca_tools.logs import open_log
 from tca_tools.options import MOMENT
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
 from tca_tools.stats.text import stats_lines
-from tca_tools.terminal import cut, line_width, printable
+from tca_tools.terminal import cut, line_width
+from tca_wire.lines import printable
 
 _ENDS = ("failed", "killed", "dropped", "open")
 _SHARES = (50, 90, 99)

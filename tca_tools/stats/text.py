@@ -5,7 +5,8 @@ from itertools import accumulate, compress
 
 from tca_tools.analysis.words import counted, seconds
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
-from tca_tools.terminal import columns_of, cut, padded, printable
+from tca_tools.terminal import columns_of, cut, padded
+from tca_wire.lines import printable
 from tca_wire.wording import place
 
 _NO_HANDLER = "(no handler)"

@@ -15,8 +15,9 @@ from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.tasktree_viz.told import story_lines
-from tca_tools.terminal import can_show, cut, line_width, printable
+from tca_tools.terminal import can_show, cut, line_width
 from tca_tools.then import Then
+from tca_wire.lines import printable
 
 
 @click.command()

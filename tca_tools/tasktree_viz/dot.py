@@ -15,8 +15,9 @@ from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import cut, printable
+from tca_tools.terminal import cut
 from tca_tools.then import TaskThen, Then
+from tca_wire.lines import printable
 from tca_wire.points import Interval
 from tca_wire.vocabulary import Role
 

@@ -10,8 +10,9 @@ from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, Arrows
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut, printable
+from tca_tools.terminal import columns_of, cut
 from tca_tools.then import TaskThen, Then
+from tca_wire.lines import printable
 from tca_wire.points import Interval
 
 INDENT, DEEPEST = 22.0, 420.0

@@ -14,8 +14,9 @@ from tca_tools.story import story
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
-from tca_tools.terminal import columns_of, cut, printable
+from tca_tools.terminal import columns_of, cut
 from tca_tools.then import Then
+from tca_wire.lines import printable
 from tca_wire.points import TaskId
 
 _WIDTH_OF_FILE = 120

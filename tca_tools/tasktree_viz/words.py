@@ -13,9 +13,10 @@ from tca_tools.ends import last_of
 from tca_tools.records import OVER, State
 from tca_tools.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut, printable
+from tca_tools.terminal import columns_of, cut
 from tca_tools.then import TaskThen, Then
 from tca_tools.waiting import coming, dealing, waits_how, why_waiting
+from tca_wire.lines import printable
 from tca_wire.points import Edge, Interval, TaskId, moment_of
 from tca_wire.wording import by_whom
 

@@ -16,11 +16,11 @@ from tca_tools.story import Sentence, sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.terminal import printable
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
 from tca_tools.waiting import coming, waits_how, why_waiting
 from tca_wire.facts import kind_of
+from tca_wire.lines import printable
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.wording import Wording, subject_of
 

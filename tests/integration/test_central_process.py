@@ -15,6 +15,7 @@ from integration.programs import central, program, run, tca
 from tca_module import (
     CentralLost,
     Command,
+    Failure,
     FormatRefused,
     Goal,
     Module,
@@ -373,3 +374,22 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
     (closed,) = entries[-1].facts
     assert isinstance(closed, facts.Closed)
     assert closed.why.startswith("internal error: AssertionError in event")
+
+
+def test_a_failure_is_a_line_of_the_log(tmp_path: Path) -> None:
+    """The first of its text, which says what happened, without what would steer a terminal."""
+    with central(tmp_path) as daemon:
+        legs = Module("legs", daemon.address)
+
+        @legs.handles(MOVE)
+        def move(task: Task, number: int) -> int:
+            raise Failure("stuck")(None, "in \x1b[2Jthe mud\nand deep" if number else "")
+
+        with legs.running():
+            for number in (1, 0):
+                assert legs.command(MOVE, number).wait() is Outcome.FAILED
+        told = [line for line in daemon.stop().splitlines() if "failure '" in line]
+    assert told == [
+        r"central: failure 'stuck' of task 1 'move': in \x1b[2Jthe mud ...",
+        "central: failure 'stuck' of task 2 'move'",
+    ]

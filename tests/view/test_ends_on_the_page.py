@@ -88,6 +88,18 @@ def test_nothing_that_has_ended_is_blamed_until_the_news_come(look: Look, tmp_pa
     expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handles")
 
 
+def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path: Path) -> None:
+    page = look(in_turn().write(tmp_path / "lifts"), "#t=1.0&task=3")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    why, lead = page.locator(".row[data-task='3'] .why"), page.locator("#task .lead").first
+    end = "in the end for lift {1}, which arm handles"
+    expect(why).to_have_text(f"waits until lift {{2}} is achieved; {end}")
+    expect(lead).to_have_text("waits until lift {2} is achieved")
+    page.keyboard.press("End")
+    expect(why).to_have_text("waits until lift {2} is achieved, for 2.00 s")
+    expect(lead).to_have_text("waits until lift {2} is achieved, for 2.00 s")
+
+
 def test_what_was_told_of_a_moment_far_away_is_not_shown_meanwhile(look: Look, tmp_path: Path) -> None:
     """Nothing waits at the beginning: that stood at the end until the next answer came."""
     page = look(in_turn().at(9.0).module("late").write(tmp_path / "lifts"), "#t=0.5")

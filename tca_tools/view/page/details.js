@@ -74,7 +74,7 @@ export class Details {
   }
 
   #reason(how, reason) {
-    const [lasted, inAll] = ages(reason), told = this.#linked(`${how} ${reason.text}${lasted ? ", for " : ""}`);
+    const [lasted, inAll] = ages(reason), told = this.#linked(`${how} ${reason.text}`);
     return element("p", { class: "lead" }, ...told, lasted, inAll);
   }
 

@@ -27,21 +27,28 @@ function lasting(time) {
   return minutes < 120 ? `${minutes}:${two(rest)} min` : `${hours}:${two(minutes)}:${two(rest)} h`;
 }
 
-export function age(since) {
-  const made = element("span", { class: "age", text: lasting(shown - since) });
-  made.dataset.since = since;
+export function age(since, before = "") {
+  const made = element("span", { class: "age" });
+  Object.assign(made.dataset, { since, before });
+  tell(made);
   return made;
 }
 
-// For how long the same keeps something waiting; and " (8.80 s in all)" if it waited for something else before.
+// With what goes before it, if anything does: then nothing is said while there is nothing to say.
+function tell(made) {
+  const { since, before } = made.dataset, time = shown - since;
+  made.textContent = before && time < 5e-4 ? "" : `${before}${lasting(time)}`;
+}
+
+// ", for 3.40 s": how long the same keeps something waiting; and " (8.80 s in all)" if it waited for something else before.
 export function ages({ since, begun }) {
   const isAll = since !== null && since - begun < 5e-4;
-  return [since === null ? "" : age(since), isAll ? "" : element("span", { class: "in-all" }, " (", age(begun), " in all)")];
+  return [since === null ? "" : age(since, ", for "), isAll ? "" : element("span", { class: "in-all" }, " (", age(begun), " in all)")];
 }
 
 export function count(time) {
   shown = time;
-  for (const made of document.querySelectorAll(".age")) made.textContent = lasting(time - made.dataset.since);
+  for (const made of document.querySelectorAll(".age")) tell(made);
 }
 
 // As much of a note as has room: who holds something before what he does meanwhile, and before all of its name; then

@@ -230,11 +230,11 @@ export class Tree {
     const told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
-    const [lasted, inAll] = age ? ages(age) : ["", ""], wide = (one, before = "") => (one ? this.widthOf(before + one.textContent) : 0);
-    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4 - wide(lasted, ", for ");
+    const [lasted, inAll] = age ? ages(age) : ["", ""], wide = (one) => (one ? this.widthOf(one.textContent) : 0);
+    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4 - wide(lasted);
     const [what, last] = withEnd(told, end, alone, room, this.widthOf);
     if (what) why.append(element("span", { class: "what", text: what }));
-    if (lasted && what) why.append(", for ", lasted);
+    if (lasted && what) why.append(lasted);
     const rest = last && what ? `; ${last}` : last;
     if (inAll && what && wide(inAll) + this.widthOf(what + rest) <= room) why.append(inAll); // nothing gives way to that
     if (last) why.append(element("span", { class: "end", text: rest }));

@@ -1,0 +1,14 @@
+"""Foreign text in a line of a terminal or log."""
+
+
+def printable(text: str) -> str:
+    """*text* without characters that would steer a terminal: those are written as escapes."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def first_line(text: str) -> str:
+    """The first line; of more, such as a traceback, there is a "..."."""
+    first, *rest = text.strip().splitlines() or [""]
+    return first + (" ..." if any(map(str.strip, rest)) else "")
