@@ -124,6 +124,12 @@ class Row:
         return max((bar.lane + 1 for bar in self.queued), default=0)
 
     @property
+    def queue_kind(self) -> str:
+        """What those do that wait for it."""
+        suspended = {bar.is_suspended for bar in self.queued}
+        return "suspended" if suspended == {True} else "queued" if suspended == {False} else "queued or suspended"
+
+    @property
     def held_lanes(self) -> int:
         """How many lanes the bars need of what is held back."""
         return max((bar.lane + 1 for bar in self.held_back), default=0)

@@ -105,7 +105,7 @@ class Painter:
             yield from self._handled(bar, top + min(bar.lane, _MOST_LANES - 1) * _LANE)
         below = top + min(row.lanes, _MOST_LANES) * _LANE
         if row.queue_lanes > _MOST_QUEUE_LANES:
-            yield from self._long_queue(row.queued, below)
+            yield from self._long_queue(row, below)
         else:
             yield from self._queue(row.queued, below)
             yield from self._marks(row.queued, below, _QUEUE_LANE, _MOST_QUEUE_LANES)
@@ -153,16 +153,19 @@ class Painter:
             y = top + one.lane * _QUEUE_LANE + 1
             yield rectangle(look, left, y, max(right, left + self._scale.finest), _QUEUE_LANE - 2, one.title)
 
-    def _long_queue(self, bars: list[Bar], top: float) -> Iterator[str]:
-        """How many wait, as a line of steps."""
-        steps = [one for one in queue_lengths(bars, self._scale.start, self._column) if one[0] <= self._scale.end]
+    def _long_queue(self, row: Row, top: float) -> Iterator[str]:
+        """How many wait, as a line of steps; beside the highest of them the number."""
+        steps = [one for one in queue_lengths(row.queued, self._scale.start, self._column) if one[0] <= self._scale.end]
         most = max((number for *_, number in steps), default=1)
         for start, end, number in steps:
             height = max((_QUEUE_HEIGHT - 4) * number / most, 1.0)
             left, right, y = self._scale.x(start), self._scale.x(end), top + _QUEUE_HEIGHT - 2 - height
-            title = f"at most {number} queued or suspended from {start:.3f} s to {end:.3f} s"
+            title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
             yield rectangle('fill="#7b8794"', left, y, right, height, title)
-        yield f'<text class="faint" x="3" y="{top + 10:.1f}" pointer-events="none">up to {most} wait</text>'
+        words = f"up to {most} {row.queue_kind}"
+        peak = next((start for start, _, number in steps if number == most), 0.0)
+        x = max(self._scale.x(peak) - columns_of(words) * CHARACTER - 6, 3.0)
+        yield f'<text class="faint" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
 
     def _block(self, block: Block, top: float) -> Iterator[str]:
         left = self._scale.x(block.start)

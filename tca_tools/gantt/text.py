@@ -175,8 +175,9 @@ def _is_idle(row: Row) -> bool:
 def _long_queue(row: Row, chart: Chart, columns: int, blocks: Blocks) -> _Cells:
     """How many wait, as numbers where they change."""
     cells = _Cells([" "] * columns, [None] * columns)
+    character = blocks.suspended if row.queue_kind == "suspended" else blocks.queued
     for start, end, number in queue_lengths(row.queued, chart.start, _length(chart) / columns):
-        _paint_run(cells, start, end, chart, blocks.queued, str(number), None)
+        _paint_run(cells, start, end, chart, character, str(number), None)
     return cells
 
 

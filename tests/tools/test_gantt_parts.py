@@ -264,5 +264,21 @@ def test_of_a_long_queue_the_length_is_shown(tca: Tca, tmp_path: Path) -> None:
     legs = chart(story.fold()).rows[0]
     lengths = queue_lengths(legs.queued, 0.0, 10.0)
     assert max(number for *_, number in lengths) == 40
-    assert "up to 40 wait" in svg_text(chart(story.fold()), "long queue")
+    assert "up to 40 queued" in svg_text(chart(story.fold()), "long queue")
     assert " 40 " in tca("gantt", story.write(tmp_path / "run"), COLUMNS="100").stdout
+
+
+def test_of_many_suspended_the_number_is_shown(tca: Tca, tmp_path: Path) -> None:
+    """Beside their block, which is far from the beginning: nobody has to guess what is grey there."""
+    story = Story().module("legs", "step")
+    ids = [story.at(number * 1.0).received("step", COMMAND, "x") for number in range(10)]
+    for number in ids:
+        story.say(facts.SuspendedOrResumed(TaskId(number), is_suspended=True))
+    for number in ids:
+        story.at(100.0 + number).say(facts.SuspendedOrResumed(TaskId(number), is_suspended=False)).delivered(
+            number, "legs"
+        ).returned(number)
+    picture = svg_text(chart(story.fold()), "many suspended")
+    assert "up to 10 suspended" in picture
+    assert "at most 9 suspended from " in picture
+    assert "┄ 10 ┄" in tca("gantt", story.write(tmp_path / "run"), COLUMNS="100").stdout
