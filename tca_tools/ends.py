@@ -3,8 +3,8 @@
 Each task is looked at once a moment, however many wait for it, and nothing recurses.
 """
 
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections import Counter, deque
+from collections.abc import Iterator
 from heapq import merge
 from itertools import groupby, islice
 from typing import NamedTuple
@@ -74,16 +74,16 @@ class Ends:
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
         """The same of who waits for this."""
-        if node not in self._ends:
-            for group in _Walk(self._then, self._ends).groups(node, within):
-                self._settle(group)
+        deque(self.looking(node, within), maxlen=0)
         return self._ends.get(node, ())
 
-    def look_for(self, tasks: Iterable[int]) -> None:
-        """Find those of some tasks beforehand, where many are to be asked for."""
-        for number in tasks:
-            if self._then.tasks[number].state not in OVER:
-                self.of(number)
+    def looking(self, node: Node, within: int | None = None) -> Iterator[None]:
+        """Find them bit by bit: between two bits others may look for others, and the run may go on."""
+        if node not in self._ends:
+            for group in _Walk(self._then, self._ends).groups(node, within):
+                if group:
+                    self._settle(group)
+                yield
 
     def circle(self, number: int) -> list[int]:
         """All that wait for each other in a circle, by its first."""
@@ -138,14 +138,15 @@ class _Walk:
         self._further: dict[Node, list[Node]] = {}
         self._own: dict[Node, list[Kind]] = {}
 
-    def groups(self, start: Node, within: int | None) -> Iterator[_Group]:
+    def groups(self, start: Node, within: int | None) -> Iterator[_Group | None]:
         """Each that is found; who comes later waits for those before. By then they must have been given their ends.
-        None any more, once more than so many waits have been looked at.
+        None any more, once more than so many waits have been looked at. None stands for a step on the way.
         """
         self._enter(start)
         while self._way and (within is None or len(self._order) <= within):
             one, rest = self._way[-1]
             if self._goes_on(one, rest):
+                yield None
                 continue
             self._way.pop()
             if self._way:
@@ -294,25 +295,44 @@ def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
     """How many tasks wait, for how many things in the end, and the things that *most* of them wait for. What nobody
     handles counts once a name; a task counts for its first ``MOST`` ends.
     """
-    ends, waiting = Ends.at(then), Counter[tuple[End, ...]]()
-    first: dict[End, int] = {}
-    for task in then.tasks.values():
-        if task.state in OVER:
-            continue
-        found = ends.of(task.id)
-        if found[0].number != task.id or found[0].kind not in _NO_WAITS:
-            waiting[found] += 1
-            first.setdefault(found[0], task.id)
-    things: dict[object, list[End]] = {}
-    counts: Counter[object] = Counter()
-    for found, tasks in waiting.items():
-        named = {_thing(then, end): end for end in reversed(found)}
-        for thing, end in named.items():
-            things.setdefault(thing, []).append(end)
-            counts[thing] += tasks
-    ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:most]
-    told = [_cause(then, things[thing], counts[thing], first) for thing in ranked]
-    return sum(waiting.values()), len({*things, *(_thing(then, end) for end in ends.last)}), told
+    count = Count(then)
+    deque(count.steps(), maxlen=0)
+    return count.causes(most)
+
+
+class Count:
+    """The same, counted bit by bit: of a hundred thousand tasks it takes a while."""
+
+    def __init__(self, then: Then) -> None:
+        self._then, self._ends = then, Ends.at(then)
+        self._waiting = Counter[tuple[End, ...]]()
+        self._first: dict[End, int] = {}
+
+    def steps(self) -> Iterator[None]:
+        """Count. Between two bits the run may go on, and others may look."""
+        for task in list(self._then.tasks.values()):
+            if task.state not in OVER:
+                node = next_of(self._then, task.id)
+                yield from self._ends.looking(node)
+                found = self._ends.of_node(node)
+                if found[0].number != task.id or found[0].kind not in _NO_WAITS:
+                    self._waiting[found] += 1
+                    self._first.setdefault(found[0], task.id)
+            yield
+
+    def causes(self, most: int) -> tuple[int, int, list[Cause]]:
+        """What ``causes`` returns, when all has been counted."""
+        then = self._then
+        things: dict[object, list[End]] = {}
+        counts: Counter[object] = Counter()
+        for found, tasks in self._waiting.items():
+            named = {_thing(then, end): end for end in reversed(found)}
+            for thing, end in named.items():
+                things.setdefault(thing, []).append(end)
+                counts[thing] += tasks
+        ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:most]
+        told = [_cause(then, things[thing], counts[thing], self._first) for thing in ranked]
+        return sum(self._waiting.values()), len({*things, *(_thing(then, end) for end in self._ends.last)}), told
 
 
 def _thing(then: Then, end: End) -> object:

@@ -1,7 +1,8 @@
 """What a page asks for as it is needed: one task, notes on those in sight, messages around a moment. As plain data."""
 
+from collections import deque
 from dataclasses import asdict
-from time import sleep
+from time import monotonic, sleep
 from typing import Any
 
 from tca_tools.ages import age
@@ -9,7 +10,7 @@ from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
-from tca_tools.ends import Ends, causes, in_the_end
+from tca_tools.ends import Count, in_the_end
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.story import Sentence, sender_of, story
@@ -26,9 +27,10 @@ from tca_wire.wording import Wording, subject_of
 
 _MOST_LINES = 200
 _MOST_NOTES = 500
-_TASKS_AT_ONCE = 1000
+_MOST_CAUSES = 20
+_WHILE = 0.05
 _BREATH = 1e-3
-"""Seconds: who waits for the reading is not woken at once."""
+"""Seconds of work at a time, and of rest: who waits for the reading is not woken at once."""
 _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
 _LONGEST_FAILURE = 2000
@@ -154,23 +156,22 @@ def _note(then: Then, task: TaskThen) -> dict[str, Any]:
 def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:
     """How many tasks wait, for how many things in the end, and the things that most of them wait for.
 
-    Looks at some tasks at a time: where a hundred thousand wait, others want to look, and the journal to be read on.
+    A while at a time: where a hundred thousand wait, others want to look, and the journal to be read on.
     """
     with reading:
-        then, known = reading.then(moment), reading.records
-        is_past = moment < reading.feed.history.time  # all of it is known
-        tasks = list(then.tasks)
-    for first in range(0, len(tasks), _TASKS_AT_ONCE):
+        count, known = Count(reading.then(moment)), reading.additions
+        steps, is_past = count.steps(), False
+    while True:
         with reading:
-            if not is_past and reading.records != known:
-                break  # something of that moment may have come
-            Ends.at(then).look_for(tasks[first : first + _TASKS_AT_ONCE])
+            if reading.additions != known and not is_past:  # of the entry that this moment is: then all at once
+                count = Count(reading.then(moment))
+                steps = iter(deque(count.steps(), maxlen=0))
+            is_past, known = moment < reading.feed.history.time, reading.additions
+            enough = monotonic() + _WHILE
+            if all(monotonic() < enough for _ in steps):
+                waiting, things, found = count.causes(_MOST_CAUSES)
+                return {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
         sleep(_BREATH)
-    with reading:
-        if not is_past and reading.records != known:
-            then = reading.then(moment)
-        waiting, things, found = causes(then)
-        return {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:

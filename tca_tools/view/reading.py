@@ -47,8 +47,8 @@ class Reading:
         """Why nothing more can be read."""
         self.cut = ""
         """What there is to say of a last entry that is not whole."""
-        self.records = 0
-        """How many have been read: an entry of many facts has several."""
+        self.additions = 0
+        """How often more came of an entry of which some had been taken in: its moment is another than it was."""
         self._worked_out: tuple[int, dict[object, Any]] | None = None
         """How many entries there were at the moment that was looked at last, and what was worked out of it."""
         self._grown = threading.Condition()
@@ -221,11 +221,12 @@ class Reading:
             for entry, place in self._pending:
                 known = len(self.feed.history.times)
                 self.feed.apply(entry)
-                if len(self.feed.history.times) > known:  # not another record of the same entry
+                if len(self.feed.history.times) > known:
                     self._places.append(place)
+                else:  # another record of the same entry
+                    self.additions += 1
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
             self._known = monotonic(), self.feed.history.time
             self._tell_remarks()
-            self.records += len(self._pending)
             self._pending.clear()
             self._grown.notify_all()

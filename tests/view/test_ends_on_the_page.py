@@ -102,7 +102,7 @@ def test_a_wait_that_has_just_begun_has_lasted_for_no_time(look: Look, tmp_path:
 
 def test_what_was_told_of_a_moment_far_away_is_not_shown_meanwhile(look: Look, tmp_path: Path) -> None:
     """Nothing waits at the beginning: that stood at the end until the next answer came."""
-    page = look(in_turn().at(9.0).module("late").write(tmp_path / "lifts"), "#t=0.5")
+    page = look(in_turn().at(90.0).module("late").write(tmp_path / "lifts"), "#t=0.5")
     causes = page.locator("#causes")
     expect(causes).to_have_text("nothing waits")
     held: list[Route] = []

@@ -15,12 +15,14 @@ from tca_tools.ends import causes
 from tca_tools.gantt.bars import _in_lanes as in_lanes
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.parts import Bar
-from tca_tools.logs import Log, open_log
+from tca_tools.logs import Log, Place, open_log
 from tca_tools.then import Then
+from tca_tools.view import answers
 from tca_tools.view.answers import causes_answer
 from tca_tools.view.reading import Reading
 from tca_wire import facts
 from tca_wire.facts import Entry
+from tca_wire.points import TaskId
 
 pytestmark = pytest.mark.slow
 
@@ -77,10 +79,14 @@ def test_a_lane_is_found_without_a_look_at_all_others(look: Look, tmp_path: Path
     assert page.evaluate(looks, [10_000]) == [2 * 10_000, 10_000, 2]
 
 
+PLACE = Place(Path("none"), 0)
+
+
 class Watched(Reading):
     """Others look at it, or more is read, whenever that is possible."""
 
-    def __init__(self, log: Log, entries: list[Entry]) -> None:
+    def __init__(self, log: Log, entries: list[Entry], patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(answers, "_WHILE", 0.002)
         super().__init__(log)
         self.looks = 0
         self.entries_to_come = entries
@@ -91,22 +97,44 @@ class Watched(Reading):
         super().__exit__(kind, error, trace)
         self.looks += 1
         if self.looks == 2 and self.entries_to_come:
-            for entry in self.entries_to_come:
-                self.feed.apply(entry)
-            self.records += len(self.entries_to_come)
+            self._pending = [(entry, PLACE) for entry in self.entries_to_come]
+            self._take()
 
 
 @pytest.mark.parametrize("moment", [3000.0, 3900.0, math.inf])
 @pytest.mark.parametrize("read_before", [3500, 4003])
-def test_others_are_let_in_while_causes_are_looked_for(tmp_path: Path, moment: float, read_before: int) -> None:
+def test_others_are_let_in_while_causes_are_looked_for(
+    tmp_path: Path, moment: float, read_before: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What comes meanwhile is of later moments: the answer is of when it was asked for."""
     story = queue_of(4000)
-    reading = Watched(open_log(story.write(tmp_path / "long")), story.entries[read_before:])
+    reading = Watched(open_log(story.write(tmp_path / "long")), story.entries[read_before:], monkeypatch)
     for entry in story.entries[:read_before]:
         reading.feed.apply(entry)
+    asked = min(moment, reading.feed.history.time)
     answer = causes_answer(reading, moment)
-    waiting, things, found = causes(Then(story.fold(), moment))
+    waiting, things, found = causes(Then(story.fold(), asked))
     assert answer == {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
     assert reading.looks >= 3
+
+
+@pytest.mark.parametrize("later", [0, 5])
+def test_more_of_the_entry_that_is_looked_at_counts(
+    tmp_path: Path, later: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An event of very many facts has several records; between two of them a page may have asked."""
+    story = queue_of(2000)
+    last = story.entries[-1]
+    more: list[facts.Fact] = [facts.SuspendedOrResumed(TaskId(5), is_suspended=True)]
+    to_come = [Entry(last.number, last.time, more), *queue_of(2000 + later).entries[len(story.entries) :]]
+    reading = Watched(open_log(story.write(tmp_path / "long")), to_come, monkeypatch)
+    for entry in story.entries:
+        reading.feed.apply(entry)
+    answer = causes_answer(reading, last.time)
+    last.facts.extend(more)
+    waiting, things, found = causes(Then(story.fold(), last.time))
+    assert answer == {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
+    assert things == 2
 
 
 def random_bars(life: random.Random) -> list[Bar]:

@@ -7,24 +7,22 @@ import { lastNotAfter } from "./store.js";
 const SHOWN = 4;
 const LEAST = 150; // milliseconds between two questions
 const FAR = 2; // seconds of the run: where the reader has gone so far, what was told before is not shown any more
-const REST = 2; // after an answer that took a while nothing is asked for so many times as long
+const REST = 1; // after an answer that took a while nothing is asked for so many times as long
 
 export class Causes {
   constructor(store, { choose, ask }) {
     Object.assign(this, { store, choose, ask });
     this.panel = document.getElementById("causes");
-    this.asked = "";
-    this.answer = null; // what was told last, and of when
-    this.drawn = ""; // which of it is shown
+    this.#forget();
     this.isAsking = false;
     this.hasMoved = false; // the reader has, since it was asked: he does not wait until a rest is over
     this.rest = null; // a timer
     this.fetch = soon(() => this.#fetch(), LEAST);
   }
 
-  show(time) {
-    this.hasMoved ||= time < this.time || time > this.time + FAR;
-    this.time = time;
+  show(time, isFollowing) {
+    this.hasMoved ||= !(isFollowing && this.isFollowing) && Math.abs(time - this.time) > FAR;
+    Object.assign(this, { time, isFollowing });
     this.moment = lastNotAfter(this.store.times, time);
     this.wanted = `${this.moment}#${this.store.version}`; // what is known changes with messages
     if (this.answer && this.answer.asked !== this.wanted) { // some of it may not be so any more
@@ -60,8 +58,9 @@ export class Causes {
   #isFar(at) { return this.hasMoved && Math.abs(this.time - at) > FAR; }
 
   #forget() {
-    this.answer = null;
-    this.asked = this.drawn = "";
+    this.answer = null; // what was told last, and of when
+    this.asked = ""; // of when
+    this.drawn = ""; // which of it is shown
     this.panel.replaceChildren(element("span", { class: "faint", text: "what is waited for is being looked for …" }));
   }
 

@@ -93,7 +93,7 @@ function draw() {
     details.show(details.id, time);
     messages.show(time);
     drawCounts(time);
-    causes.show(time);
+    causes.show(time, cursor === Infinity);
     remember();
   });
 }
