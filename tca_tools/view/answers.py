@@ -10,9 +10,9 @@ from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
-from tca_tools.ends import Count, in_the_end
+from tca_tools.ends import Count, Ends, in_the_end
 from tca_tools.past import Past
-from tca_tools.records import Message, State, Task
+from tca_tools.records import OVER, Message, State, Task
 from tca_tools.story import Sentence, sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
@@ -37,8 +37,12 @@ _LONGEST_FAILURE = 2000
 """Characters that a tooltip has of it."""
 
 
-def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str, Any] | None:
-    """All there is to say about a message or task, as it was at *moment*; None if there is none of that number."""
+def message_answer(
+    reading: Reading, message_id: int, moment: float, within: int | None = None
+) -> dict[str, Any] | None:
+    """All there is to say about a message or task, as it was at *moment*; None if there is none of that number. What it
+    waits for in the end is found *within* so many waits, or else is said to be further.
+    """
     with reading:
         past = reading.feed.history
         message = past.messages.get(message_id)
@@ -67,7 +71,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> dict[str
             links = failure_chain(past, TaskId(message.id), then.moment)
             answer["chain"] = [asdict(link) | {"text": words.failure_line(link.text)} for link in links]
         if isinstance(message, Task) and message.received <= then.moment:
-            answer |= _task_answer(past, then, then.tasks[message.id])
+            answer |= _task_answer(past, then, then.tasks[message.id], within)
         return answer
 
 
@@ -89,11 +93,13 @@ def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, An
     }
 
 
-def _task_answer(past: Past, then: Then, task: TaskThen) -> dict[str, Any]:
+def _task_answer(past: Past, then: Then, task: TaskThen, within: int | None) -> dict[str, Any]:
+    is_further = _is_further(then, task, within)
     return {
         "state": task.standing,
         "reasons": [{"text": one} | age(then, task, one)._asdict() for one in why_waiting(then, task.id)],
-        "end": in_the_end(then, task),
+        "end": "" if is_further else in_the_end(then, task),
+        "isFurther": is_further,
         "how": waits_how(task),
         "coming": coming(then, task),
         "failure": task.failure,
@@ -130,27 +136,36 @@ def _constraint_text(past: Past, constraint: Any) -> str:
     )
 
 
-def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, dict[str, Any]]:
+def _is_further(then: Then, task: TaskThen, within: int | None) -> bool:
+    """Whether what a task waits for in the end lies further than so many waits, or more than those lie before it."""
+    return within is not None and task.state not in OVER and not Ends.at(then).of(task.id, within)
+
+
+def notes_answer(
+    reading: Reading, ids: list[int], moment: float, within: int | None = None
+) -> dict[str, dict[str, Any]]:
     """For tasks, what keeps each waiting, since when, and since when it waits in all, or how it ended if not well; that
-    as a whole; and what it waits for in the end.
+    as a whole; and what it waits for in the end, or whether that is further than *within* so many waits.
     """
     with reading:
         then = reading.then(moment)
         found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
         return {
-            str(number): _note(then, then.tasks[number])
+            str(number): _note(then, then.tasks[number], within)
             for number, task in found
             if task is not None and task.received <= then.moment
         }
 
 
-def _note(then: Then, task: TaskThen) -> dict[str, Any]:
-    note = words.note_of(then, task)
+def _note(then: Then, task: TaskThen, within: int | None) -> dict[str, Any]:
+    is_further = _is_further(then, task, within)
+    note = words.note_of(then, task, within=0 if is_further else None)
     whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else note.text
     whole = f"{note.text}\n\n{whole}" if task.state is State.RECOVERING else whole
     whole = "\n\n".join(filter(None, (whole, note.end)))
     its_age = note.age._asdict() if note.age else None
-    return {"text": note.text, "age": its_age, "whole": whole, "end": note.end, "alone": note.alone}
+    told = {"text": note.text, "age": its_age, "whole": whole, "end": note.end, "alone": note.alone}
+    return told | {"isFurther": is_further}
 
 
 def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:

@@ -135,6 +135,28 @@ def test_how_old_what_is_shown_is_said(look: Look, tmp_path: Path) -> None:
     expect(causes).to_have_text("1 waits for 1 thing:lift {2}, which arm handlesas of 3.500 s")
 
 
+def test_an_end_that_is_far_is_told_when_the_reader_stays(look: Look, tmp_path: Path) -> None:
+    """To look for it may take seconds, and a run that goes on would be elsewhere by then."""
+    tale = Story().module("arm", "lift").at(1.0)
+    last = first = tale.command("lift", "user")
+    for _ in range(700):
+        last = tale.command("lift", "user", 0, sequential_achievement(TaskId(last), THIS))
+    tale.delivered(first, "arm").at(2.0).module("late")
+    page = look(tale.write(tmp_path / "lifts"), f"#task={last}")
+    page.set_viewport_size({"width": 2200, "height": 860})
+    asked: list[str] = []
+    page.route("**/api/causes*", lambda _: None)  # who counts all that wait finds the same
+    page.on("request", lambda request: asked.append(request.url))
+    page.keyboard.press("ArrowLeft")
+    end = "in the end for lift {1}, which arm handles"
+    expect(page.locator("#task .lead.end")).to_have_text(end)
+    expect(page.locator(f".row[data-task='{last}'] .why .end")).to_have_text(f"; {end}")
+    for what in ("notes", f"message/{last}"):
+        questions = [("within" in url) for url in asked if f"/api/{what}" in url]
+        assert questions == sorted(questions, reverse=True)  # first what is near
+        assert set(questions) == {True, False}
+
+
 @pytest.mark.parametrize("many", [10_000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_very_many_that_wait_are_told_what_for(look: Look, tmp_path: Path, many: int) -> None:
     page = look(stuck(many).write(tmp_path / "many"))

@@ -70,6 +70,8 @@ def test_notes_and_the_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
     steps, leg = "waits until take steps {3} is being achieved", "waits until move leg {6} is achieved"
     end = "in the end for move leg {6}, which controller handles"
+    near = asked(address, "notes?ids=4&at=2.5&within=0")["4"]
+    assert (near["text"], near["end"], near["isFurther"]) == (steps, "", True)
     assert asked(address, "notes?ids=4,7,99,x&at=2.5") == {
         "4": {
             "text": steps,
@@ -77,8 +79,16 @@ def test_notes_and_the_messages_around_a_moment(address: str) -> None:
             "whole": f"{steps}\n\n{end}",
             "end": end,
             "alone": end,
+            "isFurther": False,
         },
-        "7": {"text": leg, "age": {"since": 1.4, "begun": 1.4}, "whole": leg, "end": "", "alone": ""},
+        "7": {
+            "text": leg,
+            "age": {"since": 1.4, "begun": 1.4},
+            "whole": leg,
+            "end": "",
+            "alone": "",
+            "isFurther": False,
+        },
     }
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}

@@ -1,6 +1,6 @@
 // All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
 
-import { age, ages, element, length, seconds, soon } from "./format.js";
+import { age, ages, CALM, element, length, near, seconds, soon } from "./format.js";
 
 const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
 
@@ -10,18 +10,24 @@ export class Details {
     this.panel = document.getElementById("task");
     this.id = null;
     this.time = Infinity;
+    this.isAsking = false;
     this.fetch = soon(() => this.#fetch(), 60);
   }
 
   show(id, time) {
     if (id === null || (id === this.id && time === this.time && this.version === this.store.version)) return;
-    Object.assign(this, { id, time, version: this.store.version });
+    Object.assign(this, { id, time, version: this.store.version, changed: performance.now() });
     this.fetch();
   }
 
   async #fetch() {
-    const { id, time } = this;
-    const about = await this.ask(`message/${id}`, { at: time });
+    if (this.isAsking) return; // the answer comes back here
+    const { id, time, changed } = this, within = near(changed);
+    this.isAsking = true;
+    const about = await this.ask(`message/${id}`, { at: time, within });
+    this.isAsking = false;
+    if (changed !== this.changed) this.fetch();
+    else if (about?.isFurther) setTimeout(this.fetch, CALM);
     if (id !== this.id || !about) return;
     if (about.error) this.panel.replaceChildren(element("p", { class: "faint", text: about.error }));
     else this.panel.replaceChildren(...this.#parts(about));

@@ -152,6 +152,10 @@ export function prepared(canvas) {
   return { context, width, height };
 }
 
+// How many waits far one looks for what is waited for in the end: all, once nothing has changed for a while.
+export const CALM = 1000; // milliseconds
+export function near(changed) { return performance.now() - changed < CALM ? 500 : Infinity; }
+
 // Calls `work` soon, and once however often it is asked for meanwhile.
 export function soon(work, milliseconds) {
   let timer = null;

@@ -1,7 +1,7 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { ages, element, ruler, seconds, soon, withEnd } from "./format.js";
+import { ages, CALM, element, near, ruler, seconds, soon, withEnd } from "./format.js";
 import { Outline } from "./outline.js";
 import { lasting, toldOf } from "./stale.js";
 
@@ -46,7 +46,10 @@ export class Tree {
 
   show(time) {
     const moment = lastNotAfter(this.store.times, time); // what is known changes with messages, not with time
-    if (moment !== this.moment || this.version !== this.store.version) this.asked++;
+    if (moment !== this.moment || this.version !== this.store.version) {
+      this.asked++;
+      this.changed = performance.now();
+    }
     this.time = time;
     this.moment = moment;
     this.version = this.store.version;
@@ -259,16 +262,18 @@ export class Tree {
     if (this.isAsking) return; // the answer comes back here
     const first = Math.floor(this.scroller.scrollTop / ROW), { asked, time } = this, told = toldOf(this.store, this.moment);
     const seen = this.rows.slice(Math.max(first - 4, 0), first + Math.ceil(this.scroller.clientHeight / ROW) + 8);
-    const tasks = seen.filter((row) => row.task && this.#note(row.task)?.asked !== asked && this.#hasNote(row.task)).map((row) => row.task);
+    const within = near(this.changed), isKnown = ({ isFurther, asked: then } = NOTHING) => then === asked && !(isFurther && within === Infinity);
+    const tasks = seen.filter((row) => row.task && !isKnown(this.#note(row.task)) && this.#hasNote(row.task)).map((row) => row.task);
     if (!tasks.length) return;
     this.isAsking = true;
-    const notes = await this.ask("notes", { ids: tasks.map((task) => task.id).join(","), at: time });
+    const notes = await this.ask("notes", { ids: tasks.map((task) => task.id).join(","), at: time, within });
     this.isAsking = false;
     if (!notes) return;
     for (const task of tasks) {
       const note = notes[task.id] ?? NOTHING;
       this.notes.set(task.id, { ...note, entered: this.store.entered(task, time), asked, told });
     }
+    if (Object.values(notes).some(({ isFurther }) => isFurther)) setTimeout(this.fetchNotes, CALM);
     this.#draw();
   }
 
