@@ -82,8 +82,7 @@ class History(Reacting):
         self.epoch = fact.epoch
 
     def _closed(self, _fact: facts.Closed) -> None:
-        for module in self.modules:
-            self._leave(module, "central ended")
+        """Nothing else changes: what went on or waited until then did so until the end."""
 
     def _joined(self, fact: facts.ModuleJoined) -> None:
         module = self._module(fact.module)
