@@ -157,6 +157,20 @@ def test_an_end_that_is_far_is_told_when_the_reader_stays(look: Look, tmp_path: 
         assert set(questions) == {True, False}
 
 
+def test_no_cause_is_left_out_until_the_news_come(look: Look, tmp_path: Path) -> None:
+    """One that changes often is the one that most wait for, as a rule."""
+    tale = in_turn()
+    tale.queued(tale.command("sing", "user"))
+    tale.at(4.0).returned(2).reached(2, *Moment).delivered(3, "arm").at(5.0)
+    page = look(tale.write(tmp_path / "lifts"), "#t=3.0")
+    causes = page.locator("#causes")
+    text = "2 wait for 2 things:1 for sing {4}, which no module handles1 for lift {2}, which arm handles"
+    expect(causes).to_have_text(text)
+    page.route("**/api/causes*", lambda _: None)
+    page.keyboard.press("End")
+    expect(causes).to_have_text(f"{text}as of 3.000 s")
+
+
 @pytest.mark.parametrize("many", [10_000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_very_many_that_wait_are_told_what_for(look: Look, tmp_path: Path, many: int) -> None:
     page = look(stuck(many).write(tmp_path / "many"))

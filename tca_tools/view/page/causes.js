@@ -64,23 +64,20 @@ export class Causes {
     this.panel.replaceChildren(element("span", { class: "faint", text: "what is waited for is being looked for …" }));
   }
 
-  // Of what was told of an earlier moment, causes that are not in the same state any more are left out; or all is said to
-  // be of that moment, where none is.
+  // What was told of an earlier moment is said to be of that, if it is long ago, or if a cause is in another state now.
   #draw() {
     const { waiting, things, causes, asked, told, at } = this.answer;
-    const isNow = asked === this.wanted, isOld = !isNow && this.time - at > FAR;
-    const same = causes.filter(({ text }) => isNow || !hasChanged(this.store, text, told, this.time));
-    const lasting = same.length ? same : causes, isWhole = same.length === causes.length && !isOld;
-    const drawn = `${asked} ${same.length} ${isWhole}`;
+    const isOld = this.time - at > FAR || causes.some(({ text }) => hasChanged(this.store, text, told, this.time));
+    const isNow = asked === this.wanted || !isOld, drawn = `${asked} ${isNow}`;
     if (drawn === this.drawn) return; // what is pressed just now stays there
     this.drawn = drawn;
-    const asOf = isWhole ? [] : [element("span", { class: "faint", text: `as of ${seconds(at)}` })]; // the new ones are on their way
+    const asOf = isNow ? [] : [element("span", { class: "faint", text: `as of ${seconds(at)}` })]; // the new ones are on their way
     if (!waiting) return this.panel.replaceChildren(element("span", { class: "faint", text: "nothing waits" }), ...asOf);
     const head = `${waiting} ${waiting === 1 ? "waits" : "wait"} for ${things} ${things === 1 ? "thing" : "things"}:`;
-    const links = lasting.slice(0, SHOWN).map((cause) => this.#link(cause, things > 1));
-    const more = isWhole ? things - links.length : 0, others = lasting.slice(SHOWN).map(({ text, tasks }) => `${tasks} for ${text}`);
+    const links = causes.slice(0, SHOWN).map((cause) => this.#link(cause, things > 1));
+    const more = things - links.length, others = causes.slice(SHOWN).map(({ text, tasks }) => `${tasks} for ${text}`);
     if (more > 0) links.push(element("span", { class: "faint", text: `and ${more} more`, title: others.join("\n") }));
-    this.panel.replaceChildren(element("span", { class: isWhole ? "" : "faint", text: head }), ...links, ...asOf);
+    this.panel.replaceChildren(element("span", { class: isNow ? "" : "faint", text: head }), ...links, ...asOf);
   }
 
   #link({ text, tasks, number }, isCounted) {
