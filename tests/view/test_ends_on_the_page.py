@@ -152,7 +152,7 @@ def test_an_end_that_is_far_is_told_when_the_reader_stays(look: Look, tmp_path: 
     expect(page.locator("#task .lead.end")).to_have_text(end)
     expect(page.locator(f".row[data-task='{last}'] .why .end")).to_have_text(f"; {end}")
     for what in ("notes", f"message/{last}"):
-        questions = [("within" in url) for url in asked if f"/api/{what}" in url]
+        questions = [("within" in url) for url in asked if f"/api/{what}" in url and "at=1&" in url]
         assert questions == sorted(questions, reverse=True)  # first what is near
         assert set(questions) == {True, False}
 
