@@ -14,7 +14,7 @@ from tca_tools.records import Queueing, State
 from tca_tools.stretches import NO_TIME
 from tca_tools.then import TaskThen, Then
 from tca_tools.turns import Span
-from tca_tools.waiting import of_handler, waits_since, why_waiting
+from tca_tools.waiting import awaited_children, awaits_children, of_handler, waits_since, why_waiting
 from tca_tools.whereabouts import kept_busy
 from tca_wire.points import TaskId
 
@@ -37,8 +37,8 @@ class Age(NamedTuple):
 
 
 def age(then: Then, task: TaskThen, reason: str = "", *, with_children: bool = True) -> Age:
-    """Since when a task waits for what ``why_waiting`` tells, or for one *reason* of that; of what is suspended, since
-    when it is.
+    """Since when a task waits for all that ``why_waiting`` tells, or for one *reason* of that, whatever else it waited
+    for meanwhile; of what is suspended, since when it is.
     """
     begun = waits_since(task)
     if task.state is State.SUSPENDED:
@@ -53,14 +53,17 @@ def age(then: Then, task: TaskThen, reason: str = "", *, with_children: bool = T
     def reasons(at: Then) -> list[str]:
         if in_handler:
             return list(of_handler(at, at.tasks[task.id]))
-        return why_waiting(at, TaskId(task.id), with_children=with_children)
+        return why_waiting(at, TaskId(task.id), with_children=False)
+
+    said, children = set(reasons(then)), awaited_children(then, task) if with_children else []
+    if reason:
+        said, children = ({reason}, []) if reason in said else (set(), children)
+    all_there = max((then.past.tasks[child].received for child in children), default=begun)
 
     def is_same(at: Then) -> bool:
-        """Whether the cause was this. A handler may wait for several things, each by itself."""
-        found = reasons(at)
-        return said == found or ((in_handler or bool(reason)) and set(said) <= set(found))
+        awaits = not children or (at.moment >= all_there and awaits_children(at.tasks[task.id]))
+        return awaits and said <= set(reasons(at))
 
-    said = [reason] if reason else reasons(then)
     return Age(_since(then, _stops(then, begun, lambda span: span.turns_of_task(record)), is_same), begun)
 
 

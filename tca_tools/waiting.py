@@ -64,9 +64,17 @@ def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> l
     if not task or not reasons:
         return []
     found = list(dict.fromkeys(reasons(then, task)))
-    if with_children and task.state in UNTIL_CHILDREN and not task.handling and not task.watches:
-        found += _of_children(then, task, UNTIL_CHILDREN[task.state])
-    return found
+    return found + list(_of_children(then, task, awaited_children(then, task))) if with_children else found
+
+
+def awaited_children(then: Then, task: TaskThen) -> list[TaskId]:
+    """The tasks under a task that it waits for."""
+    return _not_at(then, task, UNTIL_CHILDREN[task.state]) if awaits_children(task) else []
+
+
+def awaits_children(task: TaskThen) -> bool:
+    """Whether a task waits for what is under it, if anything is: no handler has it any more, and it watches nothing."""
+    return task.state in UNTIL_CHILDREN and not task.handling and not task.watches
 
 
 def waits_how(task: TaskThen) -> str:
@@ -183,16 +191,21 @@ def _of_ending(then: Then, task: TaskThen) -> Iterator[str]:
     if task.handling:
         blocked = "".join(f", and waits {what}" for what in of_handler(then, task)) if task.wait else ""
         yield f"its handler still runs{blocked}"
-    yield from (f"waits {what}" for what in _of_children(then, task, Moment.END_ACHIEVING))
+    ending = _not_at(then, task, Moment.END_ACHIEVING)
+    yield from (f"waits {what}" for what in _of_children(then, task, ending))
     if task.suspension and not task.handling:
         yield f"waits until {then.describe(task.suspension.cause)} is resumed"
 
 
-def _of_children(then: Then, task: TaskThen, moment: Moment) -> Iterator[str]:
-    if task.is_retried:  # all under it ends first
-        moment = Moment.END_ACHIEVING
-    open_ones = [str(then.tasks[child]) for child in task.children if moment not in then.tasks[child].reached]
-    if open_ones:
+def _not_at(then: Then, task: TaskThen, moment: Moment) -> list[TaskId]:
+    """The tasks under a task that have not reached a moment; under one that is handled again, that have not ended."""
+    moment = Moment.END_ACHIEVING if task.is_retried else moment
+    return [child for child in task.children if moment not in then.tasks[child].reached]
+
+
+def _of_children(then: Then, task: TaskThen, children: list[TaskId]) -> Iterator[str]:
+    if open_ones := [str(then.tasks[child]) for child in children]:
+        moment = UNTIL_CHILDREN.get(task.state, Moment.END_ACHIEVING)
         are = "are" if len(open_ones) > 1 else "is"
         is_over = task.is_retried or task.state is State.ENDING  # however they end
         ended = "have ended" if is_over and len(open_ones) > 1 else "has ended"

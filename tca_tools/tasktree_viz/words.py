@@ -71,17 +71,17 @@ class Note(NamedTuple):
     """The end with its name."""
 
     def within(self, room: int | None, time: float) -> str:
-        """As much of it at a *time* as there is room for. How long it waits stands behind what it is said of, and gives
-        way first; then why the end stands, what follows the cause in the text, and the end. The cause stays.
+        """As much of it at a *time* as there is room for. For how long it waits for this gives way first, then for how
+        long in all; then why the end stands, what follows the cause in the text, and the end. The cause stays.
         """
-        lasted, in_all = _lasted(self.age, time) if self.text else ("", "")
-        whole = self._with_end(f"{self.text}{lasted}{in_all}", self.end)
+        told = lasting(self.age, time) if self.text else ""
+        whole = self._with_end(f"{self.text}{told}", self.end)
         if room is None or columns_of(whole) <= room:
             return whole
         if not self.text:
             ends = [end for one in (self.end, _briefly(self.end)) for end in (one, one.removeprefix(_IN_THE_END))]
             return next((one for one in ends if columns_of(one) <= room), _shortened(ends[-1], room))
-        return next(self._fitting(lasted, room), cut(self.text, room))
+        return next(self._fitting(_in_all(told), room), cut(self.text, room))
 
     def _with_end(self, told: str, end: str) -> str:
         return _THEN.join(filter(None, (told, end)))
@@ -201,19 +201,20 @@ def _ending(then: Then, task: TaskThen) -> str:
     return f"{why}; {keeps}" if keeps else why
 
 
-def lasting(its_age: Age, time: float) -> str:
-    """``, for 3.40 s (8.00 s in all)``."""
-    return "".join(_lasted(its_age, time))
-
-
-def _lasted(its_age: Age | None, time: float) -> tuple[str, str]:
+def lasting(its_age: Age | None, time: float) -> str:
     """``, for 3.40 s`` and, if it waited for something else before, `` (8.00 s in all)``."""
     if its_age is None:
-        return "", ""
+        return ""
     since, begun = its_age
     for_this = f", for {seconds(time - since)}" if since is not None and time - since >= _SHORTEST else ""
     is_all = since is not None and since - begun < _SHORTEST
-    return for_this, "" if is_all or time - begun < _SHORTEST else f" ({seconds(time - begun)} in all)"
+    return for_this if is_all or time - begun < _SHORTEST else f"{for_this} ({seconds(time - begun)} in all)"
+
+
+def _in_all(lasted: str) -> str:
+    """In less room: ``, for 8.00 s in all``."""
+    before, bracket, whole = lasted.partition(" (")
+    return f", for {whole.removesuffix(')')}" if bracket else before
 
 
 def failure_line(text: str) -> str:

@@ -1,5 +1,8 @@
-"""A row says for how long its cause has been one: as long as the story's sentence has gone on, at any moment."""
+"""A row says for how long its cause has been one: as long as the story's sentence has gone on, at any moment; or longer
+where another cause was one meanwhile. Compared with what the causes were at each moment before.
+"""
 
+from bisect import bisect_left, bisect_right
 from itertools import pairwise
 from math import nextafter
 
@@ -16,13 +19,15 @@ from tca_tools.past import Past
 from tca_tools.records import State
 from tca_tools.story import Sentence, story
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import awaited_children, waits_since, why_waiting
 from tca_tools.whereabouts import kept_busy
 from tca_wire.points import TaskId
 from tca_wire.wording import place
 
 _NO_TIME = 1e-6
 """Seconds: of what lasts no longer nothing is told."""
+_BACK = 40
+"""Moments before that are looked at."""
 _LOOKS = 12
 """Moments of a run that are looked at."""
 _TOLD = (State.HELD, State.PLANNED, State.ACHIEVING, State.ENDING, State.RECOVERING)
@@ -41,8 +46,32 @@ def assert_ages_are_the_story_s(past: Past, looks: int = _LOOKS) -> int:
                 found = [one for one in known if one.text.removesuffix(one.ending) == text]
                 for one in found[-1:]:
                     compared += 1
-                    assert since == pytest.approx(one.time, abs=_NO_TIME), (then.moment, text, one)
+                    if task.state in _TOLD and not task.watches:
+                        assert since is None or since <= one.time + _NO_TIME, (then.moment, text, one)
+                        assert_it_was_so_since(then, task, since)
+                    else:
+                        assert since == pytest.approx(one.time, abs=_NO_TIME), (then.moment, text, one)
     return compared
+
+
+def assert_it_was_so_since(then: Then, task: TaskThen, since: float | None) -> None:
+    """All that it waits for now, it did at each moment since, and not before."""
+    if since is None:
+        return
+    times = then.past.times
+    first, begun = bisect_left(times, since), waits_since(task)
+    for time in times[first : bisect_right(times, then.moment)][:_BACK]:
+        if time - since > _NO_TIME:
+            assert _waited_for_as_much(Then(then.past, time), then, task), (then.moment, since, time)
+    if since - begun > _NO_TIME:
+        assert not _waited_for_as_much(Then(then.past, nextafter(since - _NO_TIME, begun)), then, task), (then, since)
+
+
+def _waited_for_as_much(before: Then, then: Then, task: TaskThen) -> bool:
+    was, number = before.tasks[task.id], TaskId(task.id)
+    reasons, once = (set(why_waiting(one, number, with_children=False)) for one in (then, before))
+    children, there = (awaited_children(one, that) for one, that in ((then, task), (before, was)))
+    return reasons <= once and set(children) <= set(there)
 
 
 def _told(then: Then, task: TaskThen) -> list[tuple[str, float | None]]:

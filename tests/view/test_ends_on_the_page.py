@@ -153,8 +153,8 @@ def test_an_end_that_is_far_is_told_when_the_reader_stays(look: Look, tmp_path: 
     expect(page.locator(f".row[data-task='{last}'] .why .end")).to_have_text(f"; {end}")
     for what in ("notes", f"message/{last}"):
         questions = [("within" in url) for url in asked if f"/api/{what}" in url and "at=1&" in url]
-        assert questions == sorted(questions, reverse=True)  # first what is near
-        assert set(questions) == {True, False}
+        assert questions[0]  # first what is near
+        assert not all(questions)
 
 
 def test_no_cause_is_left_out_until_the_news_come(look: Look, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { ages, CALM, element, near, ruler, seconds, soon, withEnd } from "./format.js";
+import { ages, agesInAll, CALM, element, near, ruler, seconds, soon, withEnd } from "./format.js";
 import { Outline } from "./outline.js";
 import { lasting, toldOf } from "./stale.js";
 
@@ -233,13 +233,12 @@ export class Tree {
     const told = (note && isOver ? `${name}: ${note}` : note || name).slice(0, LONGEST);
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
-    const [lasted, inAll] = age ? ages(age) : ["", ""], wide = (one) => (one ? this.widthOf(one.textContent) : 0);
-    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4 - wide(lasted);
-    const [what, last] = withEnd(told, end, alone, room, this.widthOf);
+    const lasted = age ? ages(age) : [], brief = age ? agesInAll(age) : "", wide = (one) => (one ? this.widthOf(one.textContent) : 0);
+    const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4;
+    const [what, last] = withEnd(told, end, alone, room - wide(brief), this.widthOf), rest = last && what ? `; ${last}` : last;
     if (what) why.append(element("span", { class: "what", text: what }));
-    if (lasted && what) why.append(lasted);
-    const rest = last && what ? `; ${last}` : last;
-    if (inAll && what && wide(inAll) + this.widthOf(what + rest) <= room) why.append(inAll); // nothing gives way to that
+    const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
+    if (what) why.append(...hasRoom ? lasted : [brief]);
     if (last) why.append(element("span", { class: "end", text: rest }));
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
