@@ -195,6 +195,28 @@ def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None
     expect(page.locator("#found")).to_have_text("0 found")
 
 
+def test_tasks_of_the_name_that_is_looked_for_come_first(look: Look, tmp_path: Path) -> None:
+    story = Story().module("fry van", "deliver").at(1.0)
+    day, other = story.goal("day", "user"), story.command("deliver", "user")
+    story.delivered(other, "fry van").at(2.0).returned(other).reached(other, Moment.END_ACHIEVING)
+    named, idle = story.command("fry", "user"), story.command("late deliver", "user")
+    story.say(facts.Killed(TaskId(day), "deliver and fry failed", "user")).at(3.0)
+    page = look(story.write(tmp_path / "bakery"))
+    for words, order in (
+        ("deliver", [other, idle, day]),
+        ("fry", [named, other, day]),
+        ("failed", [day]),
+        ("deliver achieved", [other]),
+        ("", []),
+    ):
+        page.locator("#search").fill(words)
+        assert page.evaluate("[...tca.tree.found].map((task) => task.id)") == order
+    page.locator("#search").fill("deliver")
+    for number in (other, idle, day, other):
+        page.keyboard.press("Enter")
+        expect(page.locator("#task h2")).to_contain_text(f"{{{number}}}")
+
+
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     page = look(delayed().write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")
