@@ -96,7 +96,7 @@ class Reading:
             return "reading"
         if self.closed:
             return "ended"
-        return "live" if self._is_written else "cut off"
+        return "live" if self._is_written else "not closed"
 
     @property
     def now(self) -> float | None:

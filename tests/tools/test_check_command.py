@@ -16,6 +16,7 @@ from tca_tools.check.__main__ import check
 from tca_tools.check.errors import BadProperty
 from tca_tools.check.language import property_from
 from tca_tools.check.rules import RULES
+from tca_tools.logs import Log
 from tca_wire import facts
 from tca_wire.constraints import Flags
 from tca_wire.facts import Closed, Entry, kind_of
@@ -67,7 +68,8 @@ def test_a_good_run(journal: Path) -> None:
     assert result.exit_code == 0, result.output
     first, second = result.stdout.splitlines()
     assert first.startswith("walk.tcaj: ")
-    assert first.endswith("events, 0.00 s to 79.00 s")
+    entries = [entry.number for entry in Log(journal)]
+    assert f" facts in {len(entries)} entries (numbers {entries[0]} to {entries[-1]}), 0.00 s to 79.00 s" in first
     assert second.startswith("good: ")
     assert second.endswith(" rules")
 
@@ -81,7 +83,7 @@ def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: P
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     broken = next(number for number, line in enumerate(lines) if line.startswith("BROKEN"))
-    assert f"event {entry.number}: " in lines[broken]
+    assert f"entry {entry.number}: " in lines[broken]
     assert lines[broken + 2].startswith("  the rule: ")
     assert "  the story of " in lines[broken + 3]
     assert "  command made by central: listener for move {8}" in lines[broken + 4]
