@@ -64,11 +64,11 @@ def journal(tmp_path: Path) -> Path:
 
 
 def test_a_good_run(journal: Path) -> None:
-    first, second = run(journal).stdout.splitlines()
+    first, second = (result := run(journal)).stdout.splitlines()
     count, begin, end = len(walk()) + 1, walk()[0].number, walk()[-1].number + 1
     told = rf"walk.tcaj: \d+ facts in {count} entries \(numbers {begin} to {end}\), 0.00 s to 79.00 s"
     assert re.fullmatch(told, first)
-    assert (second[:6], second[-6:]) == ("good: ", " rules")
+    assert (second[:6], second[-6:], result.exit_code) == ("good: ", " rules", 0)
 
 
 def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: Path) -> None:
