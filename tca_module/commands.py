@@ -42,6 +42,7 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 def status(client: Client) -> tuple[Any, str]:
     """Show how central is doing, and what waits for what."""
     overview, tree, load = client.status("status"), client.status("tree"), client.status("load")
+    overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # who asks is not counted
     waiting = [
         *_waits(load), *_waiting_modules(client), *_suspended_tasks(load, tree), *_killed_tasks(load),
         *_held_tasks(load, tree),

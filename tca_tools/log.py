@@ -13,8 +13,9 @@ from tca_tools.classic import classic_lines
 from tca_tools.data import data_text
 from tca_tools.fact_rows import fact_row
 from tca_tools.logs import newest_journal, open_log, run_folders, runs_in
+from tca_tools.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
-from tca_wire.facts import Entry, Fact, kind_of
+from tca_wire.facts import Entry, Fact, Received, kind_of
 from tca_wire.lines import printable
 from tca_wire.wording import Wording
 
@@ -34,7 +35,11 @@ def log() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option("--classic", is_flag=True, help="In the words of TCA's own message log.")
 @click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")
-@click.option("--task", metavar="N", type=int, help="Only facts about this task or message, and what it sent.")
+@click.option(
+    "--task",
+    metavar="TASK",
+    help="Only facts about this task or message (its number, or all of a name), and what it sent.",
+)
 @click.option(
     "--kind",
     "kinds",
@@ -44,7 +49,7 @@ def log() -> None:
     help="Only facts of this kind (repeatable).",
 )
 def show(
-    log_path: Path | None, as_json: bool, classic: bool, follow: bool, task: int | None, kinds: tuple[str, ...]
+    log_path: Path | None, as_json: bool, classic: bool, follow: bool, task: str | None, kinds: tuple[str, ...]
 ) -> None:
     """Show a journal, one line a fact.
 
@@ -56,16 +61,19 @@ def show(
     if follow:
         journal.tell()
     entries: Iterable[Entry] = journal.follow() if follow else journal
+    about = _About(task) if task is not None else None
     if classic:
         lines = classic_lines(entries)
     else:
         render = _json_lines if as_json else _text_lines
         lines = render(
-            entries, lambda fact: (not kinds or kind_of(fact) in kinds) and (task is None or _tells_of(fact, task))
+            entries, lambda fact: (about is None or about.is_told_by(fact)) and (not kinds or kind_of(fact) in kinds)
         )
     while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
         click.echo("\n".join(chunk))
     journal.check()
+    if about is not None:
+        about.check()
 
 
 @log.command()
@@ -113,8 +121,34 @@ def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
     return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in BAD_NEWS else rest)
 
 
-def _tells_of(fact: Fact, number: int) -> bool:
-    """Whether a fact is about message *number*, or about what its handler sent."""
-    if number in (getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin")):
-        return True
-    return any(number in (c.before.task, c.after.task) for c in getattr(fact, "constraints", []))
+class _About:
+    """The task or message of a number, or all of a name, as their facts come. Give it all facts, then ``check`` it."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        wanted = text.strip().strip("{}")
+        self._numbers: set[int | None] = {int(wanted)} if wanted.isdecimal() else set()
+        self._is_found = False
+        self._names: set[str] = set()
+
+    def is_told_by(self, fact: Fact) -> bool:
+        """Whether a fact is about one of them, or about what its handler sent."""
+        if isinstance(fact, Received):
+            self._names.add(fact.message)
+            if fact.message == self._text:
+                self._numbers.add(fact.id)
+        is_told = not self._numbers.isdisjoint(_told_of(fact))
+        self._is_found |= is_told
+        return is_told
+
+    def check(self) -> None:
+        """Raise NotInLog if there was none."""
+        if not self._is_found:
+            raise no_task(self._text, self._names)
+
+
+def _told_of(fact: Fact) -> Iterator[int | None]:
+    """The messages that a fact is about, or whose handlers did what it tells."""
+    yield from (getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin"))
+    for constraint in getattr(fact, "constraints", []):
+        yield from (constraint.before.task, constraint.after.task)

@@ -121,6 +121,8 @@ class Log:
         self.path = path
         self.losses = Losses()
         """What was passed over until now."""
+        self.segment = path
+        """What is being followed, or was last."""
         self._damage = ""
         """Why nothing more can be read of the segment that was read last."""
         self._has_entries = False
@@ -282,6 +284,7 @@ class Log:
             click.echo(f"tca: {printable(line)}", err=True)
 
     def _follow_segment(self, segment: Path, wait: Callable[[], object]) -> Iterator[tuple[Entry, Place]]:
+        self.segment = segment
         with self._excused(), segment.open("rb") as stream:
             reader = JournalReader(stream, str(segment))
             while True:

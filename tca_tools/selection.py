@@ -60,10 +60,13 @@ def tasks_called(past: Past, text: str) -> list[TaskId]:
         if wanted.isdecimal() and (message := past.messages.get(int(wanted))):
             told = f"'tca tree --story {message.id}' tells what became of it"
             raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
-        raise NotInLog(
-            f"no task '{printable(text)}' {_in_journal(past)}{_nearest(text, {t.name for t in past.tasks.values()})}"
-        )
+        raise no_task(text, {task.name for task in past.tasks.values()}, _in_journal(past))
     return found
+
+
+def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
+    """The error that says so, with the nearest of the *names* that there are."""
+    return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
 
 
 def one_task(past: Past, text: str) -> TaskId:

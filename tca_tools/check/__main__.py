@@ -39,7 +39,7 @@ def check(context: click.Context, paths: tuple[Path, ...], texts: tuple[str, ...
 
     LOG is a journal directory or one of its segments; without it, the newest run is checked. Properties of your own are
     texts, or come from Python files. Exit code 0: all is well; 1: something is broken, or the journal is damaged (one
-    that only stops is not: central still runs, or was killed).
+    that is not closed is not: central still runs, or was killed).
 
     \b
     never P, always P, eventually P, P before P, at most N P [in all], never stuck
@@ -184,7 +184,8 @@ def _misfit(those: Those, world: World) -> str:
 def _show(run: _Run, journal: Log, misnamed: dict[Property, str], *, everything: bool) -> None:
     checker = run.checker
     span = f"{checker.began:.2f} s to {checker.world.now:.2f} s"
-    click.echo(f"{printable(journal.name)}: {checker.facts} facts of {checker.events} events, {span}")
+    numbers = f" (numbers {checker.first} to {checker.last})" if checker.events else ""
+    click.echo(f"{printable(journal.name)}: {checker.facts} facts in {checker.events} entries{numbers}, {span}")
     for gap in checker.gaps[:_MOST_GAPS]:
         click.echo(click.style(f"  {printable(gap)}", fg="yellow"))
     if more := len(checker.gaps) - _MOST_GAPS if len(checker.gaps) > _MOST_GAPS else 0:

@@ -29,6 +29,7 @@ class Checker:
         self._epoch, self._segment = "", 0
         self._may_have_missed_opening = False
         self.began = 0.0
+        self.first = self.last = 0  #: numbers of entries
 
     def take(self, entry: facts.Entry) -> None:
         """The next entry. Several of one number are one event."""
@@ -65,8 +66,7 @@ class Checker:
         self._end_event()
         if self.history is not None:
             self.history.apply(entry)
-        if not self.events:
-            self.began = entry.time
+        self._note(entry)
         for fact in entry.facts:
             if isinstance(fact, facts.Opened):
                 self._epoch, self._segment = fact.epoch, fact.segment
@@ -93,8 +93,8 @@ class Checker:
 
     def _begin_event(self, entry: facts.Entry) -> None:
         world = self.world
+        self._note(entry)
         if not self.events:
-            self.began = entry.time
             if not (self._may_have_missed_opening or (entry.facts and isinstance(entry.facts[0], facts.Opened))):
                 self.gaps.append("it begins in the middle of a segment: what was sent before is not known")
         elif not isinstance(entry.facts[0] if entry.facts else None, facts.Opened):
@@ -103,13 +103,19 @@ class Checker:
         self._is_open = True
         self.events += 1
 
+    def _note(self, entry: facts.Entry) -> None:
+        """Where the journal begins, and how far it goes."""
+        if not self.events:
+            self.began, self.first = entry.time, entry.number
+        self.last = entry.number
+
     def _check_clock(self, entry: facts.Entry) -> None:
         world = self.world
         if entry.time < world.now or entry.number < world.event:
-            before, after = f"event {world.event} at {world.now:g} s", f"event {entry.number} at {entry.time:g} s"
+            before, after = f"entry {world.event} at {world.now:g} s", f"entry {entry.number} at {entry.time:g} s"
             world.broken(CLOCK, 0, f"{after} comes after {before}")
         elif self.is_closed:
-            world.broken(CLOCK, 0, f"event {entry.number} comes after central ended")
+            world.broken(CLOCK, 0, f"entry {entry.number} comes after central ended")
 
     def _end_event(self) -> None:
         if not self._is_open:

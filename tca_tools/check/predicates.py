@@ -14,25 +14,25 @@ from tca_tools.check.records import Item
 from tca_tools.check.wanted_data import Wanted, cut_data, unquoted
 
 STATES: dict[str, tuple[Callable[[Item], bool], str]] = {
-    "sent": (lambda item: item.is_new, "with this event"),
+    "sent": (lambda item: item.is_new, "with this entry"),
     "begun": (lambda item: item.is_begun, "a handler was given it, now or before"),
     "handled": (lambda item: item.is_handled, "a handler has it"),
     "queued": (lambda item: item.is_queued, "it waits for a resource, or for a handler"),
     "planned": (lambda item: item.is_planned, "it has been expanded, with all that is under it"),
     "planned ahead": (lambda item: item.is_planned_ahead, "it was begun, and may not be achieved yet"),
     "being achieved": (lambda item: item.is_being_achieved, "its achieving has started and not ended"),
-    "achieved": (lambda item: item.is_achieved, "with this event"),
-    "killed": (lambda item: item.is_killed, "it was killed, and has ended with this event at the earliest"),
+    "achieved": (lambda item: item.is_achieved, "with this entry"),
+    "killed": (lambda item: item.is_killed, "it was killed, and has ended with this entry at the earliest"),
     "failed": (lambda item: bool(item.failure), "a failure was raised that has not been dealt with"),
     "recovering": (lambda item: item.is_recovering, "an exception handler is at work on its failure"),
     "suspended": (lambda item: item.is_suspended, "by itself, or with what it is under"),
     "fired": (lambda item: item.is_fire or item.has_fired, "a wiretap or monitor sent it, or it sent its action"),
-    "retried": (lambda item: item.is_retried, "with this event"),
+    "retried": (lambda item: item.is_retried, "with this entry"),
 }
 """What can be said of a message: the test, and what it means."""
 
 ENDS_WITH_ITS_MESSAGE = frozenset(("begun", "planned", "planned ahead", "suspended"))
-"""What is not said any more of a message that has ended with this event, where messages are counted."""
+"""What is not said any more of a message that has ended with this entry, where messages are counted."""
 
 ANYTHING = "anything"
 _LONGEST_FIRST = sorted(STATES, key=len, reverse=True)

@@ -16,7 +16,7 @@ _LONGEST_STORY = 40
 
 def violation_lines(violation: Violation, past: Past, width: int | None) -> Iterator[str]:
     """One violation, with the story of its message until then."""
-    where = f"at {violation.time:.3f} s, event {violation.event}"
+    where = f"at {violation.time:.3f} s, entry {violation.event}"
     yield click.style(cut(printable(f"BROKEN {where}: {violation.rule}"), width), fg="red", bold=True)
     yield cut(printable(f"  {violation.what}"), width)
     if violation.source:

@@ -22,9 +22,9 @@ class Violation(NamedTuple):
     rule: str
     source: str
     place: int
-    """How many events come before the one that breaks it."""
+    """How many entries come before the one that breaks it."""
     event: int
-    """The number of that event."""
+    """The number of that entry, which is that of its event: events that change nothing have no entry."""
     time: float
     message: int
     """The message that it is about (0: none)."""
@@ -33,7 +33,7 @@ class Violation(NamedTuple):
 
 # --- the journal -----------------------------------------------------------------------------------------------------
 
-CLOCK = Rule("time and the numbers of events never go back", "facts.Entry: a clock that never jumps")
+CLOCK = Rule("time and the numbers of entries never go back", "facts.Entry: a clock that never jumps")
 NUMBERS = Rule("a message is received once, and has a number above all before it", "facts.py: ids from one counter")
 KNOWN = Rule("nothing happens to what was never sent", f"{PAPER}, schema TaskTree: received")
 ENDED = Rule("nothing happens to a task that has ended", f"{PAPER}, schema TaskTree: finished")

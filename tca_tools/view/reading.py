@@ -6,6 +6,7 @@ from bisect import bisect_right
 from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
+from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self
@@ -45,6 +46,8 @@ class Reading:
         """Whether central ended of its own will: nothing more comes."""
         self.problem = ""
         """Why nothing more can be read."""
+        self._gone: Path | None = None
+        """What was removed, so that nothing more can be read."""
         self.cut = ""
         """What there is to say of a last entry that is not whole."""
         self.additions = 0
@@ -96,7 +99,7 @@ class Reading:
             return "reading"
         if self.closed:
             return "ended"
-        return "live" if self._is_written else "cut off"
+        return "live" if self._is_written else "not closed"
 
     @property
     def now(self) -> float | None:
@@ -110,6 +113,11 @@ class Reading:
     def is_over(self) -> bool:
         """Whether nothing more will be read."""
         return bool(self.problem) or self._stopped.is_set()
+
+    @property
+    def is_back(self) -> bool:
+        """Whether what was removed is there again: then all is to be read anew."""
+        return self._gone is not None and self._gone.exists()
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
         """Wait, inside of ``with``, until there are more than so many entries, the run stands otherwise, or the time is
@@ -199,6 +207,8 @@ class Reading:
     def _catch_up(self, problem: str = "") -> None:
         gc.freeze()
         gc.enable()
+        if problem and not self.log.segment.exists():
+            self._gone = self.log.segment
         with self:
             last = self.feed.history.time
             self._known = monotonic(), self.log.present(last) or last

@@ -117,12 +117,12 @@ class Runs:
         address = address or self.first.address
         with self._lock:
             kept = self._being_read(address)
-            if kept not in self._shown:
-                if (log := self._open(kept)) is None or self._is_stopped:
-                    return None
+            if not self._is_read(kept) and not self._is_stopped and (log := self._open(kept)) is not None:
                 reading = Reading(log)
                 reading.start()
                 self._shown[kept] = Shown(log.path.resolve(), reading, token_hex(8)), 0.0
+            if kept not in self._shown:
+                return None
             shown, _ = self._shown.pop(kept)
             self._shown[kept] = shown, monotonic()  # the last one that was asked for is the last in it
             forgotten = self._forget()
@@ -148,6 +148,16 @@ class Runs:
                 if address == shown.address:
                     return kept
         return address
+
+    def _is_read(self, kept: str) -> bool:
+        """Whether it is being read; not if its journal was removed and is there again."""
+        if kept not in self._shown:
+            return False
+        shown, _ = self._shown[kept]
+        if not shown.reading.is_back:
+            return True
+        self._folders.pop(shown.place, None)  # another run may lie there
+        return False
 
     def _open(self, address: str) -> Log | None:
         if address == self._first and self._given:  # it is open

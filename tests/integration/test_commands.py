@@ -210,6 +210,14 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     assert re.search(r"suspended by the command 'tca suspend' for \d+\.\d s", tca(status)[1])
 
 
+def test_the_status_does_not_count_who_asks(user: Client) -> None:
+    told = json.loads(tca(status, "--json")[1])
+    assert (told["modules"], told["connections"]) == (1, 1)  # the user
+    assert "1 module, 1 connection," in tca(status)[1]
+    user.close()
+    assert "0 modules, 0 connections," in tca(status)[1]
+
+
 def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
     user.lock("other")
     code, shown, _ = tca(modules)

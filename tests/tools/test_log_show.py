@@ -123,6 +123,25 @@ def test_only_one_task(tca: Tca, run: Path) -> None:
     assert "take steps {2}" in lines[0]  # named, though the fact that names it is not shown
 
 
+def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
+    by_number = tca("log", "show", run, "--task", 3).stdout
+    assert tca("log", "show", run, "--task", "{3}").stdout == by_number
+    all_steps = tca("log", "show", run, "--task", "take steps").stdout.splitlines()
+    each = [tca("log", "show", run, "--task", number).stdout.splitlines() for number in (2, 3, 4)]
+    assert set(all_steps) == {line for lines in each for line in lines}
+    maps = tca("log", "show", run, "--task", "elevation map", "--kind", "returned").stdout  # queries have names, too
+    assert maps.count("elevation map") == len(maps.splitlines()) == 2
+
+
+@pytest.mark.parametrize("task", ["99999", "take stpes", ""])
+def test_a_task_that_is_not_there_is_an_error_as_elsewhere(tca: Tca, run: Path, task: str) -> None:
+    result = tca("log", "show", run, "--task", task)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert f"no task '{task}' in this journal" in result.stderr
+    assert result.stderr == tca("tree", run, "--task", task).stderr
+    assert tca("log", "show", run, "--task", 2, "--kind", "opened").exit_code == 0  # it is there, only not that kind
+
+
 def test_only_one_kind(tca: Tca, run: Path) -> None:
     lines = tca("log", "show", run, "--kind", "failed", "--kind", "closed").stdout.splitlines()
     assert [line.split()[1] for line in lines] == ["failed", "closed"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import Story, silent_for, walking
+from tools.story import Story, silent_for, stumbling, walking
 from view.conftest import Look
 
 from tca_wire import facts
@@ -105,3 +105,50 @@ def test_a_journal_that_can_t_be_followed_any_more_is_told_of(
         expect(page.locator("#problem")).to_contain_text(told)
         expect(page.locator("#status")).to_have_text("damaged")
         expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
+
+
+@pytest.mark.parametrize("what", [".", "00000001.tcaj"])
+def test_a_journal_that_is_there_again_is_read_anew(
+    look: Look, serve: Callable[[Path], str], tmp_path: Path, what: str
+) -> None:
+    run, away = walking().write(tmp_path / "run"), tmp_path / "away"
+    address = serve(run)
+    page = look(address)
+    expect(page.locator("#status")).to_have_text("not closed")
+    (run / what).rename(away)
+    expect(page.locator("#status")).to_have_text("damaged")
+    page.reload()
+    expect(page.locator("#status")).to_have_text("damaged")
+    expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
+    asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
+    request = page.context.request
+    assert request.get(asked).status == 200
+    page.close()  # it would load itself anew, and the browser complain of the answer for which it does
+    away.rename(run / what)
+    assert request.get(asked).status == 410
+    page = look(address)
+    expect(page.locator("#status")).to_have_text("not closed")
+    expect(page.locator("#problem")).to_be_hidden()
+    with (run / "00000001.tcaj").open("ab") as segment:
+        segment.write(b"".join(two_more(walking())))
+    expect(page.locator(".row").last).to_contain_text("swim")
+
+
+def test_of_another_run_in_its_place_the_page_says_nothing(
+    look: Look, serve: Callable[[Path], str], tmp_path: Path
+) -> None:
+    run = walking().write(tmp_path / "run")
+    address = serve(run)
+    page = look(address)
+    expect(page.locator("#status")).to_have_text("not closed")
+    shutil.rmtree(run)
+    expect(page.locator("#status")).to_have_text("damaged")
+    other = stumbling()
+    other.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "another", 1, 1_700_000_100.0, "0.1.0")
+    other.write(run)
+    page.reload()
+    expect(page.locator("#status")).to_have_text("damaged")
+    expect(page.locator("#problem")).to_contain_text("can't be read")
+    expect(page.locator("#runs option")).to_have_count(2)
+    page.locator("#runs").select_option(index=0)
+    expect(page.locator("#status")).to_have_text("ended")

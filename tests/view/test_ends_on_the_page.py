@@ -209,6 +209,41 @@ def test_failures_are_found_by_what_they_say(look: Look, tmp_path: Path) -> None
     expect(page.locator("#found")).to_have_text("0 found")
 
 
+def test_where_a_task_counts_for_several_things_the_line_of_causes_says_so(look: Look, tmp_path: Path) -> None:
+    story = Story().at(1.0)
+    one, two = story.command("one", "user"), story.command("two", "user")
+    story.queued(one).queued(two).at(2.0)
+    head = look(story.write(tmp_path / "apart")).locator("#causes span").first
+    expect(head).to_have_text("2 wait for 2 things:")
+    expect(head).to_have_attribute("title", "")
+    story.command("three", "user", 0, *(sequential_achievement(TaskId(first), THIS) for first in (one, two)))
+    head = look(story.at(3.0).write(tmp_path / "together")).locator("#causes span").first
+    expect(head).to_have_text("3 wait for 2 things:")
+    expect(head).to_have_attribute("title", "a task that waits for several things counts for each")
+
+
+def test_tasks_of_the_name_that_is_looked_for_come_first(look: Look, tmp_path: Path) -> None:
+    story = Story().module("fry van", "deliver").at(1.0)
+    day, other = story.goal("day", "user"), story.command("deliver", "user")
+    story.delivered(other, "fry van").at(2.0).returned(other).reached(other, Moment.END_ACHIEVING)
+    named, idle = story.command("fry", "user"), story.command("late deliver", "user")
+    story.say(facts.Killed(TaskId(day), "deliver and fry failed", "user")).at(3.0)
+    page = look(story.write(tmp_path / "bakery"))
+    for words, order in (
+        ("deliver", [other, idle, day]),
+        ("fry", [named, other, day]),
+        ("failed", [day]),
+        ("deliver achieved", [other]),
+        ("", []),
+    ):
+        page.locator("#search").fill(words)
+        assert page.evaluate("[...tca.tree.found].map((task) => task.id)") == order
+    page.locator("#search").fill("deliver")
+    for number in (other, idle, day, other):
+        page.keyboard.press("Enter")
+        expect(page.locator("#task h2")).to_contain_text(f"{{{number}}}")
+
+
 def test_delays_are_told_everywhere(look: Look, tmp_path: Path) -> None:
     page = look(delayed().write(tmp_path / "dinner"), "#task=2")
     why = page.locator(".row[data-task='2'] .why")

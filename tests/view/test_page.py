@@ -35,7 +35,7 @@ def test_why_a_task_waits_is_seen_without_a_click(look: Look, tmp_path: Path) ->
     expect(line(page, 9)).to_contain_text("until its parent take steps {3} …, for 1.80 s; in the end for move body {7}")
     expect(line(page, 4)).to_contain_text("until take steps {3} is being …, for 3.40 s; in the end for move body {7}")
     expect(page.locator("#counts")).to_contain_text("1 handling")
-    expect(page.locator("#status")).to_have_text("cut off")  # nobody writes to it, and it has no end
+    expect(page.locator("#status")).to_have_text("not closed")  # nobody writes to it, and it has no end
 
 
 def test_why_a_task_failed_is_seen_without_a_click_and_its_story_with_one(look: Look, tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ def test_a_page_of_a_log_says_that_a_newer_run_has_begun_whenever_it_is_opened(
     expect(page.locator("#status")).to_have_text("ended")
     expect(page.locator("#newer")).to_be_hidden()
     page.locator("#runs").select_option(label="walk#1")  # by choice
-    expect(page.locator("#status")).to_have_text("cut off")
+    expect(page.locator("#status")).to_have_text("not closed")
     expect(page.locator("#newer")).to_be_hidden()
 
 
@@ -214,5 +214,5 @@ def test_who_names_an_older_run_as_log_is_not_told_of_those_that_were_there(look
     begin_another_in(folder)
     page = look(folder.with_name("walk#1"))
     expect(page.locator("#runs option")).to_have_text(["walk#2 (newest)", "walk#1"])
-    expect(page.locator("#status")).to_have_text("cut off")
+    expect(page.locator("#status")).to_have_text("not closed")
     expect(page.locator("#newer")).to_be_hidden()

@@ -174,7 +174,7 @@ def test_an_empty_journal_is_waited_for(serve: Callable[[Path], str], tmp_path: 
     log.touch()
     address = serve(log)
     head, columns = parsed(get(f"{address}api/frame"))
-    assert (head["state"], len(columns["task.id"])) == ("cut off", 0)
+    assert (head["state"], len(columns["task.id"])) == ("not closed", 0)
     log.write_bytes(walking().encoded())
     while not len(columns["task.id"]):
         _, columns = parsed(get(f"{address}api/frame"))

@@ -96,7 +96,7 @@ def test_who_looks_at_the_past_is_not_disturbed(look: Look, daemon: Central, use
     expect(page.locator("#clock")).not_to_have_text(there)
 
 
-@pytest.mark.parametrize(("how", "state"), [(signal.SIGTERM, "ended"), (signal.SIGKILL, "cut off")])
+@pytest.mark.parametrize(("how", "state"), [(signal.SIGTERM, "ended"), (signal.SIGKILL, "not closed")])
 def test_a_run_that_is_over_stands_still(look: Look, daemon: Central, user: Client, how: int, state: str) -> None:
     page = look(daemon.journal)
     expect(page.locator("#status")).to_have_text("live")

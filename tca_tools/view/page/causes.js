@@ -77,7 +77,8 @@ export class Causes {
     const links = causes.slice(0, SHOWN).map((cause) => this.#link(cause, things > 1));
     const more = things - links.length, others = causes.slice(SHOWN).map(({ text, tasks }) => `${tasks} for ${text}`);
     if (more > 0) links.push(element("span", { class: "faint", text: `and ${more} more`, title: others.join("\n") }));
-    this.panel.replaceChildren(element("span", { class: isNow ? "" : "faint", text: head }), ...links, ...asOf);
+    const title = causes.reduce((sum, { tasks }) => sum + tasks, 0) > waiting ? "a task that waits for several things counts for each" : "";
+    this.panel.replaceChildren(element("span", { class: isNow ? "" : "faint", text: head, title }), ...links, ...asOf);
   }
 
   #link({ text, tasks, number }, isCounted) {

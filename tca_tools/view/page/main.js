@@ -163,7 +163,7 @@ function recall(otherwise) {
 const MEANINGS = {
   live: "central is running: what comes is shown",
   ended: "central ended this run",
-  "cut off": "central does not run any more, and did not say that the run ends: it was killed, or the journal is a copy of one that goes on",
+  "not closed": "central does not run any more, and did not say that the run ends: it was killed, or the journal is a copy of one that goes on",
 };
 
 function showStatus(away = "") {
@@ -175,7 +175,7 @@ function showStatus(away = "") {
   problem.textContent = told;
   const state = head?.state ?? "reading";
   badge.textContent = away ? "away" : state === "reading" ? `reading, ${store.times.length} entries` : state;
-  badge.className = `badge ${wrong || state === "cut off" ? "bad" : state === "live" ? "live" : ""}`;
+  badge.className = `badge ${wrong || state === "not closed" ? "bad" : state === "live" ? "live" : ""}`;
   badge.title = MEANINGS[state] ?? "";
 }
 

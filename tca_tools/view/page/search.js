@@ -1,9 +1,11 @@
 // Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
-// failed. Several words must all fit, each somewhere.
+// failed. Several words must all fit, each somewhere. Tasks of that name come first, then those in that state, of that
+// module, and what failed so; each in the order in which they were sent.
 
 import { lastNotAfter, wasHandled } from "./store.js";
 
 const SHORTEST = 3; // letters: of fewer a state must be all
+const NOWHERE = 4;
 
 export class Search {
   constructor(store, { tree, choose, changed }) {
@@ -30,11 +32,18 @@ export class Search {
     const asked = `${words.join(" ")}@${moment}#${this.store.version}`;
     if (asked === this.asked) return;
     this.asked = asked;
-    this.found = this.store.tasks.slice(0, sent).filter((task) => words.every((word) => this.#fits(task, word)));
+    this.found = this.#sorted(this.store.tasks.slice(0, sent), words);
     this.place = -1;
     this.tree.found = new Set(this.found);
     document.getElementById("found").textContent = words.length ? `${this.found.length} found${this.#handled(words)}` : "";
     this.changed();
+  }
+
+  // A task stands where the word stands that fits it last.
+  #sorted(tasks, words) {
+    const ranks = Array.from({ length: NOWHERE }, () => []);
+    for (const task of tasks) ranks[Math.max(...words.map((word) => this.#place(task, word)), 0)]?.push(task);
+    return words.length ? ranks.flat() : [];
   }
 
   // Who looks for failures is told how many of them were handled: they are counted apart elsewhere.
@@ -51,14 +60,14 @@ export class Search {
     this.choose(this.found[this.place].id);
   }
 
-  #fits(task, word) {
+  // Where a word fits: 0 the name or number, 1 the state, 2 the module, 3 the failure.
+  #place(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
-    if (isIn(task.name) || String(task.id) === word || `{${task.id}}` === word) return true;
+    if (isIn(task.name) || String(task.id) === word || `{${task.id}}` === word) return 0;
     const states = store.looksOf(task, time).name.split(/[ ()]+/), hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
-    if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || (word.length >= SHORTEST && state.startsWith(word)))) return true;
-    if (task.said.some((one) => one.time <= time && one.text.includes(word))) return true;
-    if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return true;
-    for (const module of task.modules ?? []) if (isIn(module)) return true;
-    return false;
+    if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || (word.length >= SHORTEST && state.startsWith(word)))) return 1;
+    if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
+    for (const module of task.modules ?? []) if (isIn(module)) return 2;
+    return task.said.some((one) => one.time <= time && one.text.includes(word)) ? 3 : NOWHERE;
   }
 }
