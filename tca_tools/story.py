@@ -62,10 +62,10 @@ def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
     told = [_birth(past, message), *_changes(past, message)]
     if isinstance(message, Task):
         told += _exhausted(past, message)
-        told += _kills(message)
         told += _suspensions(past, message, moment)
         told += _recoveries(past, message)
         told += _retries(message)
+        told += _kills(message)
         told += _tests(past, message, moment)
         told += _plans(past, message)
     told += _tellings(past, message, moment)
