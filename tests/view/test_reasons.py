@@ -75,6 +75,11 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
         ),
         ("waits for all my legs, which eyes has locked", 26, "for all …, locked by eyes"),
         ("waits for all my legs, which eyes has locked", 20, "for all my legs …"),
+        (
+            "waits until bake {3}, bake {4}, bake {5} and 24 more are achieved, and until its parent day {1} is planned",
+            80,
+            "until bake {3} and 26 more are achieved, and until its parent day {1} is planned",
+        ),
         ("failed: slip: on ice", 12, "failed: …"),
         ("unbroken" * 5, 12, "unbroken" * 5 + " …"),
         ("", 12, ""),
