@@ -14,7 +14,7 @@ from tca_tools.records import Queueing, State
 from tca_tools.stretches import NO_TIME
 from tca_tools.then import TaskThen, Then
 from tca_tools.turns import Span
-from tca_tools.waiting import awaited_children, awaits_children, of_handler, waits_since, why_waiting
+from tca_tools.waiting import Reason, Until, awaited_children, awaits_children, of_handler, reasons_of, waits_since
 from tca_tools.whereabouts import kept_busy
 from tca_wire.points import TaskId
 
@@ -50,21 +50,27 @@ def age(then: Then, task: TaskThen, reason: str = "", *, with_children: bool = T
         return Age(_since_kept(then, task, queueing) if queueing.module else begun, begun)
     record, in_handler = then.past.tasks[task.id], bool(task.handling) and task.state in _HANDLED
 
-    def reasons(at: Then) -> list[str]:
+    def reasons(at: Then) -> list[Reason]:
         if in_handler:
             return list(of_handler(at, at.tasks[task.id]))
-        return why_waiting(at, TaskId(task.id), with_children=False)
+        return reasons_of(at, TaskId(task.id), with_children=False)
 
-    said, children = set(reasons(then)), awaited_children(then, task) if with_children else []
+    said, children = reasons(then), awaited_children(then, task) if with_children else None
     if reason:
-        said, children = ({reason}, []) if reason in said else (set(), children)
-    all_there = max((then.past.tasks[child].received for child in children), default=begun)
+        said = [one for one in said if str(one) == reason]
+        children = None if said else children
+    all_there = max(then.past.tasks[child].received for child in children.tasks) if children else begun
 
     def is_same(at: Then) -> bool:
+        """Whether it waited for all of this. What is under it may have come one after the other."""
         awaits = not children or (at.moment >= all_there and awaits_children(at.tasks[task.id]))
-        return awaits and said <= set(reasons(at))
+        return awaits and all(map(_is_among(reasons(at)), said))
 
     return Age(_since(then, _stops(then, begun, lambda span: span.turns_of_task(record)), is_same), begun)
+
+
+def _is_among(earlier: list[Reason]) -> Callable[[Reason], bool]:
+    return lambda one: one in earlier or (isinstance(one, Until) and any(map(one.is_part_of, earlier)))
 
 
 def _since_kept(then: Then, task: TaskThen, queueing: Queueing) -> float | None:

@@ -11,10 +11,10 @@ from tca_tools.coping import WATCHING, told_to, watches
 from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
-from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
+from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state, still_open
 from tca_tools.then import Then
-from tca_tools.waiting import clause, of_ahead
-from tca_tools.whereabouts import claim_and_why, whereabouts, why_in_vain
+from tca_tools.waiting import clause, of_ahead, of_all
+from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
 from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
 
@@ -62,10 +62,10 @@ def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
     told = [_birth(past, message), *_changes(past, message)]
     if isinstance(message, Task):
         told += _exhausted(past, message)
-        told += _kills(message)
         told += _suspensions(past, message, moment)
         told += _recoveries(past, message)
         told += _retries(message)
+        told += _kills(message)
         told += _tests(past, message, moment)
         told += _plans(past, message)
     told += _tellings(past, message, moment)
@@ -259,23 +259,37 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
             continue
         for part in in_state(past, task, number, moment):
             if part.why:
-                yield _part(part, f"{state}, {part.why}", _not_achieved(past, task, part))
+                left = _left(past, task, part, moment)
+                yield _part(part, f"{state}, {part.why}{left}", _not_achieved(past, task, part))
             elif state is not State.ENDING:
                 last = past.time if part.end is None else nextafter(part.end, 0.0)
                 last = min(last, moment) if part.start <= moment else last
                 yield _part(part, WATCHING if watches(task, state, last) else str(state))
 
 
+def _left(past: Past, task: Task, part: Stretch, moment: float) -> str:
+    """Of many that it waits for at that moment, how many are not done yet, if some are."""
+    moment = min(moment, past.time)
+    if len(part.tasks) <= NAMED or not part.start <= moment < (inf if part.end is None else part.end):
+        return ""
+    left = still_open(past, task, part, moment)
+    return f", {left} of them still to come" if left < len(part.tasks) else ""
+
+
 def _not_achieved(past: Past, task: Task, part: Stretch) -> str:
-    """How what it waited for ended, if not as it was to: who fails or is killed reaches all moments at once."""
+    """Which of what it waited for failed or was killed instead: who is reaches all moments at once."""
     if part.end is None or (task.killed is not None and task.written("killed") <= part.end):
         return ""
-    awaited = dict.fromkeys(hold.constraint.before.task for hold in task.holds)
-    for other in (past.tasks[one] for one in awaited if one in past.tasks and one != task.id):
-        ended, how = other.states[-1] if other.states else (0.0, State.ACHIEVED)
-        if ended == part.end and how in _IN_VAIN and str(other) in part.why:
-            return f", but {other} {_IN_VAIN[how]}"
-    return ""
+    found: dict[str, dict[str, None]] = {}
+    for point in (hold.constraint.before for hold in task.holds):
+        other = past.tasks.get(point.task)
+        if other is None or other is task or not other.states or not (other.id in part.tasks or str(other) in part.why):
+            continue
+        ended, how = other.states[-1]
+        if how in _IN_VAIN and part.start < ended <= part.end and other.reached.get(point.moment) == ended:
+            found.setdefault(_IN_VAIN[how], {})[str(other)] = None
+    told = [f"{listed(list(names))} {of_all(how, len(names))}" for how, names in found.items()]
+    return f", but {' and '.join(told)}" if told else ""
 
 
 def _failed_before(task: Task, state: State, time: float) -> bool:

@@ -10,7 +10,7 @@ from tca_tools.past import Past
 from tca_tools.records import Claim, Message, Queueing, State, Task, Wait
 from tca_tools.then import Then
 from tca_tools.turns import Span
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import Reason, Until, reasons_of
 from tca_tools.whereabouts import claim_and_why, kept_busy
 from tca_wire.points import TaskId
 
@@ -22,15 +22,20 @@ _LOOKS = 200
 """Moments at each end that are looked at."""
 OTHERS = "for other causes, one after the other"
 """Said of those that are not told one by one."""
-Why = Callable[[Then], str]
+_OTHERS: list[Reason] = [OTHERS]
+Why = Callable[[Then], list[Reason]]
 
 
 class Stretch(NamedTuple):
-    """As long as a cause was the same."""
+    """As long as a cause was the same. Of many tasks that were waited for together, of which some were done, too: as it
+    was in the beginning, until there were so few that all are named.
+    """
 
     start: float
     end: float | None
     why: str
+    tasks: frozenset[int] = frozenset()
+    """All that were waited for together, though not all are named."""
 
 
 def in_state(past: Past, task: Task, number: int, moment: float = inf) -> list[Stretch]:
@@ -41,12 +46,16 @@ def in_state(past: Past, task: Task, number: int, moment: float = inf) -> list[S
     if state is State.PLANNING:
         return [Stretch(start, end, "")]
 
-    def why(then: Then) -> str:
-        reasons = [] if then.tasks[task.id].watches else why_waiting(then, TaskId(task.id))
-        return " and ".join(reasons)
+    def why(then: Then) -> list[Reason]:
+        return [] if then.tasks[task.id].watches else reasons_of(then, TaskId(task.id))
 
     span = Span(past, start, end)
     return _stretches(span, span.turns_of_task(task), why, moment)
+
+
+def still_open(past: Past, task: Task, part: Stretch, moment: float) -> int:
+    """How many of the tasks of a stretch were still waited for at a moment of it."""
+    return len(part.tasks & _tasks(reasons_of(Then(past, moment), TaskId(task.id))))
 
 
 def in_queue(past: Past, queueing: Queueing, message: Message, moment: float = inf) -> list[Stretch]:
@@ -54,13 +63,13 @@ def in_queue(past: Past, queueing: Queueing, message: Message, moment: float = i
     module, resource = queueing.module, queueing.resource
     span = Span(past, queueing.start, queueing.end)
     turns = span.turns_of_place(module, resource)
-    return _stretches(span, turns, lambda then: kept_busy(then, module, resource, message), moment)
+    return _stretches(span, turns, lambda then: [kept_busy(then, module, resource, message)], moment)
 
 
 def for_claim(past: Past, wait: Wait, claim: Claim, moment: float = inf) -> list[Stretch]:
     """The claim for which a handler waited, with what kept it from it."""
     span = Span(past, wait.start, wait.end)
-    return _stretches(span, span.turns_of_claim(claim), lambda then: claim_and_why(then, claim), moment)
+    return _stretches(span, span.turns_of_claim(claim), lambda then: [claim_and_why(then, claim)], moment)
 
 
 def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[Stretch]:
@@ -74,9 +83,24 @@ def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[
     looks = _Looks(span.past, why)
     told = [*looks.at(stops[:known]), *looks.at(stops[known:])]
     told[0] = (span.start, told[0][1])
-    changed = [told[0], *(after for before, after in pairwise(told) if after[1] != before[1])]
+    changed = [told[0], *(after for before, after in pairwise(told) if _is_news(before[1], after[1]))]
     ends = [*(start for start, _ in changed[1:]), None if span.end == inf else span.end]
-    return [Stretch(start, end, said) for (start, said), end in zip(changed, ends, strict=True)]
+    return [
+        Stretch(start, end, " and ".join(map(str, reasons)), _tasks(reasons))
+        for (start, reasons), end in zip(changed, ends, strict=True)
+    ]
+
+
+def _tasks(reasons: list[Reason]) -> frozenset[int]:
+    return frozenset(task for one in reasons if isinstance(one, Until) for task in one.tasks)
+
+
+def _is_news(before: list[Reason], after: list[Reason]) -> bool:
+    """Whether there is more to tell than that some of many are done."""
+    return len(before) != len(after) or not all(
+        one == other or (isinstance(one, Until) and one.goes_on_in(other))
+        for one, other in zip(before, after, strict=True)
+    )
 
 
 def _lasting(span: Span, turns: list[float]) -> list[float]:
@@ -92,22 +116,22 @@ class _Looks:
         self._past = past
         self._why = why
 
-    def at(self, stops: list[float]) -> list[tuple[float, str]]:
+    def at(self, stops: list[float]) -> list[tuple[float, list[Reason]]]:
         """What was told at each; of very many at the first and the last ones, and that there were others."""
         first = list(self._some(stops))
         rest = stops[len(first) :]
         if not rest:
             return first
-        last = list(self._some(rest[::-1]))[::-1]
-        between = [(rest[0], OTHERS)] if len(rest) > len(last) else []
-        return [*first, *between, *last]
+        last = list(self._some(rest[::-1], is_back=True))[::-1]
+        is_cut = len(rest) > len(last) and _is_news(first[-1][1], last[0][1])
+        return [*first, *([(rest[0], _OTHERS)] if is_cut else []), *last]
 
-    def _some(self, stops: list[float]) -> Iterator[tuple[float, str]]:
-        changes, before = 0, ""
+    def _some(self, stops: list[float], *, is_back: bool = False) -> Iterator[tuple[float, list[Reason]]]:
+        changes, before = 0, _OTHERS
         for stop in stops[:_LOOKS]:
-            said = self._why(Then(self._past, stop))
-            changes += said != before
+            reasons = self._why(Then(self._past, stop))
+            changes += _is_news(reasons, before) if is_back else _is_news(before, reasons)
             if changes > _MOST:
                 return
-            before = said
-            yield stop, said
+            before = reasons
+            yield stop, reasons

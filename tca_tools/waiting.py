@@ -2,12 +2,14 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import islice
 from operator import itemgetter
+from typing import NamedTuple
 
 from tca_tools.analysis import words
 from tca_tools.records import Ahead, Hold, State
 from tca_tools.then import TaskThen, Then
-from tca_tools.whereabouts import claim_and_why, kept_busy, listed, whereabouts
+from tca_tools.whereabouts import NAMED, claim_and_why, kept_busy, listed, whereabouts
 from tca_wire.points import ROOT, Moment, Point, TaskId, describe_moments
 from tca_wire.vocabulary import MessageClass, Scope
 from tca_wire.wording import by_whom, place
@@ -55,21 +57,55 @@ UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.E
 """States in which a task waits for what is under it, and until what has come."""
 
 
+class Until(NamedTuple):
+    """A reason: that some tasks have not come to one and the same moment yet."""
+
+    tasks: tuple[int, ...]
+    names: tuple[str, ...]
+    """Of the first ones."""
+    what: str
+    """What they do then: "is achieved"."""
+
+    def __str__(self) -> str:
+        """``until bake {3}, bake {4}, bake {5} and 24 more are achieved``."""
+        return f"until {listed(self.names, len(self.tasks))} {of_all(self.what, len(self.tasks))}"
+
+    def goes_on_in(self, later: "Reason") -> bool:
+        """Whether that is the same with some less, and yet with more than are named: no news to tell."""
+        if not isinstance(later, Until) or later.what != self.what or len(later.tasks) <= NAMED:
+            return False
+        return set(later.tasks) <= set(self.tasks)
+
+    def is_part_of(self, earlier: "Reason") -> bool:
+        """Whether all of them were waited for then, too."""
+        return isinstance(earlier, Until) and earlier.what == self.what and set(self.tasks) <= set(earlier.tasks)
+
+
+Reason = Until | str
+
+
 def why_waiting(then: Then, task_id: TaskId, *, with_children: bool = True) -> list[str]:
     """What keeps a task waiting: ``["until take steps {2} is achieved"]``; nothing if it is over or unknown. All tools
     ask here. What is said goes after ``waits_how``.
     """
+    return list(map(str, reasons_of(then, task_id, with_children=with_children)))
+
+
+def reasons_of(then: Then, task_id: TaskId, *, with_children: bool = True) -> list[Reason]:
+    """The same, with all tasks that are waited for, of which only the first are named."""
     task = then.tasks.get(task_id)
     reasons = _REASONS.get(task.state) if task else None
     if not task or not reasons:
         return []
     found = list(dict.fromkeys(reasons(then, task)))
-    return found + list(_of_children(then, task, awaited_children(then, task))) if with_children else found
+    if with_children and (awaited := awaited_children(then, task)):
+        found.append(awaited)
+    return found
 
 
-def awaited_children(then: Then, task: TaskThen) -> list[TaskId]:
-    """The tasks under a task that it waits for."""
-    return _not_at(then, task, UNTIL_CHILDREN[task.state]) if awaits_children(task) else []
+def awaited_children(then: Then, task: TaskThen) -> Until | None:
+    """The tasks under a task, if it waits for them."""
+    return _of_children(then, task, UNTIL_CHILDREN[task.state]) if awaits_children(task) else None
 
 
 def awaits_children(task: TaskThen) -> bool:
@@ -132,9 +168,36 @@ def clause(moment: Moment) -> str:
     return _CLAUSES[moment]
 
 
-def _of_held_back(then: Then, task: TaskThen) -> Iterator[str]:
+def of_all(what: str, number: int) -> str:
+    """The same of several: "are achieved", "have been handled", "were killed"."""
+    verb, _, rest = what.partition(" ")
+    return what if number == 1 or verb not in _OF_SEVERAL else f"{_OF_SEVERAL[verb]} {rest}"
+
+
+_OF_SEVERAL = {"is": "are", "has": "have", "was": "were"}
+
+
+def _of_held_back(then: Then, task: TaskThen) -> Iterator[Reason]:
+    """Tasks that are waited for until the same moment are told together, where the first of them is."""
+    found: dict[Moment | str, dict[TaskId, None]] = {}
     for blocker in blockers(then, task):
-        yield of_blocker(then, task, blocker)
+        if (point := _plain(blocker)) is not None:
+            found.setdefault(point.moment, {})[point.task] = None
+        else:
+            found[of_blocker(then, task, blocker)] = {}
+    for one, tasks in found.items():
+        if isinstance(one, Moment):
+            names = tuple(_described(then, task) for task in islice(tasks, NAMED))
+            yield Until(tuple(tasks), names, _CLAUSES[one])
+        else:
+            yield one
+
+
+def _plain(blocker: Hold | Moment) -> Point | None:
+    """The point that has to be reached, if that is all there is to it: no delay, no wiretap, no parent."""
+    if isinstance(blocker, Moment) or blocker.tap or blocker.constraint.delay:
+        return None
+    return None if blocker.constraint.before.task == ROOT else blocker.constraint.before
 
 
 def _of_queued(then: Then, task: TaskThen) -> Iterator[str]:
@@ -160,14 +223,14 @@ def of_handler(then: Then, task: TaskThen) -> Iterator[str]:
         yield f"{listed([str(one) for one in asking])}{whereabouts(then, asking[0].id)}, no reply yet"
 
 
-def _of_planning(then: Then, task: TaskThen) -> Iterator[str]:
+def _of_planning(then: Then, task: TaskThen) -> Iterator[Reason]:
     if task.handling:
         yield from of_handler(then, task)
         return
     yield from _of_held_back(then, task)
 
 
-def _of_achieving(then: Then, task: TaskThen) -> Iterator[str]:
+def _of_achieving(then: Then, task: TaskThen) -> Iterator[Reason]:
     if task.watches:
         yield _of_watching(then, task)
         return
@@ -191,25 +254,19 @@ def _of_ending(then: Then, task: TaskThen) -> Iterator[str]:
     if task.handling:
         blocked = "".join(f", and waits {what}" for what in of_handler(then, task)) if task.wait else ""
         yield f"its handler still runs{blocked}"
-    ending = _not_at(then, task, Moment.END_ACHIEVING)
-    yield from (f"waits {what}" for what in _of_children(then, task, ending))
+    if awaited := _of_children(then, task, Moment.END_ACHIEVING):
+        yield f"waits {awaited}"
     if task.suspension and not task.handling:
         yield f"waits until {then.describe(task.suspension.cause)} is resumed"
 
 
-def _not_at(then: Then, task: TaskThen, moment: Moment) -> list[TaskId]:
-    """The tasks under a task that have not reached a moment; under one that is handled again, that have not ended."""
-    moment = Moment.END_ACHIEVING if task.is_retried else moment
-    return [child for child in task.children if moment not in then.tasks[child].reached]
-
-
-def _of_children(then: Then, task: TaskThen, children: list[TaskId]) -> Iterator[str]:
-    if open_ones := [str(then.tasks[child]) for child in children]:
-        moment = UNTIL_CHILDREN.get(task.state, Moment.END_ACHIEVING)
-        are = "are" if len(open_ones) > 1 else "is"
-        is_over = task.is_retried or task.state is State.ENDING  # however they end
-        ended = "have ended" if is_over and len(open_ones) > 1 else "has ended"
-        yield f"until {listed(open_ones)} {ended if is_over else f'{are} {_CLAUSES[moment][3:]}'}"
+def _of_children(then: Then, task: TaskThen, moment: Moment) -> Until | None:
+    if task.is_retried:  # all under it ends first
+        moment = Moment.END_ACHIEVING
+    open_ones = tuple(child for child in task.children if moment not in then.tasks[child].reached)
+    is_over = task.is_retried or task.state is State.ENDING  # however they end
+    names = tuple(str(then.tasks[child]) for child in open_ones[:NAMED])
+    return Until(open_ones, names, "has ended" if is_over else _CLAUSES[moment]) if open_ones else None
 
 
 def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:
@@ -265,17 +322,21 @@ def _is_met(then: Then, task: TaskThen, hold: Hold) -> bool:
 
 
 def _until(then: Then, point: Point, delay: str = "") -> str:
-    task = then.past.tasks.get(point.task)
+    return f"until {delay}{_described(then, point.task)} {_CLAUSES[point.moment]}"
+
+
+def _described(then: Then, number: TaskId) -> str:
+    task = then.past.tasks.get(number)
     kind = (
         f"{'monitor' if task.message_class.is_monitor else 'task'} " if task and task.name.startswith("until ") else ""
     )
-    return f"until {delay}{kind}{then.describe(point.task)} {_CLAUSES[point.moment]}"
+    return f"{kind}{then.describe(number)}"
 
 
-def _of_suspended(then: Then, task: TaskThen) -> Iterator[str]:
+def _of_suspended(then: Then, task: TaskThen) -> Iterator[Reason]:
     """What was suspended may be far above; and handlers under this one may still run."""
-    if running := [then.describe(run.message_id) for run in then.ran_on(task)]:
-        yield f"until {listed(running)} {'have' if len(running) > 1 else 'has'} been handled"
+    if running := tuple(run.message_id for run in then.ran_on(task)):
+        yield Until(running, tuple(map(then.describe, running[:NAMED])), _CLAUSES[Moment.END_HANDLING])
     if task.suspension:
         yield f"until {then.describe(task.suspension.cause)} is resumed"
 
@@ -286,7 +347,7 @@ def dealing(then: Then, task: TaskThen, what: str = "its failure") -> str:
     return f"until {handlers[0]} has dealt with {what}" if handlers else f"until somebody has dealt with {what}"
 
 
-def _of_recovering(then: Then, task: TaskThen) -> Iterator[str]:
+def _of_recovering(then: Then, task: TaskThen) -> Iterator[Reason]:
     yield dealing(then, task)
     if task.suspension and not task.handling:
         yield f"until {then.describe(task.suspension.cause)} is resumed"

@@ -3,6 +3,7 @@
 Asks what was known; changes nothing.
 """
 
+from collections.abc import Sequence
 from math import nextafter
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from tca_tools.then import TaskThen, Then
 from tca_wire.vocabulary import MessageClass
 from tca_wire.wording import GAVE_UP, place
 
-_NAMED = 3
+NAMED = 3
 """How many of several are named."""
 
 
@@ -188,7 +189,7 @@ def _has(number: int, is_over: bool) -> str:
 
 def _together(names: list[str]) -> str:
     """``arm, legs and head``; of many the first, and how many more there are."""
-    if len(names) > _NAMED or len(names) == 1:
+    if len(names) > NAMED or len(names) == 1:
         return listed(names)
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -211,7 +212,7 @@ def why_in_vain(past: Past, wait: Wait) -> str:
     return f"{place(run.module, run.resource)} had it, and had not answered" if run else "there was no answer yet"
 
 
-def listed(names: list[str]) -> str:
-    """The first of them, and how many more there are."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+def listed(names: Sequence[str], number: int | None = None) -> str:
+    """The first of them, and how many more there are: of *number*, if not all names are given."""
+    more = (len(names) if number is None else number) - NAMED
+    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")

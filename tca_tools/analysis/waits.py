@@ -176,9 +176,9 @@ def _by_cause(past: Past, parts: list[Stretch], unknown: str) -> str:
     (3.00 s), move {4} (2.00 s), and 2 more (0.52 s)``.
     """
     lengths: dict[str, float] = {}
-    for start, end, why in parts:
-        cause = why or unknown
-        length = (past.time if end is None else end) - start
+    for part in parts:
+        cause = part.why or unknown
+        length = (past.time if part.end is None else part.end) - part.start
         if length >= NO_TIME or len(parts) == 1:
             lengths[cause] = lengths.get(cause, 0.0) + length
     if len(lengths) <= 1:

@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf
+from math import inf, nextafter
 
+from tca_tools.ages import age
+from tca_tools.analysis.words import seconds
 from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, fate, is_told
+from tca_tools.ends import in_the_end
 from tca_tools.past import Past
 from tca_tools.records import Message, State, Task
 from tca_tools.selection import lineage, subtree
 from tca_tools.story import exhausted
 from tca_tools.then import Then
+from tca_tools.waiting import waits_how, why_waiting
+from tca_wire.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
@@ -27,26 +32,41 @@ class Link:
 
 
 def failure_chain(past: Past, number: TaskId, moment: float = inf) -> list[Link]:
-    """What a task failed of or was killed for, followed to where it began, as it was known at *moment*; nothing if all
-    went well.
+    """What a task failed of or was killed for, from where it began, as it was known at *moment*; nothing if all went
+    well.
     """
     task = past.tasks[number]
-    links: list[Link] = []
-    waiting: list[tuple[Message, int, float]] = [(task, 0, moment)]
+    found: list[tuple[float, _Place, Link]] = []
+    waiting: list[tuple[Message, _Place, float]] = [(task, (), moment)]
     seen = {task.id}
     killed = _killed(task)
     if not _raised(task) and killed <= moment:
-        links.append(Link(killed, 0, f"{task} was killed: {task.why_killed}"))
-        waiting = [(culprit, 1, killed) for culprit in _culprits(past, task)]
-    while waiting and len(links) < _MOST_LINKS:
-        message, depth, until = waiting.pop()
-        if message.id in seen and depth:
+        found.append((killed, (_ITSELF,), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
+        waiting = [(culprit, (_CAUSES, 0), killed) for culprit in _culprits(past, task)]
+    while waiting and len(found) < _MOST_LINKS:
+        message, place, until = waiting.pop()
+        if message.id in seen and place:
             continue
         seen.add(message.id)
-        links += [link for link in _links_of(past, message, depth, until) if link.time <= until]
-        waiting += [(cause, depth + 1, time) for cause, time in reversed(_causes(past, message, until))]
-    links = [link for link in links if link.time <= moment]
-    return links if seen - {task.id} or _raised(task) else []
+        steps = _steps_of(past, message, len(place) // 2, until)
+        found += [(link.time, (*place, step), link) for step, link in steps if link.time <= until]
+        causes = list(enumerate(_causes(past, message, until)))
+        waiting += [(cause, (*place, step, one), time) for one, (step, cause, time) in reversed(causes)]
+    found = [one for one in found if one[0] <= moment]
+    return [link for _, _, link in sorted(found, key=_order)] if seen - {task.id} or _raised(task) else []
+
+
+_Place = tuple[int, ...]
+"""Which step of a message it is, after the places of what that is a cause of: of two at one time the first."""
+_CAUSES, _ITSELF, _CALLS, _HELPERS, _END = range(5)
+"""The steps of a message in order: what it failed of, that it failed, who was called, who of them failed, its end."""
+
+
+def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
+    """By time; at one time all failures come before who is killed for them, from top to bottom."""
+    time, place, _ = found
+    is_end = place[-1] == _END
+    return time, len(place) if is_end else 0, place
 
 
 def _killed(task: Task) -> float:
@@ -64,15 +84,34 @@ def _raised(message: Message) -> list[tuple[float, str]]:
     return found
 
 
-def _links_of(past: Past, message: Message, depth: int, moment: float) -> Iterator[Link]:
-    told = [Link(time, depth, f"{message} failed: {text}") for time, text in _raised(message)]
+def _steps_of(past: Past, message: Message, depth: int, moment: float) -> Iterator[tuple[int, Link]]:
+    for time, text in _raised(message):
+        if waited := _waited(past, message, time, text):
+            yield _ITSELF, Link(waited[0], depth, waited[1])
+        yield _ITSELF, Link(time, depth, f"{message} failed: {text}")
     if isinstance(message, Task):
-        told += _recoveries(Then(past, moment), message, depth)
+        yield from ((_CALLS, link) for link in _recoveries(Then(past, moment), message, depth))
         if end := _end(past, message, moment):
             was_killed = message.was("killed", moment) is not None
             killed_or_over = message.written("killed", moment) if was_killed else _newest_state(message, moment)
-            told.append(Link(killed_or_over, depth, end))
-    yield from sorted(told, key=lambda link: link.time)
+            yield _END, Link(killed_or_over, depth, end)
+
+
+def _waited(past: Past, message: Message, failed: float, text: str) -> tuple[float, str] | None:
+    """What a task waited for when its time had run out, with since when; None if nothing is known, or it had not."""
+    has_deadline = any(one.moment is not None for one in past.ahead.get(message.id, ()))
+    if not has_deadline or text.partition(":")[0] != TIMEOUT:
+        return None
+    then = Then(past, nextafter(failed, 0.0))
+    task = then.tasks.get(TaskId(message.id))
+    if task is None or task.watches or not (reasons := why_waiting(then, task.id)):
+        return None
+    since, begun = age(then, task)
+    since = begun if since is None else since
+    how = waits_how(task).replace("waits", "waited", 1)
+    end = in_the_end(then, task)
+    lasted = f", for {seconds(failed - since)}"
+    return since, f"{task} {how} {', and '.join(reasons)}{lasted}" + (f"; in the end {end}" if end else "")
 
 
 def _newest_state(task: Task, moment: float) -> float:
@@ -110,21 +149,22 @@ def _end(past: Past, task: Task, moment: float) -> str:
     return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
 
 
-def _causes(past: Past, message: Message, moment: float) -> list[tuple[Message, float]]:
+def _causes(past: Past, message: Message, moment: float) -> list[tuple[int, Message, float]]:
     """What its handler had sent and waited for when that failed, with when its wait was over, newest first; then the
-    exception handlers that failed before it was decided. As it was known at *moment*: what failed later is no cause.
+    exception handlers that failed before it was decided; each with the step in which it stands. As it was known at
+    *moment*: what failed later is no cause.
     """
     failed = [run for run in message.handlings if run.outcome is Outcome.FAILED and (run.end or 0.0) <= moment]
-    found: list[tuple[Message, float]] = []
+    found: list[tuple[int, Message, float]] = []
     for wait, end in [(wait, run.end) for run in failed for wait in run.waits][-1:]:
         until = min(moment if one is None else one for one in (wait.end, end))
         awaited = past.messages.get(wait.awaited)
         if awaited is not None and _is_named(past, awaited, until, message):
-            found.append((awaited, until))
+            found.append((_CAUSES, awaited, until))
     if isinstance(message, Task):
         handlers = [past.tasks[number] for number in message.caught_by if number in past.tasks]
         calls = [(one, min(moment, _decided(message, one.received))) for one in handlers]
-        found += [(one, until) for one, until in calls if any(time <= until for time, _ in _raised(one))]
+        found += [(_HELPERS, one, until) for one, until in calls if any(time <= until for time, _ in _raised(one))]
     return found
 
 

@@ -3,6 +3,7 @@ where another cause was one meanwhile. Compared with what the causes were at eac
 """
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
 from itertools import pairwise
 from math import nextafter
 
@@ -19,7 +20,7 @@ from tca_tools.past import Past
 from tca_tools.records import State
 from tca_tools.story import Sentence, story
 from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import awaited_children, waits_since, why_waiting
+from tca_tools.waiting import Until, reasons_of, waits_since, why_waiting
 from tca_tools.whereabouts import kept_busy
 from tca_wire.points import TaskId
 from tca_wire.wording import place
@@ -69,9 +70,17 @@ def assert_it_was_so_since(then: Then, task: TaskThen, since: float | None) -> N
 
 def _waited_for_as_much(before: Then, then: Then, task: TaskThen) -> bool:
     was, number = before.tasks[task.id], TaskId(task.id)
-    reasons, once = (set(why_waiting(one, number, with_children=False)) for one in (then, before))
-    children, there = (awaited_children(one, that) for one, that in ((then, task), (before, was)))
-    return reasons <= once and set(children) <= set(there)
+    reasons, once = (set(_singly(one, number)) for one in (then, before))
+    return reasons <= once and was.state in _TOLD
+
+
+def _singly(then: Then, number: TaskId) -> Iterator[tuple[str, int]]:
+    """Each that it waits for, and until what."""
+    for reason in reasons_of(then, number):
+        if isinstance(reason, Until):
+            yield from ((reason.what, one) for one in reason.tasks)
+        else:
+            yield reason, 0
 
 
 def _told(then: Then, task: TaskThen) -> list[tuple[str, float | None]]:

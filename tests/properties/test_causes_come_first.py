@@ -24,6 +24,8 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 _NUMBER = re.compile(r"\{(\d+)\}")
+_FAILED = re.compile(r"[^{]*\{(\d+)\} failed: ")
+_KILLED_FOR = re.compile(r" was killed: failure '[^']*' of task (\d+)")
 
 
 class Answers:
@@ -117,14 +119,19 @@ def _assert_told(past: Past, failed: Failing, time: float) -> None:
 
 
 def _assert_chain(links: list[Link]) -> None:
-    """What stands under something happened no later than the last that is said of that, unless it is not decided."""
+    """One comes after the other, and who is killed for a failure after that. What is deeper happened no later than the
+    last that is said of what is above it, unless that is not decided.
+    """
+    assert [one.time for one in links] == sorted(one.time for one in links), links
     last: dict[int, float] = {-1: inf}
-    before = -1
     for one in links:
+        last[one.depth] = inf if one.text.endswith(" is being recovered") else max(one.time, last.get(one.depth, 0.0))
+    failed = [(place, int(found[1])) for place, one in enumerate(links) if (found := _FAILED.match(one.text))]
+    for place, one in enumerate(links):
         assert one.time <= last[one.depth - 1], f"{one} comes after what it led to: {links}"
-        time = inf if one.text.endswith(" is being recovered") else one.time
-        last[one.depth] = max(time, last[one.depth]) if before == one.depth else time
-        before = one.depth
+        killed_for = {int(number) for number in _KILLED_FOR.findall(one.text)}
+        first = [other for other, number in failed if number in killed_for][:1]
+        assert all(other < place for other in first), f"{one} comes before what it was killed for: {links}"
 
 
 def _assert_story(past: Past, message: Message) -> None:

@@ -13,7 +13,7 @@ from tca_central.load import _held, load
 from tca_tools.history import History
 from tca_tools.records import State
 from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
+from tca_tools.waiting import Until, reasons_of, why_waiting
 from tca_wire.points import Moment, TaskId
 from tca_wire.wording import place
 
@@ -54,8 +54,10 @@ def assert_same_reasons(central: Central, history: History) -> None:
 
 
 def assert_named(then: Then, task: int, what: str) -> None:
-    """What central says that a task waits for is named by the tools."""
-    reasons = " and ".join(why_waiting(then, TaskId(task)))
+    """What central says that a task waits for is named by the tools, or is one of the others that they count."""
+    found_reasons = reasons_of(then, TaskId(task))
+    counted = [f"{{{one}}}" for reason in found_reasons if isinstance(reason, Until) for one in reason.tasks]
+    reasons = " and ".join([*map(str, found_reasons), *counted])
     if found := _RESOURCE.search(what):
         name, module = found.groups()
         what = place(module, name)

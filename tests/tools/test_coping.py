@@ -170,7 +170,7 @@ def test_of_what_is_killed_later_there_is_no_chain_yet() -> None:
     why = "failure 'blind' of task 2 'step' was not handled"
     story.say(*(facts.Killed(TaskId(task), why, "central") for task in (walk, step)))
     past = story.reached(step, *Moment).reached(walk, *Moment).at(4.0).fold()
-    assert [one.depth for one in failure_chain(past, TaskId(walk))] == [0, 1, 1]
+    assert [one.depth for one in failure_chain(past, TaskId(walk))] == [1, 0, 1]
     assert failure_chain(past, TaskId(walk), 2.5) == []
 
 

@@ -74,9 +74,9 @@ def waiting_for_two() -> Chart:
 def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
     (row,) = (row for row in waiting_for_two().rows if row.held_back)
     assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held_back) == [
-        (0, 1.0, 3.0, "move {3}: until move {1} is achieved and until look {2} is achieved"),
+        (0, 1.0, 3.0, "move {3}: until move {1}, look {2} are achieved"),
         (0, 3.0, 4.0, "until look {2} is achieved"),
-        (1, 1.0, 3.0, "move {4}: until move {1} is achieved and until look {2} is achieved"),
+        (1, 1.0, 3.0, "move {4}: until move {1}, look {2} are achieved"),
         (1, 3.0, 4.0, "until look {2} is achieved"),
     ]
     last = max(row.held_back, key=lambda bar: (bar.lane, bar.start))

@@ -3,7 +3,7 @@ to come: told in rows and stories alike.
 """
 
 from central.player import Player
-from tools.story import ACTING, QUERY, Story
+from tools.story import ACTING, QUERY, THIS, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.waits import waits
@@ -15,7 +15,9 @@ from tca_tools.story import story
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
 from tca_tools.then import Then
+from tca_tools.waiting import why_waiting
 from tca_wire import facts, headers
+from tca_wire.constraints import Constraint, not_before, sequential_achievement
 from tca_wire.parts import Attachment
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
@@ -260,3 +262,22 @@ def test_a_report_names_all_that_a_message_waited_for() -> None:
 def test_the_chart_of_a_story_has_all_that_a_task_waited_for() -> None:
     story, (*others, last) = queue_of_three()
     assert waited_for(story.fold(), TaskId(last), {last}) == set(others)
+
+
+def test_what_must_have_come_to_the_same_moment_is_told_as_one_reason() -> None:
+    """A bake waits for its parent, for five weighs, for one of them to begin, after another one, and for a time."""
+    story = Story().module("oven", "bake", "weigh").at(1.0)
+    batch, *weighs = story.goal("batch", "user"), *(story.command("weigh", "user") for _ in range(5))
+    achieved = [sequential_achievement(TaskId(one), THIS) for one in weighs]
+    begun = Point(TaskId(weighs[0]), Moment.START_ACHIEVING)
+    later = Constraint(Point(TaskId(weighs[1]), Moment.END_ACHIEVING), Point(THIS, Moment.START_ACHIEVING), 2.0)
+    others = [Constraint(begun, Point(THIS, Moment.START_ACHIEVING)), later, not_before(THIS, 9.0)]
+    bake = story.command("bake", "user", batch, *achieved, *others)
+    history = story.at(2.0).fold()
+    assert sorted(why_waiting(Then(history), TaskId(bake))) == [
+        "until 2.00 s after weigh {3} is achieved",
+        "until 9.000 s",
+        "until its parent batch {1} is being achieved",
+        "until weigh {2} is being achieved",
+        "until weigh {2}, weigh {3}, weigh {4} and 2 more are achieved",
+    ]

@@ -158,7 +158,7 @@ def test_a_story_says_nothing_that_was_not_known_then() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("slash", *"{3}", "enter")
         for moment, why in (
-            ("1", "until move {1} is achieved and until look {2} is achieved"),
+            ("1", "until move {1}, look {2} are achieved"),
             ("2", "until look {2}"),
         ):
             await pilot.press("g", *moment, "enter")

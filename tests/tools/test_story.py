@@ -281,7 +281,7 @@ def waiting_for_two() -> Story:
 
 def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
     tale = waiting_for_two()
-    both = "held, until move {1} is achieved and until look {2} is achieved"
+    both = "held, until move {1}, look {2} are achieved"
     folder = tale.write(tmp_path / "walk")
     for moment, why in ((1.5, f"{both}, 0.500 s so far"), (2.5, "held, until look {2} is achieved, 0.500 s so far")):
         printed = " ".join(CliRunner().invoke(tree, [str(folder), "--story", "3", "--at", str(moment)]).output.split())
@@ -292,9 +292,43 @@ def test_a_story_at_a_moment_says_what_was_known_then(tmp_path: Path) -> None:
 
 def test_a_wait_has_a_sentence_for_each_cause_with_its_own_time() -> None:
     assert told(waiting_for_two().fold(), 3)[1:3] == [
-        "1.0 (1.0 s) held, until move {1} is achieved and until look {2} is achieved",
+        "1.0 (1.0 s) held, until move {1}, look {2} are achieved",
         "2.0 (1.0 s) held, until look {2} is achieved",
     ]
+
+
+MANY = "held, until move {1}, move {2}, move {3} and 3 more are achieved"
+
+
+def waiting_for_many() -> Story:
+    """A clean {7} must wait for six moves, which end one after the other; the second and the fifth are killed."""
+    tale = Story().module("legs", "move", "clean").at(1.0)
+    moves = [tale.command("move", "user") for _ in range(6)]
+    clean = tale.command("clean", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in moves))
+    for move in moves:
+        tale.at(move + 1.0)
+        if move in (2, 5):
+            tale.say(facts.Killed(TaskId(move), "enough", "user")).reached(move, *Moment)
+        else:
+            tale.delivered(move, "legs").returned(move).reached(move, Moment.END_ACHIEVING)
+    return tale.delivered(clean, "legs").at(8.0)
+
+
+def test_a_wait_for_many_is_told_anew_only_when_so_few_are_left_that_all_are_named() -> None:
+    assert told(waiting_for_many().fold(), 7)[1:5] == [
+        f"1.0 (3.0 s) {MANY}, but move {{2}} was killed",
+        "4.0 (1.0 s) held, until move {4}, move {5}, move {6} are achieved",
+        "5.0 (1.0 s) held, until move {5}, move {6} are achieved, but move {5} was killed",
+        "6.0 (1.0 s) held, until move {6} is achieved",
+    ]
+
+
+def test_while_it_waits_for_many_a_story_says_how_many_are_left() -> None:
+    past = waiting_for_many().fold()
+    for moment, text in ((1.5, MANY), (3.5, f"{MANY}, 4 of them still to come")):
+        last = [one.known(moment) for one in story(past, 7, moment) if one.time <= moment][-1]
+        assert (last.text, last.is_open) == (text, True)
+    assert told(waiting_for_many().fold(until=3.5), 7)[-1] == f"1.0 {MANY}, 4 of them still to come"
 
 
 def test_what_a_wiretap_held_last_is_not_said_to_have_held_all_the_time() -> None:

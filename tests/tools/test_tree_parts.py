@@ -124,22 +124,44 @@ def recovery() -> Story:
 
 def test_a_failure_is_followed_to_where_it_began() -> None:
     lines = list(story_lines(recovery().fold(), TaskId(1), 100))
+    told = [line[23:].partition(":")[0] for line in lines]
+    assert told.index("replan {3} fails, too") < told.index("killed")
     assert [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]] == [
+        "  where {2} failed: no map: it is dark",
         "step {1} failed: no map: 'where' failed: no map: it is dark",
         "exception handler replan {3} was called, handled by expert: failed",
-        "step {1} was killed: failure 'no map' was not handled",
-        "  where {2} failed: no map: it is dark",
-        "  replan {3} failed: no map: 'where' failed: no map: it is dark",
-        "  replan {3}: nobody dealt with its failure",
         "    where {4} failed: no map: it is dark",
+        "  replan {3} failed: no map: 'where' failed: no map: it is dark",
+        "step {1} was killed: failure 'no map' was not handled",
+        "  replan {3}: nobody dealt with its failure",
     ]
 
 
 def test_who_was_killed_for_another_is_told_for_whom() -> None:
     lines = list(story_lines(stumbling().fold(), TaskId(9), 200))
     assert lines[lines.index("its failure, step by step:") + 1 :][:2] == [
-        "    4.500  move leg {9} was killed: failure 'terrain collision' of move body {7} was not handled",
         "    4.500    move body {7} failed: terrain collision: leg 4 met\\x1b[31m rock",
+        "    4.500  move leg {9} was killed: failure 'terrain collision' of move body {7} was not handled",
+    ]
+
+
+def test_what_ran_out_of_time_waited_for_something() -> None:
+    """A deliver {3} must be achieved within 2 s, but waits for a batch {2} that the baker is busy with."""
+    story = Story().module("baker", "batch").module("courier", "deliver").at(1.0)
+    order = story.goal("order", "user")
+    batch = story.command("batch", "user", order)
+    story.delivered(order, "baker").reached(order, Moment.START_ACHIEVING).delivered(batch, "baker")
+    deliver = story.command("deliver", "user", order, sequential_achievement(TaskId(batch), THIS))
+    story.say(facts.DeadlineSet(TaskId(deliver), Moment.END_ACHIEVING, 2.0)).at(3.0)
+    story.say(facts.Failed(deliver, "timeout", "too late"), facts.Unhandled(TaskId(deliver)))
+    why = "failure 'timeout' of task 3 'deliver' was not handled"
+    story.say(*(facts.Killed(TaskId(task), why) for task in (order, batch, deliver))).reached(deliver, *Moment)
+    past = story.at(4.0).fold()
+    assert [(link.time, link.text) for link in failure_chain(past, TaskId(order))] == [
+        (1.0, "deliver {3} waited until batch {2} is achieved, for 2.00 s"),
+        (3.0, "deliver {3} failed: timeout: too late"),
+        (3.0, f"order {{1}} was killed: {why}"),
+        (3.0, f"deliver {{3}} was killed: {why}"),
     ]
 
 

@@ -85,8 +85,8 @@ def test_what_failed_is_seen_under_what_was_killed_for_it(look: Look, tmp_path: 
     page.locator(f".row[data-task='{cake}'] .name").click()
     expect(page.locator("#task h3").last).to_have_text("its failure, step by step")
     assert [step.inner_text().split("\t")[-1] for step in page.locator("#chain tr").all()] == [
-        "bake cake {61} was killed: failure 'burnt' of task 63 was not handled",
         "heat {63} failed: burnt: to coal",
+        "bake cake {61} was killed: failure 'burnt' of task 63 was not handled",
         "heat {63}: nobody dealt with its failure",
     ]
     page.locator("#task .lead.bad .link").filter(has_text="task 63").click()

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import Story, stumbling
+from tools.story import THIS, Story, stumbling
 from view.conftest import Look
 
 from tca_wire import facts
-from tca_wire.points import Moment
+from tca_wire.constraints import sequential_achievement
+from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 
 pytestmark = pytest.mark.slow
@@ -74,6 +75,11 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
         ),
         ("waits for all my legs, which eyes has locked", 26, "for all …, locked by eyes"),
         ("waits for all my legs, which eyes has locked", 20, "for all my legs …"),
+        (
+            "waits until bake {3}, bake {4}, bake {5} and 24 more are achieved, and until its parent day {1} is planned",
+            80,
+            "until bake {3} and 26 more are achieved, and until its parent day {1} is planned",
+        ),
         ("failed: slip: on ice", 12, "failed: …"),
         ("unbroken" * 5, 12, "unbroken" * 5 + " …"),
         ("", 12, ""),
@@ -109,6 +115,29 @@ def test_nor_of_a_query(look: Look, tmp_path: Path) -> None:
     page.keyboard.press("End")
     expect(page.locator("#task .lead").first).to_have_text("blind")
     expect(page.locator("#task pre")).to_contain_text("seen")
+
+
+def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are_met_a_few(
+    look: Look, tmp_path: Path
+) -> None:
+    """A clean waits for twenty moves, of which all but the second and the last are achieved."""
+    story = Story().module("legs", "move").at(1.0)
+    moves = [story.command("move", "user") for _ in range(20)]
+    clean = story.command("clean", "user", 0, *(sequential_achievement(TaskId(one), THIS) for one in moves))
+    for move in {*moves} - {2, 20}:
+        story.at(1.0 + move).delivered(move, "legs").returned(move).reached(move, Moment.END_ACHIEVING)
+    page = look(story.at(30.0).write(tmp_path / "walk"), f"#t=29&task={clean}")
+    rows = page.locator("#constraints tr")
+    first = [f"•start achieving not before move {{{one}}} end achieving" for one in (2, 20)]
+    few = [f"✓start achieving not before move {{{one}}} end achieving" for one in (1, 3, 4)]
+    expect(rows).to_have_text([*first, *few, "and 15 more that are met"])
+    rows.last.locator("button").click()
+    expect(rows).to_have_count(20)
+    page.keyboard.press("End")  # what is unfolded stays so
+    expect(page.locator("#story .age")).not_to_have_count(0)
+    expect(rows).to_have_count(20)
+    page.evaluate("location.hash = 't=1.5&task=21'")
+    expect(rows.last).to_have_text("and 8 more that are not met")
 
 
 @pytest.mark.parametrize("letters", ["A", "deep "])

@@ -3,6 +3,7 @@
 import { age, ages, CALM, element, length, near, seconds, soon } from "./format.js";
 
 const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
+const MET = 3, UNMET = 12; // constraints that are shown unasked
 
 export class Details {
   constructor(store, { choose, setTime, ask }) {
@@ -11,6 +12,7 @@ export class Details {
     this.id = null;
     this.time = Infinity;
     this.isAsking = false;
+    this.unfolded = new Set();
     this.fetch = soon(() => this.#fetch(), 60);
   }
 
@@ -39,7 +41,7 @@ export class Details {
     yield* this.#relations(about);
     if (about.constraints?.length) {
       yield element("h3", { text: "constraints" });
-      yield element("table", {}, ...about.constraints.map((one) => this.#constraint(one)));
+      yield element("table", { id: "constraints" }, ...this.#constraints(about));
     }
     yield* this.#data("data", about.data);
     yield* this.#data("result", about.result);
@@ -100,6 +102,23 @@ export class Details {
     yield element("h3", { text: name });
     const whole = pretty(text), shown = whole.slice(0, LONGEST_DATA);
     yield element("pre", { text: shown }, shown.length < whole.length ? rest(whole) : null);
+  }
+
+  // What holds it first; of many the first ones, and the others when they are asked for.
+  *#constraints({ id, constraints }) {
+    const met = constraints.filter((one) => one.is_met), unmet = constraints.filter((one) => !one.is_met);
+    for (const [group, most, said] of [[unmet, UNMET, "not met"], [met, MET, "met"]]) {
+      const key = `${id} ${said}`, shown = this.unfolded.has(key) || group.length <= most + 1 ? group.length : most;
+      yield* group.slice(0, shown).map((one) => this.#constraint(one));
+      if (shown === group.length) continue;
+      const rest = group.slice(shown), more = element("button", { class: "link", text: `and ${rest.length} more that are ${said}` });
+      const row = element("tr", {}, element("td"), element("td", {}, more));
+      more.addEventListener("click", () => {
+        this.unfolded.add(key); // also in answers to come
+        row.replaceWith(...rest.map((one) => this.#constraint(one)));
+      });
+      yield row;
+    }
   }
 
   #constraint(one) {

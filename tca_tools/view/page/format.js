@@ -62,10 +62,16 @@ export function abridged(text, room, widthOf) {
   const hasRoom = (one) => widthOf(one) <= room;
   const held = text.replaceAll(/(?: while handling|(?<=(?:locked|reserved)(?: it)?) for) [^,]*?\{\d+\}/g, "");
   const brief = held.replaceAll(/, (?:which|but) ([^,]+?) has (locked|reserved)(?: it)?/g, ", $2 by $1"), bare = brief.replace(/^waits /, "");
-  const found = [text, held, brief, bare].find(hasRoom);
+  const found = [text, held, brief, bare, fewer(bare)].find(hasRoom);
   if (found !== undefined) return found;
   const [, what, holder] = /^(.*)(, (?:locked|reserved) by .*)$/.exec(bare) ?? [];
   return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(bare, 1, "", hasRoom) ?? `${bare.split(" ")[0]} …`;
+}
+
+// A wait for many with the name of the first one: "until bake {3} and 26 more are achieved".
+function fewer(text) {
+  const count = (_, first, others, more) => `${first} and ${others.split(", ").length - 1 + Number(more ?? 0)} more`;
+  return text.replaceAll(/(\buntil [^{},]*\{\d+\})((?:, [^{},]*\{\d+\})+)(?: and (\d+) more)?(?= (?:are|have) )/g, count);
 }
 
 // The same of a note, in two parts, what keeps a task and what it comes to in the end: that is left whole before the note
@@ -75,7 +81,7 @@ export function withEnd(text, end, alone, room, widthOf) {
   if (!end) return [abridged(text, room, widthOf), ""];
   const hasRoom = (parts) => widthOf(parts.join("; ")) <= room, bare = text.replace(/^waits /, "");
   const [, named, , others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
-  const found = [[text, end], [bare, end], [text, brief], [bare, brief]].find(hasRoom), left = room - widthOf(`; ${brief}`);
+  const found = [[text, end], [bare, end], [text, brief], [bare, brief], [fewer(bare), brief]].find(hasRoom), left = room - widthOf(`; ${brief}`);
   if (found) return found;
   if (left >= widthOf("until its next one …")) return [abridged(text, left, widthOf), brief];
   const last = alone.replace(/, which .*?(?=(?:, and \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
