@@ -75,10 +75,11 @@ def _waited_for_as_much(before: Then, then: Then, task: TaskThen) -> bool:
 
 
 def _singly(then: Then, number: TaskId) -> Iterator[tuple[str, int]]:
-    """Each that it waits for, and until what."""
+    """Each that it waits for, and until what; however that ends, if the task is to be handled again then."""
     for reason in reasons_of(then, number):
         if isinstance(reason, Until):
-            yield from ((reason.what, one) for one in reason.tasks)
+            what = "is achieved" if reason.what == "has ended" else reason.what
+            yield from ((what, one) for one in reason.tasks)
         else:
             yield reason, 0
 
