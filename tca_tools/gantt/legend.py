@@ -17,6 +17,7 @@ _MOST_NAMES = 40
 """A robot has so many messages at most whose colours can be told apart."""
 _RAISED = "failure raised beside the handler"
 _GREY = "#52606d"
+_WHOLE = 'width="1" height="1" patternContentUnits="objectBoundingBox"'
 
 
 def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
@@ -73,9 +74,9 @@ def patterns(chart: Chart, *, of_names: bool = True) -> str:
 def _of_legend() -> Iterator[str]:
     yield _pattern("queued", _GREY, 45)
     yield _pattern("suspended", _GREY, -45, gap=9)
-    yield '<pattern id="killed" width="1" height="1"><rect width="14" height="12" fill="#8a97a5"/>'
-    yield f'<rect x="11" width="3" height="12" fill="{KILLED}"/></pattern>'
-    yield f'<pattern id="flag" width="1" height="1"><path d="M3 2.5 h8 l-4 7 z" fill="{FAILED}"/></pattern>'
+    yield f'<pattern id="killed" {_WHOLE}><rect width="1" height="1" fill="#8a97a5"/>'
+    yield f'<rect x="0.75" width="0.25" height="1" fill="{KILLED}"/></pattern>'
+    yield f'<pattern id="flag" {_WHOLE}><path d="M0.2 0.2 h0.6 l-0.3 0.6 z" fill="{FAILED}"/></pattern>'
 
 
 def _of_names(chart: Chart) -> Iterator[str]:

@@ -12,7 +12,7 @@ MOST_QUEUE_LANES, _MOST_OF_NOBODYS = 6, 3
 """Of a longer queue only the length is drawn; what is no module's takes less room."""
 _HIGHEST, _LOWEST = 30.0, 16.0
 """Pixels: of the row of a length; there must be room for its number."""
-_HATCHED = 10.0
+_HATCHED = 14.0
 """Pixels: of a bar whose hatching can be seen."""
 _LETTERS, _BESIDE = 12.0, 6.0
 CURVE = "#7b8794"
@@ -43,13 +43,15 @@ def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
         title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
         yield rectangle(f'fill="{CURVE}"', left, y, right, height, title)
     words = f"up to {most} {row.queue_kind}"
-    x = _beside(steps, most, scale, width_of(words), (tall - 2 - _LETTERS) / (tall - 4) * most)
-    yield f'<text class="number" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
+    x, is_before = _beside(steps, most, scale, width_of(words), (tall - 2 - _LETTERS) / (tall - 4) * most)
+    kind = "number before" if is_before else "number"
+    yield f'<text class="{kind}" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
 
 
-def _beside(steps: _Steps, most: int, scale: Scale, width: float, low: float) -> float:
-    """Where the number stands: left of the first highest step or right of it, the nearest place in the row in which
-    nothing is higher than *low*; over the steps only where there is none.
+def _beside(steps: _Steps, most: int, scale: Scale, width: float, low: float) -> tuple[float, bool]:
+    """Where the number begins or, if it stands before that, ends; and whether it does. That is left of the first
+    highest step or right of it, the nearest place in the row in which nothing is higher than *low*; over the steps only
+    where there is none.
     """
     peak = next((at for at, one in enumerate(steps) if one[2] == most), 0)
     last = max(scale.width - width - _BESIDE, 3.0)
@@ -57,9 +59,9 @@ def _beside(steps: _Steps, most: int, scale: Scale, width: float, low: float) ->
     here = scale.x(steps[peak][0]) if steps else 0.0
     left = here - width - _BESIDE
     if left >= 3.0 and not any(start < left + width and end > left for start, end in highest):
-        return left
+        return here - _BESIDE, True
     place = here
     for start, end in highest:
         if end > here and start - place < width + 2 * _BESIDE:
             place = end
-    return min(place + _BESIDE, last) if place + _BESIDE <= last else min(max(left, 3.0), last)
+    return (place + _BESIDE if place + _BESIDE <= last else min(max(left, 3.0), last)), False

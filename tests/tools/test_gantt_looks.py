@@ -6,6 +6,7 @@ import re
 import pytest
 from tools.story import COMMAND, Story
 
+from tca_tools.drawing import width_of
 from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
 from tca_tools.gantt.colours import dark
 from tca_tools.gantt.parts import Bar, Row
@@ -81,20 +82,21 @@ def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
 @pytest.mark.parametrize(
     ("bars", "left", "right"),
     [
-        ([(200, 900)] * 7, 80, 200),  # left of the highest step
+        ([(200, 900)] * 7, 100, 200),  # left of the highest step
         ([(0, 100)] * 7, 100, 260),  # right of it
         ([(0, 100)] * 7 + [(0, 300)] * 7, 100, 460),  # behind what is high, too
         ([(0, 1000)] * 7, 0, 120),  # over it, in the row
-        ([(0, 700)] * 6 + [(690, 1000)] * 7, 0, 700),
+        ([(0, 700)] * 6 + [(690, 1000)] * 7, 0, 700),  # over it, too
     ],
 )
 def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
     bars: list[tuple[float, float]], left: float, right: float
 ) -> None:
     *_, words = curve(queue(*bars), SCALE, 1.0, 0.0)
-    found = re.search(r'x="([\d.]+)"', words)
+    found = re.search(r'class="number( before)?" x="([\d.]+)"', words)
     assert found
-    assert left <= float(found[1]) <= right - 90
+    begin = float(found[2]) - (width_of("up to 7 queued") if found[1] else 0)
+    assert left <= begin <= right - width_of("up to 7 queued")
 
 
 def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:

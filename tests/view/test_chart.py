@@ -10,6 +10,7 @@ from view.conftest import Look, until
 from tca_tools.gantt.bars import chart
 from tca_wire import facts
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import Outcome
 
 pytestmark = pytest.mark.slow
 
@@ -90,6 +91,28 @@ def test_the_number_of_a_curve_stands_beside_its_highest_place_and_in_the_row(lo
     }
     for counts, x in places.values():
         assert page.evaluate(NUMBERS, counts) == [["up to 9 suspended", x]]
+
+
+LOOKS = """([time, before]) => {
+  const { chart } = tca, [{ top }] = chart.layout, [from, to] = chart.window;
+  const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels) - before;
+  chart.draw();
+  const at = [x, top + 4].map((place) => place * devicePixelRatio);
+  return [...chart.canvas.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
+}"""
+"""The colour of the first row so many pixels before a time."""
+
+
+def test_a_bar_of_what_was_killed_has_a_dark_end(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "walk").at(1.0)
+    for outcome in (Outcome.DONE, Outcome.KILLED):
+        task = story.command("walk", "user")
+        story.delivered(task, "legs").at(len(story.entries) + 2.0).returned(task, outcome)
+    page = look(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "walk"))
+    ends = page.evaluate("tca.chart.layout[0].row.handled.lists.flat().map(({ end }) => end)")
+    bar, dark = page.evaluate(LOOKS, [ends[0], 20]), [31, 41, 51]
+    assert [page.evaluate(LOOKS, [ends[0], 2]), page.evaluate(LOOKS, [ends[1], 20])] == [bar, bar]
+    assert page.evaluate(LOOKS, [ends[1], 2]) == dark
 
 
 def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: Path) -> None:
