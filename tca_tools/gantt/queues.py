@@ -30,11 +30,11 @@ def is_curve(row: Row, scale: Scale) -> bool:
 def queue_height(row: Row, *, is_curve: bool) -> float:
     """How much room its queue takes."""
     tall = row.queue_lanes * QUEUE_LANE
-    return min(max(tall, _LOWEST), _HIGHEST) if is_curve else tall
+    return min(max(tall, _LOWEST), _HIGHEST) if is_curve and row.queue_lanes > 1 else tall
 
 
 def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
-    """How many wait, as a line of steps; beside the highest of them the number."""
+    """How many wait, as a line of steps; beside the highest of them the number, if ever more than one does."""
     steps = [one for one in queue_lengths(row.queued, scale.start, column) if one[0] <= scale.end]
     most, tall = max((number for *_, number in steps), default=1), queue_height(row, is_curve=True)
     for start, end, number in steps:
@@ -42,6 +42,8 @@ def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
         left, right, y = scale.x(start), scale.x(end), top + tall - 2 - height
         title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
         yield rectangle(f'fill="{CURVE}"', left, y, right, height, title)
+    if row.queue_lanes == 1:
+        return  # there is nothing to compare
     words = f"up to {most} {row.queue_kind}"
     x, is_before = _beside(steps, most, scale, width_of(words), (tall - 2 - _LETTERS) / (tall - 4) * most)
     kind = "number before" if is_before else "number"

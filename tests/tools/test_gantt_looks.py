@@ -10,7 +10,7 @@ from tca_tools.drawing import width_of
 from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
 from tca_tools.gantt.colours import dark
 from tca_tools.gantt.parts import Bar, Row
-from tca_tools.gantt.queues import curve, is_curve
+from tca_tools.gantt.queues import curve, is_curve, queue_height
 from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.svg import svg_text
 from tca_wire import facts
@@ -97,6 +97,12 @@ def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
     assert found
     begin = float(found[2]) - (width_of("up to 7 queued") if found[1] else 0)
     assert left <= begin <= right - width_of("up to 7 queued")
+
+
+def test_where_never_more_than_one_waits_no_number_is_needed() -> None:
+    row = queue((0, 4), is_nobodys=True)
+    assert len(list(curve(row, SCALE, 1.0, 0.0))) == 1
+    assert queue_height(row, is_curve=True) == queue_height(row, is_curve=False)
 
 
 def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
