@@ -16,14 +16,18 @@ main.held { cursor: grabbing; user-select: none; }
 header { overflow-x: auto; flex: none; max-height: 40%; } .zoomed { flex: none; }
 .wide rect, .wide line, .wide path { vector-effect: non-scaling-stroke; }
 .wide text { transform: scaleX(calc(1 / var(--zoom, 1))); transform-box: fill-box; transform-origin: left; }
-.wide .tick { transform-origin: center; }
+.wide .tick { transform-origin: center; } .wide .before { transform-origin: right; }
+.wide .flag { transform: scaleX(calc(1 / var(--zoom, 1))); transform-box: fill-box; transform-origin: center; }
 .z4, .z16 { display: none; } .at4 .z4, .at16 .z16 { display: inline; }"""
 _SCRIPT = """\
 const main = document.querySelector('main'), plot = document.querySelector('.zoomed');
 const wide = plot.classList.contains('wide'), box = plot.viewBox.baseVal;
-let zoom = 1, held = null;
+const labels = document.getElementById('fixed');
+let zoom = 1, held = null, isAll = true;
+const all = () => wide ? (main.clientWidth - labels.offsetWidth) / box.width : 1;
 function show(to, x, y) {
-  to = Math.min(Math.max(to, wide ? 1 : 0.1), wide ? 64 : 8);
+  to = Math.min(Math.max(to, wide ? all() : 0.1), wide ? 64 : 8);
+  isAll = to === all();
   const at = plot.getBoundingClientRect(), more = to / zoom - 1;
   zoom = to;
   plot.style.setProperty('--zoom', zoom);
@@ -47,7 +51,10 @@ main.onpointerdown = e => {
 onpointermove = e => { if (held) { main.scrollLeft = held[0] - e.clientX; main.scrollTop = held[1] - e.clientY; } };
 onpointerup = () => { held = null; main.classList.remove('held'); };
 for (const button of document.querySelectorAll('nav button'))
-  button.onclick = () => show(button.value == 0 ? 1 : zoom * button.value, innerWidth / 2, innerHeight / 2);"""
+  button.onclick = () => show(button.value == 0 ? all() : zoom * button.value, innerWidth / 2, innerHeight / 2);
+function fit() { if (wide && isAll) show(all(), 0, 0); }
+onresize = fit;
+fit();"""
 _NAVIGATION = """\
 <nav><button value="2">+</button> <button value="0.5">-</button> <button value="0">all</button>
 wheel: zoom, drag: move, hover: details</nav>"""

@@ -21,8 +21,9 @@ from tca_wire.wording import place
 NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""
 SUSPENDED = "(suspended)"
-"""The row of suspended tasks. It stands on top, then that of what nobody handles, as in the viewer's chart."""
-_ON_TOP = (("", SUSPENDED), ("", ""))
+"""The row of suspended tasks."""
+_OF_NOBODY = (("", SUSPENDED), ("", ""))
+"""Below all modules, as in the viewer's chart: what is no module's may stay for long, and is little to look at."""
 
 _HELD = (State.HELD, State.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
@@ -42,10 +43,15 @@ def chart(past: Past, start: float | None = None, end: float | None = None, pick
         row.handled, row.queued, row.held_back = (
             _in_lanes(bars, start, end) for bars in (row.handled, row.queued, row.held_back)
         )
-    on_top = [rows[key] for key in _ON_TOP if key in rows]
-    others = [row for key, row in rows.items() if key not in _ON_TOP]
-    shown = [row for row in (*on_top, *others) if row.bars or _shows_empty(row, pick)]
+    shown = [row for row in _in_order(rows) if row.bars or _shows_empty(row, pick)]
     return Chart(start, end, shown, list(names))
+
+
+def _in_order(rows: dict[tuple[str, str], Row]) -> Iterator[Row]:
+    """Those of a module side by side, the modules in the order in which they came."""
+    for module in filter(None, dict.fromkeys(module for module, _ in rows)):
+        yield from (row for (name, _), row in rows.items() if name == module)
+    yield from (rows[key] for key in _OF_NOBODY if key in rows)
 
 
 def _shows_empty(row: Row, pick: Pick) -> bool:
@@ -112,7 +118,7 @@ class _Filler:
     def _row(self, module: str, resource: str) -> Row:
         key = (module, resource)
         if key not in self.rows:
-            self.rows[key] = Row(place(*key) if module else resource or NO_HANDLER)
+            self.rows[key] = Row(place(*key) if module else resource or NO_HANDLER, is_nobodys=not module)
         return self.rows[key]
 
     def _until(self, end: float | None) -> float:
@@ -126,6 +132,7 @@ class _Filler:
         bar = Bar(handling.name, partial(titles.handled, past, handling), handling.start, end, handling.end is None)
         bar.has_failed = handling.outcome is Outcome.FAILED
         bar.has_coped = bar.has_failed and has_coped(past, handling)
+        bar.was_killed = handling.outcome is Outcome.KILLED
         bar.is_beside = self._is_beside(handling.message_id)
         bar.raised = self._raised(handling.message_id, bar)
         for wait in _lasting(handling.waits):

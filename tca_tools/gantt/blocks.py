@@ -54,6 +54,11 @@ class Block:
         return all(bar.has_coped for bar in self.bars if bar.has_failed)
 
     @property
+    def was_killed(self) -> bool:
+        """Whether one of its bars was killed."""
+        return any(bar.was_killed for bar in self.bars)
+
+    @property
     def is_beside(self) -> bool:
         """Whether nothing in it is what was asked for."""
         return all(bar.is_beside for bar in self.bars)
@@ -64,9 +69,10 @@ class Block:
         numbers = Counter(bar.name for bar in self.bars)
         parts = [f"{number} {name}" for name, number in numbers.most_common(_NAMED)]
         parts += [f"{len(numbers) - _NAMED} others"] * (len(numbers) > _NAMED)
-        failed = sum(bar.has_failed for bar in self.bars)
+        failed, killed = (sum(bar.has_failed for bar in self.bars), sum(bar.was_killed for bar in self.bars))
+        ended = "".join(f"; {number} {how}" for number, how in ((failed, "failed"), (killed, "killed")) if number)
         where = f"from {self.start:.3f} s to {self.end:.3f} s, {self.busy:.0%} of the time"
-        return f"{len(self.bars)} messages {where}: {', '.join(parts)}" + (f"; {failed} failed" if failed else "")
+        return f"{len(self.bars)} messages {where}: {', '.join(parts)}{ended}"
 
 
 def in_blocks(bars: Iterable[Bar], start: float, column: float, narrow: float) -> tuple[list[Bar], list[Block]]:

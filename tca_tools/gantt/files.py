@@ -14,6 +14,8 @@ from tca_tools.pictures import converted
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
 WIDTH_OF_TEXT = 120
+_PAGE = 1000.0
+"""Pixels: of a page's plot that it is made wider from; what has room there has it in most windows."""
 
 
 def write_chart(output: Path, chart: Chart, title: str, blocks: Blocks) -> None:
@@ -31,7 +33,7 @@ def write_chart(output: Path, chart: Chart, title: str, blocks: Blocks) -> None:
 
 def page_text(chart: Chart, title: str) -> str:
     """The chart as a page that can be zoomed."""
-    pieces = pieces_of(chart, title, can_zoom=True)
+    pieces = pieces_of(chart, title, can_zoom=True, widest=_PAGE)
     left = MARGIN + pieces.label_width
     head = _svg(pieces.head_width, pieces.head_height, f"<style>{STYLE}</style>{pieces.head}")
     labels = _svg(left, pieces.height, f'<g transform="translate({MARGIN:.0f} 0)">{pieces.labels}</g>')

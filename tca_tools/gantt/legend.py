@@ -6,7 +6,9 @@ from html import escape
 from tca_tools.drawing import width_of
 from tca_tools.gantt.colours import dark
 from tca_tools.gantt.parts import Chart
-from tca_tools.gantt.shapes import COPED, FAILED, LONGEST_LABEL, MARGIN
+from tca_tools.gantt.queues import CURVE, is_curve
+from tca_tools.gantt.scale import Scale
+from tca_tools.gantt.shapes import COPED, FAILED, KILLED, LONGEST_LABEL, MARGIN
 from tca_tools.terminal import cut
 from tca_wire.lines import printable
 
@@ -15,21 +17,22 @@ _MOST_NAMES = 40
 """A robot has so many messages at most whose colours can be told apart."""
 _RAISED = "failure raised beside the handler"
 _GREY = "#52606d"
+_WHOLE = 'width="1" height="1" patternContentUnits="objectBoundingBox"'
 
 
-def legend(chart: Chart, width: float, top: float) -> tuple[list[str], float]:
-    """Squares with their meanings, in as many lines as they need; and where what follows may begin."""
-    return _in_lines(meanings(chart), width, top)
-
-
-def meanings(chart: Chart) -> list[tuple[str, str]]:
+def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     """What a square may look like (attributes of a ``<rect>``), and what that means."""
     bars = [bar for row in chart.rows for bar in row.bars]
     held = [one for row in chart.rows for one in row.held if one.end >= chart.start and one.start <= chart.end]
     shown = {bar.name for bar in bars}
     items = [('fill="#3e4c59"', "handling"), ('fill="#c5cbd3"', "waiting for a reply, task or lock")]
-    items += [('fill="url(#queued)"', "queued")]
-    items += [('fill="url(#suspended)"', "suspended")] * any(bar.is_suspended for bar in bars)
+    curves = [is_curve(row, scale) for row in chart.rows]
+    hatched = {
+        bar.is_suspended for row, curve in zip(chart.rows, curves, strict=True) if not curve for bar in row.queued
+    }
+    items += [('fill="url(#queued)"', "queued")] * (False in hatched or not any(curves))
+    items += [('fill="url(#suspended)"', "suspended")] * (True in hatched)
+    items += [(f'fill="{CURVE}"', "how many are queued or suspended")] * any(curves)
     items += [(f'fill="#ffffff" stroke="{_GREY}" stroke-dasharray="4 3"', "held")] * any(
         row.held_back for row in chart.rows
     )
@@ -37,16 +40,20 @@ def meanings(chart: Chart) -> list[tuple[str, str]]:
     items += [('class="reserved"', "reserved")] * any(one.is_reserved for one in held)
     items += [('class="failed"', "failed")] * any(bar.has_failed and not bar.has_coped for bar in bars)
     items += [('class="coped"', "failed, and handled")] * any(bar.has_coped for bar in bars)
+    items += [('fill="url(#killed)"', "killed")] * any(bar.was_killed for bar in bars)
     marks = [mark for bar in bars for mark in bar.raised if chart.start <= mark.time <= chart.end]
     items += [(f'fill="{FAILED}"', _RAISED)] * any(not mark.has_coped for mark in marks)
     items += [(f'fill="{COPED}"', f"{_RAISED}, and handled")] * any(mark.has_coped for mark in marks)
+    good = {bar.has_coped for bar in bars if bar.has_failed} | {mark.has_coped for mark in marks}
+    items += [('fill="url(#flag)"', "here something failed" + ", and was handled" * (False not in good))] * bool(good)
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
     items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
     return items
 
 
-def _in_lines(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
+def legend(items: list[tuple[str, str]], width: float, top: float) -> tuple[list[str], float]:
+    """Squares with their meanings, in as many lines as they need; and where what follows may begin."""
     lines: list[str] = []
     x, y = MARGIN, top
     for look, words in items:
@@ -67,6 +74,9 @@ def patterns(chart: Chart, *, of_names: bool = True) -> str:
 def _of_legend() -> Iterator[str]:
     yield _pattern("queued", _GREY, 45)
     yield _pattern("suspended", _GREY, -45, gap=9)
+    yield f'<pattern id="killed" {_WHOLE}><rect width="1" height="1" fill="#8a97a5"/>'
+    yield f'<rect x="0.75" width="0.25" height="1" fill="{KILLED}"/></pattern>'
+    yield f'<pattern id="flag" {_WHOLE}><path d="M0.2 0.2 h0.6 l-0.3 0.6 z" fill="{FAILED}"/></pattern>'
 
 
 def _of_names(chart: Chart) -> Iterator[str]:

@@ -49,6 +49,7 @@ class Bar:
     has_failed: bool = False
     has_coped: bool = False
     """Whether the run went on after that failure."""
+    was_killed: bool = False
     waits: list[Part] = field(default_factory=list)
     raised: list[Mark] = field(default_factory=list)
     """The failures that were raised on it meanwhile, beside its handler."""
@@ -112,6 +113,8 @@ class Row:
     """Its locks and reservations."""
     is_offered: bool = False
     """Whether its module offers to handle something."""
+    is_nobodys: bool = False
+    """Whether it is of what is no module's."""
 
     @property
     def lanes(self) -> int:

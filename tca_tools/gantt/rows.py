@@ -2,22 +2,21 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from dataclasses import dataclass
 from operator import attrgetter
 
 from tca_tools.drawing import rectangle, text
-from tca_tools.gantt.blocks import Block, in_blocks, queue_lengths
+from tca_tools.gantt.blocks import Block, in_blocks
 from tca_tools.gantt.colours import dark, light
+from tca_tools.gantt.flags import flags
 from tca_tools.gantt.parts import Bar, Chart, Row
-from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, row_label
+from tca_tools.gantt.queues import MOST_QUEUE_LANES, QUEUE_LANE, curve, is_curve, queue_height
+from tca_tools.gantt.scale import Scale
+from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, KILLED, row_label
 from tca_tools.terminal import columns_of
 from tca_wire.lines import printable
 
-_LANE, _QUEUE_LANE = 24.0, 9.0
+_LANE = 24.0
 _MOST_LANES = 12
-_MOST_QUEUE_LANES = 6
-"""Of a longer queue only the length is drawn."""
-_QUEUE_HEIGHT = 30.0
 _HELD_LANE, _MOST_HELD_LANES = 17.0, 6
 """What is held says why on its bar; of more the number is said."""
 _NARROW, _COLUMN = 1.5, 4.0
@@ -27,36 +26,9 @@ _PALEST = 0.45
 _START = attrgetter("start")
 _STROKE = 2.5
 _FRAMED = 6.0
-"""Pixels: a narrower bar that failed gets no frame."""
-
-
-@dataclass(frozen=True)
-class Scale:
-    """Where a time stands in the plot. *depths*: how many times wider it can be made."""
-
-    width: float
-    start: float
-    end: float
-    depths: tuple[int, ...] = (1,)
-
-    @property
-    def finest(self) -> float:
-        """The finest detail, in pixels of the plot as it is at first."""
-        return 1.0 / self.depths[-1]
-
-    @property
-    def pixel(self) -> float:
-        """How many seconds the finest detail is."""
-        return self.finest * (self.end - self.start) / self.width
-
-    def x(self, time: float) -> float:
-        """Where *time* is; at the edge, if it is beyond."""
-        time, span = min(max(time, self.start), self.end), self.end - self.start
-        return self.width * ((time - self.start) / span) if span > 0 else 0.0
-
-    def depth_for(self, needed: float, width: float) -> int | None:
-        """How many times wider the plot must be for what is *width* to be as wide as *needed*."""
-        return next((depth for depth in self.depths if width * depth > needed), None)
+"""Pixels: a narrower bar that failed gets no frame, and one that was killed no dark end."""
+_FOOT = 5.0
+"""Pixels: how high what they get is."""
 
 
 class Painter:
@@ -65,6 +37,7 @@ class Painter:
     def __init__(self, chart: Chart, scale: Scale) -> None:
         self._numbers = {name: number for number, name in enumerate(chart.names)}
         self._scale = scale
+        self._curves = {id(row) for row in chart.rows if is_curve(row, scale)}
         self._narrow, self._column = _NARROW * scale.pixel, _COLUMN * scale.pixel
 
     def height(self, row: Row) -> float:
@@ -73,7 +46,7 @@ class Painter:
         return min(row.lanes, _MOST_LANES) * _LANE + self._queue_height(row) + held
 
     def _queue_height(self, row: Row) -> float:
-        return _QUEUE_HEIGHT if row.queue_lanes > _MOST_QUEUE_LANES else row.queue_lanes * _QUEUE_LANE
+        return queue_height(row, is_curve=id(row) in self._curves)
 
     def label(self, row: Row, right: float, top: float) -> str:
         """The row's name; of a long one the whole at the mouse."""
@@ -104,13 +77,14 @@ class Painter:
         for bar in wide:
             yield from self._handled(bar, top + min(bar.lane, _MOST_LANES - 1) * _LANE)
         below = top + min(row.lanes, _MOST_LANES) * _LANE
-        if row.queue_lanes > _MOST_QUEUE_LANES:
-            yield from self._long_queue(row, below)
+        if id(row) in self._curves:
+            yield from curve(row, self._scale, self._column, below)
         else:
             yield from self._queue(row.queued, below)
-            yield from self._marks(row.queued, below, _QUEUE_LANE, _MOST_QUEUE_LANES)
+            yield from self._marks(row.queued, below, QUEUE_LANE, MOST_QUEUE_LANES)
         yield from self._marks(row.handled, top, _LANE, _MOST_LANES)
         yield from self._held_back(row, below + self._queue_height(row))
+        yield from flags(row, self._scale, top)
 
     def _held_back(self, row: Row, top: float) -> Iterator[str]:
         """What constraints hold back, with what that waits for in words."""
@@ -150,22 +124,8 @@ class Painter:
             kind = "suspended" if isinstance(one, Bar) and one.is_suspended else "queued"
             look = f'fill="url(#{kind}{number})" stroke="{dark(number)}" stroke-width="0.6"{_paled(one)}'
             left, right = self._scale.x(one.start), self._scale.x(one.end)
-            y = top + one.lane * _QUEUE_LANE + 1
-            yield rectangle(look, left, y, max(right, left + self._scale.finest), _QUEUE_LANE - 2, one.title)
-
-    def _long_queue(self, row: Row, top: float) -> Iterator[str]:
-        """How many wait, as a line of steps; beside the highest of them the number."""
-        steps = [one for one in queue_lengths(row.queued, self._scale.start, self._column) if one[0] <= self._scale.end]
-        most = max((number for *_, number in steps), default=1)
-        for start, end, number in steps:
-            height = max((_QUEUE_HEIGHT - 4) * number / most, 1.0)
-            left, right, y = self._scale.x(start), self._scale.x(end), top + _QUEUE_HEIGHT - 2 - height
-            title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
-            yield rectangle('fill="#7b8794"', left, y, right, height, title)
-        words = f"up to {most} {row.queue_kind}"
-        peak = next((start for start, _, number in steps if number == most), 0.0)
-        x = max(self._scale.x(peak) - columns_of(words) * CHARACTER - 6, 3.0)
-        yield f'<text class="faint" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
+            y = top + one.lane * QUEUE_LANE + 1
+            yield rectangle(look, left, y, max(right, left + self._scale.finest), QUEUE_LANE - 2, one.title)
 
     def _block(self, block: Block, top: float) -> Iterator[str]:
         left = self._scale.x(block.start)
@@ -175,6 +135,8 @@ class Painter:
         yield rectangle(f'fill="{colour}" fill-opacity="{shade:.2f}"', left, top + 2, right, _LANE - 4, block.title)
         if block.has_failed:
             yield _failed(block, left, right, top + 2, self._scale.finest)
+        if block.was_killed:
+            yield _foot(KILLED, left, right, top + 2, self._scale.finest)
 
     def _handled(self, bar: Bar, top: float) -> Iterator[str]:
         scale, number, paled = self._scale, self._numbers[bar.name], _paled(bar)
@@ -195,6 +157,8 @@ class Painter:
             yield f'<path fill="{colour}" d="M{right:.1f} {y:.1f} l7 {height / 2:.1f} l-7 {height / 2:.1f} z"/>'
         if bar.has_failed:
             yield _failed(bar, left, right, y, scale.finest)
+        if bar.was_killed and bar.end <= scale.end:
+            yield _killed(left, right, y, scale.finest)
         yield from self._bar_label(bar.name, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4)
 
     def _bar_label(
@@ -219,8 +183,19 @@ def _failed(one: Bar | Block, left: float, right: float, top: float, finest: flo
     """A frame or, where that would hide all that is in it, a foot: red, or amber if the run went on."""
     if right - left > _FRAMED:
         return rectangle(f'class="{"coped" if one.has_coped else "failed"}"', left, top, right, _LANE - 4)
-    colour = COPED if one.has_coped else FAILED
-    return rectangle(f'fill="{colour}"', left, top + _LANE - 9, max(right, left + 1.5 * finest), 5)
+    return _foot(COPED if one.has_coped else FAILED, left, right, top, finest)
+
+
+def _killed(left: float, right: float, top: float, finest: float) -> str:
+    """A dark end or, where there is no room for it, a foot."""
+    if right - left > _FRAMED:
+        x = right - 1.5 * finest
+        return f'<line class="killed" x1="{x:.2f}" y1="{top:.1f}" x2="{x:.2f}" y2="{top + _LANE - 4:.1f}"/>'
+    return _foot(KILLED, left, right, top, finest)
+
+
+def _foot(colour: str, left: float, right: float, top: float, finest: float) -> str:
+    return rectangle(f'fill="{colour}"', left, top + _LANE - 4 - _FOOT, max(right, left + 1.5 * finest), _FOOT)
 
 
 def _paled(one: Bar | Block) -> str:

@@ -13,9 +13,15 @@ _WIDEST = 1.2
 """How much wider than usual letters are where a machine has none of the fonts that are asked for."""
 FAILED, COPED = "#c81e1e", "#d08a00"
 """The colours of what failed, and of what did though the run went on."""
+KILLED = "#10161d"
+"""The colour of the end of what was killed."""
 OWN_STYLE = f"""\
 .on {{ fill: #ffffff; font-size: 11px; }} .connected {{ fill: #f1f3f5; }} .in {{ font-size: 11px; }}
 .failed {{ fill: none; stroke: {FAILED}; stroke-width: 2; }} .coped {{ fill: none; stroke: {COPED}; stroke-width: 2; }}
+.number {{ fill: #3e4c59; font-size: 11px; }}
+.number {{ stroke: #f1f3f5; stroke-width: 4px; stroke-linejoin: round; paint-order: stroke; }}
+.before {{ text-anchor: end; }}
+.killed {{ stroke: {KILLED}; stroke-width: 3; }}
 .label {{ text-anchor: end; }} .beside {{ opacity: 0.4; }}
 .locked {{ fill: #f6c9c5; }} .reserved {{ fill: #f9e3b4; }}"""
 STYLE = drawing.STYLE + OWN_STYLE

@@ -6,9 +6,10 @@ from statistics import median
 
 from tca_tools.drawing import document, text
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.legend import legend, patterns
+from tca_tools.gantt.legend import legend, meanings, patterns
 from tca_tools.gantt.parts import Chart
-from tca_tools.gantt.rows import Painter, Scale
+from tca_tools.gantt.rows import Painter
+from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.shapes import MARGIN, OWN_STYLE, label_room
 
 _NARROWEST, _WIDEST = 1100.0, 1700.0
@@ -29,6 +30,8 @@ class Pieces:
     """A chart in pieces, for whoever puts them together."""
 
     head: str
+    meanings: list[tuple[str, str]]
+    """What the squares of its legend look like, and mean."""
     head_width: float
     head_height: float
     labels: str
@@ -69,10 +72,11 @@ def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float
         bands += painter.band(row, bottom)
         bars += painter.bars(row, bottom)
         bottom += painter.height(row) + _ROW_GAP
+    meant = meanings(chart, scale)
     head_width = _PAGE if can_zoom else MARGIN * 2 + label_width + width
-    head, head_height = _head(chart, title, head_width)
+    head, head_height = _head(chart, meant, title, head_width)
     plot = [patterns(chart), *bands, *_grid(scale, bottom, _DEPTHS if can_zoom else _DEPTHS[:1]), *bars]
-    return Pieces(head, head_width, head_height, "\n".join(labels), label_width, "\n".join(plot), width, bottom)
+    return Pieces(head, meant, head_width, head_height, "\n".join(labels), label_width, "\n".join(plot), width, bottom)
 
 
 def _plot_width(chart: Chart) -> float:
@@ -83,9 +87,9 @@ def _plot_width(chart: Chart) -> float:
     return min(max(wanted, _NARROWEST), _WIDEST)
 
 
-def _head(chart: Chart, title: str, width: float) -> tuple[str, float]:
+def _head(chart: Chart, meant: list[tuple[str, str]], title: str, width: float) -> tuple[str, float]:
     """Title and legend, and how high they are."""
-    lines, bottom = legend(chart, width, MARGIN + _TITLE)
+    lines, bottom = legend(meant, width, MARGIN + _TITLE)
     heading = f'<text class="title" x="{MARGIN:.0f}" y="{MARGIN + 6:.0f}">{text(title)}</text>'
     return "\n".join([patterns(chart, of_names=False), heading, *lines]), bottom
 

@@ -7,7 +7,7 @@ from math import ceil
 from tca_tools.analysis.spans import Cover
 from tca_tools.coping import GOOD_FATES
 from tca_tools.gantt.bars import chart
-from tca_tools.gantt.legend import meanings, patterns
+from tca_tools.gantt.legend import patterns
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import STYLE
 from tca_tools.gantt.svg import pieces_of
@@ -83,7 +83,7 @@ def _drawn(drawing: Chart, why: str) -> Gantt:
         drawing.end,
         not why,
         why,
-        meanings(drawing),
+        pieces.meanings,
         STYLE,
         pieces.labels,
         f'{patterns(drawing, of_names=False)}<g transform="translate({_EDGE} 0)">{pieces.plot}</g>',

@@ -12,12 +12,15 @@ from tca_tools.output import write_output
 from tca_tools.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
-from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, outline, whole_outline
+from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, cut_off, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.terminal import can_show, cut, line_width
 from tca_tools.then import Then
 from tca_wire.lines import printable
+
+_DRAWN, _MOST_DRAWN = 120, 300
+"""A picture of a large tree shows so many tasks if that can be chosen, and never more rows than the second."""
 
 
 @click.command()
@@ -85,7 +88,7 @@ def _chosen_rows(forest: Forest, everything: bool, *, is_picture: bool) -> list[
     """A text scrolls, so it is folded only when it is long; a picture also when it is wide."""
     if everything or (len(forest.tasks) <= SHOWN_AT_MOST and not is_picture):
         return whole_outline(forest)
-    return outline(forest)
+    return cut_off(outline(forest, budget=_DRAWN), _MOST_DRAWN) if is_picture else outline(forest)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,17 @@
-"""Which tasks of a tree are shown, in which order: every task, or the achieved parts of a large tree folded up.
+"""Which tasks of a tree are shown, in which order: every task, or what says little in a large tree folded up.
 
 Nothing here recurses: a tree may be a million deep.
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
 from tca_tools.records import State
 from tca_tools.selection import Forest
 from tca_tools.then import TaskThen
-from tca_wire.points import ROOT
+from tca_wire.points import ROOT, TaskId
 
 SHOWN_AT_MOST = 300
 """A tree of more tasks is folded, if it may be."""
@@ -18,6 +19,7 @@ BESIDE_AT_MOST = 12
 """Of more tasks side by side, runs of tasks in the same state are folded."""
 _KEPT = 2
 """How many tasks of such a run stay at either end."""
+_States = Mapping[int, State]
 
 
 @dataclass(slots=True)
@@ -30,52 +32,116 @@ class Row:
     depth: int
     folded: int = 0
     """How many tasks it stands for, if for no one task."""
+    killed: int = 0
+    """How many of those were killed, if others were achieved."""
     state: State = State.ACHIEVED
     """What state those are in."""
+    is_rest: bool = False
+    """Whether it stands for all that comes behind."""
     is_last: bool = False
     """Whether it is its parent's last."""
     number: int = -1
     """Its place among all rows."""
 
 
-def outline(then: Forest, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST) -> list[Row]:
-    """The rows of the tree. Beyond *shown_at_most*, subtrees that are achieved are folded, those deep down first."""
-    is_large = len(then.tasks) > shown_at_most
-    return _rows(then, _choose(then, shown_at_most) if is_large else None, beside_at_most)
+def outline(
+    then: Forest, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST, budget: int | None = None
+) -> list[Row]:
+    """The rows of the tree. One of more than *shown_at_most* tasks is folded: subtrees in which all was achieved, or
+    killed with what they are under, those deep down first, until about *budget* tasks are shown (None: as many).
+    """
+    states = {number: task.state for number, task in then.tasks.items()}
+    loud = _loud(then, states)
+    if len(then.tasks) <= shown_at_most:
+        return _rows(then, None, loud, _Sizes(then, states), beside_at_most)
+    shown = _choose(then, states, loud, budget or shown_at_most, beside_at_most)
+    return _rows(then, shown, loud, _Sizes(then, states), beside_at_most)
 
 
 def whole_outline(then: Forest) -> list[Row]:
     """A row for every task."""
-    return _rows(then, None, len(then.tasks))
+    return _rows(then, None, set(), _Sizes(then, {}), len(then.tasks))
 
 
-def _choose(then: Forest, budget: int) -> set[int]:
-    """The tasks to show: all that are not achieved with what they hang under, then achieved ones from the top down."""
-    shown = {0}
+def cut_off(rows: list[Row], at_most: int) -> list[Row]:
+    """The first rows and, in place of the others, one that says how many tasks they are."""
+    if len(rows) <= at_most:
+        return rows
+    rest = sum(row.folded or 1 for row in rows[at_most:])
+    return [*rows[:at_most], Row(None, -1, 0, folded=rest, is_rest=True, is_last=True, number=at_most)]
+
+
+def _loud(then: Forest, states: _States) -> set[int]:
+    """The tasks that are shown in any case: those that go on, that failed, or were killed for a reason of their own,
+    and all that they are under.
+    """
+    loud = {int(ROOT)}
     for task_id in sorted(then.tasks, reverse=True):  # children have larger ids than their parents
-        task = then.tasks[task_id]
-        if task_id in shown or task.state is not State.ACHIEVED:
-            shown.update((task_id, task.parent))
+        if task_id in loud or not (states[task_id] is State.ACHIEVED or _went_along(then, states, task_id)):
+            loud.update((task_id, then.tasks[task_id].parent))
+    return loud
+
+
+def _went_along(then: Forest, states: _States, task_id: int) -> bool:
+    """Whether a task was killed with what it is under."""
+    task = then.tasks[task_id]
+    were_killed = states[task_id] is State.KILLED and states.get(task.parent) is State.KILLED
+    return were_killed and task.why_killed == then.tasks[task.parent].why_killed
+
+
+def _choose(then: Forest, states: _States, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
+    """The tasks to show: those that are in any case, then others from the top down, of many alike side by side the
+    first and the last.
+    """
+    shown, samples = set(loud), set[int]()
     level = deque([ROOT])
     while level and len(shown) <= budget:
-        children = then.children(level.popleft())
-        shown.update(children[: budget + 1 - len(shown)])
+        above = level.popleft()
+        children = then.children(above)
+        is_crowded = len(children) > beside_at_most
+        nearest = (_ends(states, children) if is_crowded else children)[: budget + 1 - len(shown)]
+        shown.update(nearest)
+        samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
-    return shown
+    return shown - {one for one in samples - loud if _is_empty(then, one, shown)}
 
 
-def _sizes(then: Forest) -> dict[int, int]:
-    """How many tasks each subtree has."""
-    sizes = dict.fromkeys(then.tasks, 1)
-    for task_id in sorted(then.tasks, reverse=True):
-        parent = then.tasks[task_id].parent
-        if parent in sizes:  # not the root, and not above the part that is shown
-            sizes[parent] += sizes[task_id]
-    return sizes
+def _is_empty(then: Forest, task: int, shown: set[int]) -> bool:
+    """Whether there is something under a task, and nothing of that is shown."""
+    children = then.children(task)
+    return bool(children) and not any(child in shown for child in children)
 
 
-def _rows(then: Forest, shown: set[int] | None, beside_at_most: int) -> list[Row]:
-    sizes = _sizes(then)
+def _ends(states: _States, tasks: list[TaskId]) -> list[TaskId]:
+    """The first and the last of each run of tasks in one state."""
+    found: list[TaskId] = []
+    for _, run in groupby(tasks, states.__getitem__):
+        alike = list(run)
+        found += alike if len(alike) <= 2 * _KEPT else [*alike[:_KEPT], *alike[-_KEPT:]]
+    return found
+
+
+class _Sizes:
+    """How many tasks each subtree has, and how many of those were killed."""
+
+    def __init__(self, then: Forest, states: _States) -> None:
+        self.all = dict.fromkeys(then.tasks, 1)
+        self.killed = {number: int(states.get(number) is State.KILLED) for number in then.tasks}
+        for task_id in sorted(then.tasks, reverse=True):
+            parent = then.tasks[task_id].parent
+            if parent in self.all:  # not the root, and not above the part that is shown
+                self.all[parent] += self.all[task_id]
+                self.killed[parent] += self.killed[task_id]
+
+    def fold(self, row: Row, into: Row) -> None:
+        """Let a row stand for one more, or for as many as another."""
+        into.folded += self.all[row.task.id] if row.task else row.folded
+        into.killed += self.killed[row.task.id] if row.task else row.killed
+        if into.killed:
+            into.state = State.KILLED
+
+
+def _rows(then: Forest, shown: set[int] | None, loud: set[int], sizes: _Sizes, beside_at_most: int) -> list[Row]:
     rows: list[Row] = []
     waiting = [Row(None, -1, -1)]  # a stack: the last goes first
     while waiting:
@@ -85,45 +151,47 @@ def _rows(then: Forest, shown: set[int] | None, beside_at_most: int) -> list[Row
             rows.append(row)
         if row.task or row.depth < 0:
             below = _below(then, shown, sizes, row)
-            below = _squeezed(below, sizes) if len(below) > beside_at_most else below
+            below = _squeezed(below, loud, sizes) if len(below) > beside_at_most else below
             for last in below[-1:]:
                 last.is_last = True
             waiting += reversed(below)
     return rows
 
 
-def _below(then: Forest, shown: set[int] | None, sizes: dict[int, int], row: Row) -> list[Row]:
+def _below(then: Forest, shown: set[int] | None, sizes: _Sizes, row: Row) -> list[Row]:
     """The rows right under one; tasks that are not shown and stand side by side share one."""
     found: list[Row] = []
     for child in then.children(row.task.id if row.task else ROOT):
         if shown is None or child in shown:
             found.append(Row(then.tasks[child], row.number, row.depth + 1))
-        elif found and found[-1].task is None:
-            found[-1].folded += sizes[child]
-        else:
-            found.append(Row(None, row.number, row.depth + 1, folded=sizes[child]))
+            continue
+        if not found or found[-1].task is not None:
+            found.append(Row(None, row.number, row.depth + 1))
+        sizes.fold(Row(then.tasks[child], row.number, row.depth + 1), found[-1])
     return found
 
 
-def _squeezed(rows: list[Row], sizes: dict[int, int]) -> list[Row]:
+def _squeezed(rows: list[Row], loud: set[int], sizes: _Sizes) -> list[Row]:
     """The rows with long runs of one state folded, but for the ends of each run."""
     squeezed: list[Row] = []
-    for state, run in groupby(rows, _state_to_fold):
+    for state, run in groupby(rows, lambda row: _state_to_fold(row, loud)):
         alike = list(run)
         last = len(alike) - _KEPT if alike[-1].task else len(alike)
         middle = alike[_KEPT:last]
         if state is None or len(middle) < _KEPT:
             squeezed += alike
             continue
-        folded = sum(sizes[row.task.id] if row.task else row.folded for row in middle)
-        one = Row(None, alike[0].parent, alike[0].depth, folded=folded, state=state)
+        one = Row(None, alike[0].parent, alike[0].depth, state=state)
+        for row in middle:
+            sizes.fold(row, one)
         squeezed += [*alike[:_KEPT], one, *alike[last:]]
     return squeezed
 
 
-def _state_to_fold(row: Row) -> State | None:
+def _state_to_fold(row: Row, loud: set[int]) -> State | None:
     """The state of a row, if nothing worth seeing would be lost by folding it."""
     if not row.task:
         return row.state
     state = row.task.state
-    return state if state is State.ACHIEVED or not (row.task.children or state is State.FAILED) else None
+    is_quiet = row.task.id not in loud or not row.task.children
+    return state if is_quiet and state is not State.FAILED else None

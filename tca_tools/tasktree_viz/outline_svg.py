@@ -25,6 +25,9 @@ _STYLE = """\
 .kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .zebra { fill: #f7f8fa; }
 .planning { fill: #b9a6e8; } .outlined { stroke: #1f2933; }"""
 _SECOND = "planning"
+_FOLDED = (
+    "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
+)
 
 
 def outline_svg(then: Then, rows: list[Row], title: str, *, with_data: bool = False) -> str:
@@ -151,6 +154,7 @@ def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str], right: 
         x += needed
     y += 32
     meanings = [("heavy lines", MEANINGS[SEQ])] * has_heavy
+    meanings += [("dashed, with +", _FOLDED)] * any(row.folded for row in rows)
     meanings += [(kind, meaning) for kind, meaning in MEANINGS.items() if kind in kinds and kind != SEQ]
     for what, meaning in meanings:
         lines.append(f'<text class="kind" x="{_MARGIN:.0f}" y="{y:.1f}">{what}: {meaning}</text>')

@@ -231,7 +231,12 @@ def data(task: TaskThen) -> str:
 
 def folded(row: Row) -> str:
     """What a row says that stands for several tasks."""
-    return f"+ {row.folded} task{'s' * (row.folded != 1)} {row.state}"
+    tasks = f"+ {row.folded} task{'s' * (row.folded != 1)}"
+    if row.is_rest:
+        return f"{tasks} further down"
+    if 0 < row.killed < row.folded:
+        return f"{tasks}: {row.folded - row.killed} {State.ACHIEVED}, {row.killed} {State.KILLED}"
+    return f"{tasks} {row.state}"
 
 
 def summary(then: Forest, *, is_live: bool = False) -> str:

@@ -53,6 +53,7 @@ TABLES = {
     "hold.kind": "i",  # a text
     "hold.time": "d",
     "row.label": "i",  # a text
+    "row.module": "i",  # a text: "" is that of what nobody handles
     "span.row": "i",
     "span.kind": "B",
     "span.name": "i",  # a text
@@ -256,7 +257,7 @@ class Feed:
     def _row(self, module: str, resource: str) -> int:
         label = place(module, resource) if module else NO_HANDLER
         if (row := self._rows.get(label)) is None:
-            row = self._rows[label] = self.columns.add("row", self.columns.text(label))
+            row = self._rows[label] = self.columns.add("row", self.columns.text(label), self.columns.text(module))
         return row
 
     def _span(

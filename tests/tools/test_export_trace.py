@@ -53,6 +53,15 @@ def test_a_resource_is_a_track_with_its_handlings_and_their_waits(tmp_path: Path
     assert spans(read.on("controller"), "module") == [("connected", 0.2, None)]
 
 
+def test_resources_stand_in_the_order_in_which_they_came_as_in_charts(tmp_path: Path) -> None:
+    story = Story().module("oven", "heat").at(1.0)
+    for resource in ("meter", "chamber"):
+        story.delivered(story.command("bake", "user"), "oven", resource)
+    tracks = [track for track in trace_of(story.at(2.0).fold(), tmp_path).tracks.values() if track.parent_uuid]
+    in_order = sorted(tracks, key=lambda track: track.sibling_order_rank)
+    assert [track.name for track in in_order if track.name in ("meter", "chamber")] == ["meter", "chamber"]
+
+
 def test_a_message_is_an_arrow_from_its_sender_through_the_queue_to_its_handler(tmp_path: Path) -> None:
     read = trace_of(walking().fold(), tmp_path)
     stations = [(one.track, one.category, one.name) for one in read.flows[2]]

@@ -76,7 +76,7 @@ def test_a_row_for_each_resource_and_for_what_nobody_handles() -> None:
     story = Story().module("arm", "reach", resource="arm")
     story.say(facts.ResourceChanged("arm", "gripper", 2))
     story.queued(story.goal("dance", "x"))
-    assert [row.label for row in chart(story.fold()).rows] == [NO_HANDLER, "arm", "arm / gripper"]
+    assert [row.label for row in chart(story.fold()).rows] == ["arm", "arm / gripper", NO_HANDLER]
 
 
 def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(tca: Tca, tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_the
 def test_a_row_only_of_queues_has_no_room_for_bars() -> None:
     story = Story().module("legs", "walk")
     story.queued(story.goal("dance", "x")).at(1.0)
-    nobody, legs = chart(story.fold()).rows
+    legs, nobody = chart(story.fold()).rows
     assert (legs.lanes, legs.queue_lanes) == (1, 0)
     assert (nobody.lanes, nobody.queue_lanes) == (0, 1)
 

@@ -64,7 +64,7 @@ def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
 
 
 def test_who_has_a_resource_for_himself() -> None:
-    legs = chart(locking().fold()).rows[2]
+    legs = chart(locking().fold()).rows[1]
     assert [(one.start, one.end, one.is_reserved, one.owner) for one in legs.held] == [
         (2.0, 3.0, False, "eyes"),
         (4.0, 5.0, True, "planner"),
@@ -77,15 +77,15 @@ def test_who_has_a_resource_for_himself() -> None:
     assert "reserved by planner" not in picture.replace("legs reserved by planner", "")  # a bar stands in its place
 
 
-def test_suspended_tasks_have_a_row_on_top_as_in_the_page() -> None:
+def test_suspended_tasks_have_a_row_below_the_modules_as_in_the_page() -> None:
     past = locking().fold()
-    top = chart(past).rows[0]
-    assert (top.label, [(bar.name, bar.start, bar.end) for bar in top.queued]) == (SUSPENDED, [("adjust", 1.0, 3.5)])
-    assert not any(bar.is_suspended for row in chart(past).rows[1:] for bar in row.queued)
+    last = chart(past).rows[-1]
+    assert (last.label, [(bar.name, bar.start, bar.end) for bar in last.queued]) == (SUSPENDED, [("adjust", 1.0, 3.5)])
+    assert not any(bar.is_suspended for row in chart(past).rows[:-1] for bar in row.queued)
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "x")
     story.at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
-    bar = chart(story.fold()).rows[0].queued[0]
+    bar = chart(story.fold()).rows[-1].queued[0]
     assert (bar.is_suspended, bar.start, bar.end, bar.is_open) == (True, 1.0, 2.0, True)
     assert bar.title == "walk {1} suspended by panel from 1.000 s on, 1.000 s"
 
@@ -111,12 +111,12 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
 def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
     story = Story().module("legs", "walk")
     story.queued(story.goal("dance", "x")).at(1.0).delivered(1, "legs").at(9.0)
-    assert labels(chart(story.fold())) == [NO_HANDLER, "legs"]
+    assert labels(chart(story.fold())) == ["legs", NO_HANDLER]
     assert labels(chart(story.fold(), start=2.0)) == ["legs"]
 
 
 def test_a_wait_for_a_lock_is_a_wait_of_its_handler() -> None:
-    look = chart(locking().fold()).rows[3].handled[0]
+    look = chart(locking().fold()).rows[2].handled[0]
     assert [(wait.start, wait.end) for wait in look.waits] == [(1.0, 2.0)]
     assert look.waits[0].title == "look {3} waits for lock of legs {90} from 1.000 s to 2.000 s, 1.000 s"
 
@@ -251,7 +251,7 @@ def test_what_failed_is_seen_in_a_block() -> None:
     failing = story.at(1000.0).received("step", COMMAND, "x")
     story.delivered(failing, "legs 0").at(1000.01).returned(failing, Outcome.FAILED)
     picture = svg_text(chart(story.fold()), "failing")
-    assert picture.count("#c81e1e") == 2  # its foot, and in the style of frames
+    assert picture.count("#c81e1e") == 4  # its foot and flag, in the style of frames, and in the legend
 
 
 def test_of_a_long_queue_the_length_is_shown(tca: Tca, tmp_path: Path) -> None:

@@ -101,17 +101,17 @@ def a_long_walk(achieved: int, held: int) -> Story:
 def test_a_large_tree_is_folded_where_it_is_achieved() -> None:
     rows = outline(Then(a_long_walk(achieved=400, held=3).fold()))
     assert [row.folded or str(row.task) for row in rows] == [
-        *("walk {1}", "step {2}", "step {3}", 398),
+        *("walk {1}", "step {2}", "step {3}", 396, "step {400}", "step {401}"),
         *("step {402}", "step {403}", "step {404}"),
     ]
-    assert [row.is_last for row in rows] == [True, *[False] * 5, True]
+    assert [row.is_last for row in rows] == [True, *[False] * 7, True]
 
 
 def test_a_whole_tree_shows_every_task(tca: Tca, tmp_path: Path) -> None:
     folder = a_long_walk(achieved=400, held=3).write(tmp_path / "run")
     assert len(tca("tree", folder, "--all").stdout.splitlines()) == 2 + 404
     folded = tca("tree", folder).stdout.splitlines()
-    assert "├─ + 398 tasks achieved" in folded
+    assert "├─ + 396 tasks achieved" in folded
 
 
 def test_long_runs_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: Path) -> None:

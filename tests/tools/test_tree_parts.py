@@ -325,7 +325,7 @@ def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
     story, parent = Story(), 0
     for _ in range(3_100):
         parent = story.goal("take steps", "planner", parent)
-    result = tca("tree", story.write(tmp_path / "run"), "-o", tmp_path / "tree.png")
+    result = tca("tree", story.write(tmp_path / "run"), "--all", "-o", tmp_path / "tree.png")
     assert result.exit_code == 1
     assert "3100 tasks are too many for a picture: ask for a part with --task" in result.stderr
 

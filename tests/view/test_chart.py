@@ -7,8 +7,10 @@ from playwright.sync_api import expect
 from tools.story import Story
 from view.conftest import Look, until
 
+from tca_tools.gantt.bars import chart
 from tca_wire import facts
 from tca_wire.points import TaskId
+from tca_wire.vocabulary import Outcome
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +29,7 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     page = look(crowded().write(tmp_path / "crowd"))
     labels = "tca.chart.layout.filter(({ top, bottom }) => top >= 20 && bottom <= tca.chart.height).map(({ row }) => row.label)"
     seen = page.evaluate(labels)
-    assert seen[:3] == ["(suspended)", "(no handler)", "module 0"]
+    assert seen[:2] == ["module 0", "module 1"]
     assert "module 39" not in seen
     below = page.locator("#chart-below")
     expect(below).to_have_text(f"▾ {42 - len(seen)} more rows below")
@@ -35,10 +37,82 @@ def test_rows_below_the_edge_are_announced_and_reached(look: Look, tmp_path: Pat
     expect(below).not_to_have_text(f"▾ {42 - len(seen)} more rows below")
     page.locator("#chart-bar").evaluate("(bar) => { bar.scrollTop = 100000; }")
     expect(below).to_be_hidden()
-    assert page.evaluate(labels)[-1] == "module 39"
+    assert page.evaluate(labels)[-3:] == ["module 39", "(suspended)", "(no handler)"]
     page.set_viewport_size({"width": 1400, "height": 3000})
     expect(page.locator("#chart-bar")).to_be_hidden()
-    assert page.evaluate(labels)[0] == "(suspended)"
+    assert page.evaluate(labels)[0] == "module 0"
+
+
+def bakery() -> Story:
+    """Resources of two modules are used in turns; ten tasks were suspended for a while, and one is handled by nobody."""
+    story = Story().module("oven", "heat").module("store", "fetch").at(1.0)
+    for name, module, resource in [("bake", "oven", "chamber"), ("ring", "store", "phone"), ("read", "oven", "meter")]:
+        story.say(facts.HandlerAdded(name, module, resource))
+        story.delivered(story.command(name, "user"), module, resource)
+    story.queued(story.command("deliver", "user"))
+    tasks = [TaskId(story.command("mop", "user")) for _ in range(10)]
+    story.say(*(facts.SuspendedOrResumed(task, True) for task in tasks)).at(2.0)
+    return story.say(*(facts.SuspendedOrResumed(task, False) for task in tasks)).at(60.0)
+
+
+def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_room(look: Look, tmp_path: Path) -> None:
+    page = look(bakery().write(tmp_path / "bakery"))
+    labels = "tca.chart.layout.map(({ row }) => row.label)"
+    order = ["oven / chamber", "oven / meter", "store / phone"]
+    shown = page.evaluate(labels)
+    assert [label for label in shown if " / " in label] == order
+    assert shown[-2:] == ["(suspended)", "(no handler)"]
+    assert [row.label for row in chart(bakery().fold()).rows] == shown
+    place = "tca.chart.layout.find((one) => one.row.label === '(suspended)')"
+    assert page.evaluate(f"{place}.row.queued.length") == 10
+    assert page.evaluate(f"{place}.bottom - {place}.top") < 50  # pixels: two of them, and how many there are
+    page.set_viewport_size({"width": 700, "height": 500})
+    until(page, "() => tca.chart.width < 700")
+    assert page.evaluate("tca.chart.layout.filter(({ bottom }) => bottom <= tca.chart.height)[0].row.module") == "oven"
+
+
+NUMBERS = """async (counts) => {
+  const { drawLength } = await import("/page/lanes.js"), rectangles = [], texts = [];
+  const context = { fillRect: (...place) => rectangles.push(place), fillText: (words, x) => texts.push([words, x]),
+    measureText: () => ({ width: 60 }) };
+  drawLength(context, { count: (time) => counts[time] }, { left: 0, right: counts.length, y: 0, tall: 16,
+    timeAt: (x) => x, ink: "", paper: "", how: "suspended" });
+  return texts;
+}"""
+
+
+def test_the_number_of_a_curve_stands_beside_its_highest_place_and_in_the_row(look: Look, tmp_path: Path) -> None:
+    page = look(bakery().write(tmp_path / "bakery"))
+    places = {
+        "left": ([0] * 100 + [9] * 100, 34),
+        "right": ([9] * 100 + [0] * 100, 106),
+        "behind the slope": ([9] * 50 + [5] * 50 + [1] * 100, 106),
+        "over it": ([9] * 200, 4),
+    }
+    for counts, x in places.values():
+        assert page.evaluate(NUMBERS, counts) == [["up to 9 suspended", x]]
+
+
+LOOKS = """([time, before]) => {
+  const { chart } = tca, [{ top }] = chart.layout, [from, to] = chart.window;
+  const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels) - before;
+  chart.draw();
+  const at = [x, top + 4].map((place) => place * devicePixelRatio);
+  return [...chart.canvas.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
+}"""
+"""The colour of the first row so many pixels before a time."""
+
+
+def test_a_bar_of_what_was_killed_has_a_dark_end(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "walk").at(1.0)
+    for outcome in (Outcome.DONE, Outcome.KILLED):
+        task = story.command("walk", "user")
+        story.delivered(task, "legs").at(len(story.entries) + 2.0).returned(task, outcome)
+    page = look(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "walk"))
+    ends = page.evaluate("tca.chart.layout[0].row.handled.lists.flat().map(({ end }) => end)")
+    bar, dark = page.evaluate(LOOKS, [ends[0], 20]), [31, 41, 51]
+    assert [page.evaluate(LOOKS, [ends[0], 2]), page.evaluate(LOOKS, [ends[1], 20])] == [bar, bar]
+    assert page.evaluate(LOOKS, [ends[1], 2]) == dark
 
 
 def test_who_suspended_a_task_is_told_where_the_mouse_is(look: Look, tmp_path: Path) -> None:

@@ -128,7 +128,7 @@ def test_the_columns_of_a_walk() -> None:
     for entry in stumbling().entries:
         feed.apply(entry)
     page.take(feed)
-    labels = [page.texts[text] for (text,) in page.table("row")]
+    labels = [page.texts[text] for text, _ in page.table("row")]
     assert labels == ["user interface", "gait planner", "perception", "controller"]
     moves = [
         (page.texts[name], number)
@@ -151,7 +151,7 @@ def test_a_module_that_handled_nothing_has_a_row() -> None:
     for entry in story.entries:
         feed.apply(entry)
     page.take(feed)
-    rows = [page.texts[text] for (text,) in page.table("row")]
+    rows = [page.texts[text] for text, _ in page.table("row")]
     spans = [(rows[row], kind, start) for row, kind, *_, start in page.table("span")]
     assert spans == [("lamp / bulb", SpanKind.CONNECTED, 0.0), ("lamp / bulb", SpanKind.CONNECTED, 2.0)]
     assert page.table("end") == [(0, 1.0, 0)]

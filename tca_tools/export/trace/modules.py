@@ -34,7 +34,7 @@ def add_modules(trace: Trace) -> None:
         group.events = _connected(trace, group)
         resources = [resource for module, resource in places if module == name]
         ranks = count(1)
-        for resource in sorted(resources, key=lambda resource: (resource not in ("", name), resource)):
+        for resource in sorted(resources, key=lambda resource: resource not in ("", name)):
             places[name, resource].add_to(trace, group, ranks, resource or name or "messages", sent)
         _add_outside(trace, group, next(ranks), sent.outside.get(name, []))
 

@@ -3,11 +3,11 @@
 import { clipped, css, prepared, ticks } from "./format.js";
 import { ScrollBar } from "./scroll.js";
 import { drawLength } from "./lanes.js";
-import { describe, firstWith, isLight, isNobody, share } from "./spans.js";
+import { BETWEEN, LANE, NAMED, THIN, inOrder, placed } from "./rows.js";
+import { describe, firstWith, isLight, share } from "./spans.js";
 import { wasHandled } from "./store.js";
 
-const LANE = 18, THIN = 7, NAMED = 14, GAP = 9, AXIS = 20;
-const MOST_LANES = 12, CURVE = 18; // of more that wait the number is drawn
+const AXIS = 20;
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
@@ -112,24 +112,13 @@ export class Chart {
     this.bar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
   }
 
-  // Where each row stands; first those that say why something waits though no module is at it.
+  // Where each row stands.
   #lay() {
-    const { rows, suspended } = this.store, [nobody, others] = [rows.filter(isNobody), rows.filter((row) => !isNobody(row))];
-    const busy = [suspended, ...nobody, ...others].filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
-    const widths = busy.map((row) => this.context.measureText(row.label).width);
+    const rows = inOrder(this.store), widths = rows.map((row) => this.context.measureText(row.label).width);
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
-    let top = 0;
-    this.layout = busy.map((row) => {
-      const isNamed = row === suspended || isNobody(row); // no module's: there is nothing else in it
-      const lanes = isNamed ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES), thin = Math.min(row.queued.length, MOST_LANES);
-      const held = Math.min(row.held.length, 3), step = isNamed ? NAMED : THIN;
-      const curve = row.queued.length > MOST_LANES ? CURVE : 0, tall = lanes * LANE + thin * step + held * THIN + curve;
-      const place = { row, top, bottom: top + tall, lanes, thin, held, step, curve };
-      top += tall + GAP;
-      return place;
-    });
-    this.tall = top;
-    this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(top - (this.height - AXIS - 6), 0));
+    const { layout, tall } = placed(rows);
+    Object.assign(this, { layout, tall });
+    this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(tall - (this.height - AXIS - 6), 0));
     for (const place of this.layout) {
       place.top += AXIS + 4 - this.scroll;
       place.bottom += AXIS + 4 - this.scroll;
@@ -172,14 +161,14 @@ export class Chart {
       this.#drawLane(lane, y, step - 2, (span, x, w) => this.#drawQueued(span, x, w, y, step - 2));
       y += step;
     }
-    if (curve) drawLength(context, row.queued, { left: Math.ceil(this.labels), right: Math.min(this.#x(this.store.end), this.width), y, tall: curve - 2, timeAt: (x) => this.#timeAt(x), ink: css("--ink"), paper: css("--paper") });
+    if (curve) drawLength(context, row.queued, { left: Math.ceil(this.labels), right: Math.min(this.#x(this.store.end), this.width), y, tall: curve - 2, timeAt: (x) => this.#timeAt(x), ink: css("--ink"), paper: css("--paper"), how: row === this.store.suspended ? "suspended" : "queued" });
     for (const span of row.failed) {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
     }
     for (const failure of row.raised) this.#drawRaised(failure, top + held * THIN, lanes, thin, step);
     context.fillStyle = css("--paper");
-    context.fillRect(0, top - GAP / 2, this.labels - 1, bottom - top + GAP);
+    context.fillRect(0, top - BETWEEN / 2, this.labels - 1, bottom - top + BETWEEN);
     context.fillStyle = css("--ink");
     context.textAlign = "right";
     context.fillText(clipped(context, row.label, this.labels - 14), this.labels - 8, top + (held * THIN) + (lanes ? LANE : step) / 2 - 1);
@@ -222,6 +211,7 @@ export class Chart {
     const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
     const left = span.end > this.time ? Math.max(this.#x(this.time), x) : x; // before a failure is known, only what is to come has its frame
     if (span.outcome === "failed") this.#outline(left + inset, y + inset, x + wide - left - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
+    if (span.outcome === "killed" && wide > 6) this.#drawKilled(x + wide, y, tall);
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
@@ -267,6 +257,12 @@ export class Chart {
     const left = Math.max(x, this.labels) + 4;
     context.fillText(clipped(context, span.message ? `${span.name} ${span.message}` : span.name, x + wide - left - 2), left, y + tall / 2 + 0.5);
     context.restore();
+  }
+
+  // A dark end.
+  #drawKilled(x, y, tall) {
+    this.context.fillStyle = css("--ink");
+    this.context.fillRect(x - 3, y, 3, tall);
   }
 
   #drawHeld(x, width, y) {

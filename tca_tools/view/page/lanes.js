@@ -74,7 +74,7 @@ function upTo(times, time) {
 }
 
 // How many wait in a long queue, of which not all lanes are drawn: a curve, and the most that wait at a time in sight.
-export function drawLength(context, lanes, { left, right, y, tall, timeAt, ink, paper }) {
+export function drawLength(context, lanes, { left, right, y, tall, timeAt, ink, paper, how }) {
   const counts = Array.from({ length: Math.max(Math.round(right - left), 0) }, (_, x) => lanes.count(timeAt(left + x)));
   const most = counts.reduce((one, other) => Math.max(one, other), 0);
   if (!most) return;
@@ -82,12 +82,26 @@ export function drawLength(context, lanes, { left, right, y, tall, timeAt, ink, 
   context.globalAlpha = 0.35;
   counts.forEach((count, x) => context.fillRect(left + x, y + tall * (1 - count / most), 1, tall * count / most));
   context.globalAlpha = 1;
-  const text = `up to ${most.toLocaleString("en")} wait`, begin = left + Math.max(counts.indexOf(most) - context.measureText(text).width - 6, 4);
+  const text = `up to ${most.toLocaleString("en")} ${how}`, wide = context.measureText(text).width;
+  const begin = left + beside(counts, most, wide);
   context.fillStyle = paper;
   context.globalAlpha = 0.8;
-  context.fillRect(begin - 2, y + 1, context.measureText(text).width + 4, tall - 2);
+  context.fillRect(begin - 2, y + 1, wide + 4, tall - 2);
   context.globalAlpha = 1;
   context.fillStyle = ink;
   context.textAlign = "left";
   context.fillText(text, begin, y + tall / 2 + 0.5);
+}
+
+// Where the number of a curve stands: left of the first highest place, or right of it the nearest place where the curve
+// is low, within the row; over the curve only where there is none.
+function beside(counts, most, wide) {
+  const peak = counts.indexOf(most), needed = wide + 12, last = counts.length - wide - 4;
+  const isHigh = (count) => count > most / 4, left = peak - wide - 6;
+  if (left >= 4 && !counts.slice(left, peak - 1).some(isHigh)) return left;
+  for (let x = peak, free = 0; x < counts.length; x++) {
+    free = isHigh(counts[x]) ? 0 : free + 1;
+    if (free >= needed) return x - needed + 7;
+  }
+  return Math.max(Math.min(left, last), 4);
 }

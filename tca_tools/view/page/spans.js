@@ -55,6 +55,3 @@ export function firstWith(list, holds, start = 0) {
   }
   return low;
 }
-
-// Whether a row is of what no module handles.
-export function isNobody({ label }) { return label === "(no handler)"; }

@@ -43,8 +43,9 @@ function noteFailure(task, time) {
   for (let above = task.parent; above && above.failedBelow === Infinity; above = above.parent) above.failedBelow = time;
 }
 
-function newRow(label) {
-  return { label, handled: new Lanes(), queued: new Lanes(), held: new Lanes(), connected: [], failed: [], raised: [] };
+// A row of the chart; of no module's the module is "".
+function newRow(label, module = "") {
+  return { label, module, handled: new Lanes(), queued: new Lanes(), held: new Lanes(), connected: [], failed: [], raised: [] };
 }
 
 export class Store {
@@ -56,7 +57,7 @@ export class Store {
     this.tasks = []; // { id, parent, name, sender, role, form, time, children, times, states, holds, before }
     this.byId = new Map();
     this.top = [];
-    this.rows = []; // of the chart: { label, handled, queued, held, connected, failed, raised }; the first three are Lanes
+    this.rows = []; // of the chart: { label, module, handled, queued, held, connected, failed, raised }; the first three are Lanes
     this.suspended = newRow("(suspended)");
     this.suspensions = []; // the spans in it, as they began
     this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure, lanes, lane }
@@ -105,7 +106,7 @@ export class Store {
     this.#addStates(columns);
     this.#addSaid(columns);
     this.#addHolds(columns);
-    for (const label of columns["row.label"]) this.rows.push(newRow(this.texts[label]));
+    columns["row.label"].forEach((label, i) => this.rows.push(newRow(this.texts[label], this.texts[columns["row.module"][i]])));
     this.#addSpans(columns);
     this.#addFailures(columns);
     this.lengths = head.lengths;

@@ -1,0 +1,69 @@
+"""Draws what waits below a row's bars: hatched bars, or where those would be too many or too narrow, how many wait."""
+
+from collections.abc import Iterator
+
+from tca_tools.drawing import rectangle, width_of
+from tca_tools.gantt.blocks import queue_lengths
+from tca_tools.gantt.parts import Row
+from tca_tools.gantt.scale import Scale
+
+QUEUE_LANE = 9.0
+MOST_QUEUE_LANES, _MOST_OF_NOBODYS = 6, 3
+"""Of a longer queue only the length is drawn; what is no module's takes less room."""
+_HIGHEST, _LOWEST = 30.0, 16.0
+"""Pixels: of the row of a length; there must be room for its number."""
+_HATCHED = 14.0
+"""Pixels: of a bar whose hatching can be seen."""
+_LETTERS, _BESIDE = 12.0, 6.0
+CURVE = "#7b8794"
+_Steps = list[tuple[float, float, int]]
+
+
+def is_curve(row: Row, scale: Scale) -> bool:
+    """Whether only the length of its queue is drawn: of a long one, and of one that is mostly in bars too narrow."""
+    if row.queue_lanes > (_MOST_OF_NOBODYS if row.is_nobodys else MOST_QUEUE_LANES):
+        return True
+    widths = [scale.x(bar.end) - scale.x(bar.start) for bar in row.queued]
+    return 2 * sum(width for width in widths if width < _HATCHED) > sum(widths)
+
+
+def queue_height(row: Row, *, is_curve: bool) -> float:
+    """How much room its queue takes."""
+    tall = row.queue_lanes * QUEUE_LANE
+    return min(max(tall, _LOWEST), _HIGHEST) if is_curve and row.queue_lanes > 1 else tall
+
+
+def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
+    """How many wait, as a line of steps; beside the highest of them the number, if ever more than one does."""
+    steps = [one for one in queue_lengths(row.queued, scale.start, column) if one[0] <= scale.end]
+    most, tall = max((number for *_, number in steps), default=1), queue_height(row, is_curve=True)
+    for start, end, number in steps:
+        height = max((tall - 4) * number / most, 1.0)
+        left, right, y = scale.x(start), scale.x(end), top + tall - 2 - height
+        title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
+        yield rectangle(f'fill="{CURVE}"', left, y, right, height, title)
+    if row.queue_lanes == 1:
+        return  # there is nothing to compare
+    words = f"up to {most} {row.queue_kind}"
+    x, is_before = _beside(steps, most, scale, width_of(words), (tall - 2 - _LETTERS) / (tall - 4) * most)
+    kind = "number before" if is_before else "number"
+    yield f'<text class="{kind}" x="{x:.1f}" y="{top + 10:.1f}" pointer-events="none">{words}</text>'
+
+
+def _beside(steps: _Steps, most: int, scale: Scale, width: float, low: float) -> tuple[float, bool]:
+    """Where the number begins or, if it stands before that, ends; and whether it does. That is left of the first
+    highest step or right of it, the nearest place in the row in which nothing is higher than *low*; over the steps only
+    where there is none.
+    """
+    peak = next((at for at, one in enumerate(steps) if one[2] == most), 0)
+    last = max(scale.width - width - _BESIDE, 3.0)
+    highest = [(scale.x(start), scale.x(end)) for start, end, number in steps if number > low]
+    here = scale.x(steps[peak][0]) if steps else 0.0
+    left = here - width - _BESIDE
+    if left >= 3.0 and not any(start < left + width and end > left for start, end in highest):
+        return here - _BESIDE, True
+    place = here
+    for start, end in highest:
+        if end > here and start - place < width + 2 * _BESIDE:
+            place = end
+    return (place + _BESIDE if place + _BESIDE <= last else min(max(left, 3.0), last)), False

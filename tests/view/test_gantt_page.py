@@ -1,0 +1,39 @@
+"""The page that ``tca gantt -o run.html`` writes, in a real browser."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from playwright.sync_api import Browser
+from tools.story import Story, walking
+from view.conftest import until
+from view.test_report_chart import long_walk
+
+from tca_tools.gantt.__main__ import gantt
+
+pytestmark = pytest.mark.slow
+
+EDGE = "document.querySelector('.zoomed').getBoundingClientRect().right"
+ROOM = "document.querySelector('main').getBoundingClientRect().left + document.querySelector('main').clientWidth"
+IS_FITTED = f"() => Math.abs({EDGE} - ({ROOM})) < 1"
+
+
+@pytest.mark.parametrize("story", [walking, long_walk])
+def test_the_chart_opens_as_wide_as_the_window_and_is_zoomed_from_there(
+    story: Callable[[], Story], browser: Browser, tmp_path: Path
+) -> None:
+    page_file = tmp_path / "run.html"
+    result = CliRunner().invoke(gantt, [str(story().write(tmp_path / "run")), "-o", str(page_file)])
+    assert result.exit_code == 0
+    for width in (900, 1280, 2200):
+        page = browser.new_page(viewport={"width": width, "height": 700})
+        page.goto(page_file.as_uri())
+        assert page.evaluate(IS_FITTED), width
+        page.click("text=+")
+        assert not page.evaluate(IS_FITTED)
+        page.click("text=all")
+        assert page.evaluate(IS_FITTED)
+        page.set_viewport_size({"width": width + 200, "height": 700})
+        until(page, IS_FITTED)
+        page.close()
