@@ -143,7 +143,9 @@ class _Filler:
     def _waited(self, module: str, wait: Wait) -> Bar:
         end, tell = self._until(wait.end), partial(titles.module_waits, self.past, module, wait)
         part = Part(wait.start, end, tell)
-        return Bar(titles.awaited_name(self.past, wait), tell, wait.start, end, wait.end is None, waits=[part])
+        return Bar(
+            titles.awaited_name(self.past, wait), tell, wait.start, end, wait.end is None, waits=[part], is_outside=True
+        )
 
     def _queued(self, queueing: Queueing) -> Bar:
         tell = partial(titles.queued, self.past, queueing)

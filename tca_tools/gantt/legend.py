@@ -44,8 +44,9 @@ def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     marks = [mark for bar in bars for mark in bar.raised if chart.start <= mark.time <= chart.end]
     items += [(f'fill="{FAILED}"', _RAISED)] * any(not mark.has_coped for mark in marks)
     items += [(f'fill="{COPED}"', f"{_RAISED}, and handled")] * any(mark.has_coped for mark in marks)
-    good = {bar.has_coped for bar in bars if bar.has_failed} | {mark.has_coped for mark in marks}
-    items += [('fill="url(#flag)"', "here something failed" + ", and was handled" * (False not in good))] * bool(good)
+    flags = {bar.has_coped for bar in bars if bar.has_failed} | {mark.has_coped for mark in marks}
+    items += [('fill="url(#flag)"', "here something failed")] * (False in flags)
+    items += [('fill="url(#amber-flag)"', "here something failed, and was handled")] * (True in flags)
     names = [(number, name) for number, name in enumerate(chart.names) if name in shown]
     items += [(f'fill="{dark(number)}"', cut(printable(name), LONGEST_LABEL)) for number, name in names[:_MOST_NAMES]]
     items += [('fill="none"', f"and {len(names) - _MOST_NAMES} more messages")] * (len(names) > _MOST_NAMES)
@@ -76,7 +77,8 @@ def _of_legend() -> Iterator[str]:
     yield _pattern("suspended", _GREY, -45, gap=9)
     yield f'<pattern id="killed" {_WHOLE}><rect width="1" height="1" fill="#8a97a5"/>'
     yield f'<rect x="0.75" width="0.25" height="1" fill="{KILLED}"/></pattern>'
-    yield f'<pattern id="flag" {_WHOLE}><path d="M0.2 0.2 h0.6 l-0.3 0.6 z" fill="{FAILED}"/></pattern>'
+    for flag, colour in (("flag", FAILED), ("amber-flag", COPED)):
+        yield f'<pattern id="{flag}" {_WHOLE}><path d="M0.2 0.2 h0.6 l-0.3 0.6 z" fill="{colour}"/></pattern>'
 
 
 def _of_names(chart: Chart) -> Iterator[str]:

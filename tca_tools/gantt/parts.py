@@ -62,8 +62,15 @@ class Bar:
     """... and of that, when the last of them ends."""
     is_beside: bool = False
     """Whether it is not what was asked for, but what that waited for."""
+    is_outside: bool = False
+    """Whether a module waits for it outside of any handler."""
     lane: int = 0
     """Bars of one lane do not overlap."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What may stand on it, the best first: ``waits for walk``, ``walk``."""
+        return (f"waits for {self.name}", self.name) if self.is_outside else (self.name,)
 
     @property
     def is_waiting(self) -> bool:

@@ -159,24 +159,32 @@ class Painter:
             yield _failed(bar, left, right, y, scale.finest)
         if bar.was_killed and bar.end <= scale.end:
             yield _killed(left, right, y, scale.finest)
-        yield from self._bar_label(bar.name, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4)
+        yield from self._bar_label(
+            bar.labels, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4
+        )
 
     def _bar_label(
-        self, name: str, left: float, right: float, waits: list[tuple[float, float]], y: float
+        self, labels: tuple[str, ...], left: float, right: float, waits: list[tuple[float, float]], y: float
     ) -> Iterator[str]:
-        """The name, in the widest part of the bar, if it has room there."""
+        """The first that has room in the widest part of the bar; or the last, if that will have room there."""
         edges = [left, *(edge for wait in sorted(waits) for edge in wait), right]
         parts = [(edges[i + 1] - edges[i], edges[i], i % 2) for i in range(len(edges) - 1)]
         width, start, is_light = max(parts)
+        name = next((one for one in labels if _wide(one) < width), labels[-1])
         yield from self._words(name, "in" if is_light else "on", start, start + width, y)
 
     def _words(self, words: str, kind: str, left: float, right: float, y: float) -> Iterator[str]:
         """Words where they have room, or will have it."""
-        depth = self._scale.depth_for(columns_of(words) * CHARACTER + 6, right - left)
+        depth = self._scale.depth_for(_wide(words), right - left)
         if depth:
             kind += "" if depth == 1 else f" z{depth}"
             x = left + 4 / depth
             yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}" pointer-events="none">{text(words)}</text>'
+
+
+def _wide(words: str) -> float:
+    """How much room words need."""
+    return columns_of(words) * CHARACTER + 6
 
 
 def _failed(one: Bar | Block, left: float, right: float, top: float, finest: float) -> str:

@@ -192,7 +192,7 @@ def _paint(cells: _Cells, bar: Bar, chart: Chart, blocks: Blocks, colour: str) -
         start, end = (_column(time, chart, len(cells.characters)) for time in (wait.start, wait.end))
         for at in range(max(start - first, 0), min(end - first, len(line))):
             line[at] = blocks.waiting
-    _write_name(line, bar.name)
+    _write_name(line, *bar.labels)
     if bar.has_failed:
         line[-1] = _COPED if bar.has_coped else _FAILED
         colour = "yellow" if bar.has_coped else "red"
@@ -221,17 +221,18 @@ def _paint_run(
     cells.colours[first:behind] = [colour] * len(line)
 
 
-def _write_name(line: list[str], name: str) -> None:
-    """Write the name into the bar's longest run of one character, if it has room there."""
-    name = f" {printable(name)} " if name else ""
+def _write_name(line: list[str], *names: str) -> None:
+    """Write the first name that has room there into the bar's longest run of one character."""
     start = best = length = 0
     for end in range(1, len(line) + 1):
         if end == len(line) or line[end] != line[start]:
             if end - start > length:
                 best, length = start, end - start
             start = end
-    if columns_of(name) == len(name) and len(name) + 2 <= length:
-        line[best + 1 : best + 1 + len(name)] = name
+    for name in (f" {printable(name)} " for name in names if name):
+        if columns_of(name) == len(name) and len(name) + 2 <= length:
+            line[best + 1 : best + 1 + len(name)] = name
+            return
 
 
 def _length(chart: Chart) -> float:

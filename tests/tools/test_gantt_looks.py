@@ -5,6 +5,7 @@ import re
 
 import pytest
 from tools.story import COMMAND, Story
+from tools.test_coping import asking
 
 from tca_tools.drawing import width_of
 from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
@@ -45,6 +46,14 @@ def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
 def test_flags_are_in_the_legend_where_there_are_any() -> None:
     assert "here something failed" in svg_text(chart(shop(3).fold()), "shop")
     assert "here something failed" not in svg_text(chart(shop().fold()), "shop")
+
+
+def test_flags_are_in_the_legend_in_their_colours() -> None:
+    failed, handled = 'fill="url(#flag)"', 'fill="url(#amber-flag)"'
+    coped = svg_text(chart(asking(dealt_with=True).fold()), "who asked goes on")
+    assert (failed in coped, handled in coped) == (False, True)
+    bad = svg_text(chart(shop(3).fold()), "shop")
+    assert (failed in bad, handled in bad) == (True, False)
 
 
 @pytest.mark.parametrize(("steps", "look"), [(3, 'class="killed"'), (1000, 'fill="#10161d"')])
