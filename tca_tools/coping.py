@@ -201,6 +201,8 @@ def _stopped_watching(past: Past, monitor: Task, asked: float, time: float) -> b
     if time in failed:
         return False
     begun = {when for when, _, _ in monitor.retries}  # anew, perhaps with that condition
+    if any(asked < when <= time for when in begun):
+        return True
     ends = [when for when, why in monitor.became("watched") if why and not (when == asked and when in begun)]
     return any(asked <= when <= time for when in (*ends, monitor.reached.get(Moment.END_ACHIEVING, inf)))
 

@@ -148,6 +148,20 @@ def test_of_a_condition_that_fails_after_its_monitor_ended_nobody_is_told() -> N
     assert fates(past) == {asked: Fate.UNTOLD}
 
 
+def test_nor_if_it_has_begun_anew_for_the_second_time() -> None:
+    """It ended its watch with the same words before: that was no news."""
+    again = [facts.MonitorEnded(TaskId(1), "it is retried"), facts.Retried(TaskId(1), b"", "user")]
+    story = Story().module("eye", "hot?").at(1.0)
+    monitor = story.received("watch", MessageClass.POINT_MONITOR, "user")
+    story.at(2.0).say(*again)
+    asked = story.received("hot?", QUERY, "central")
+    received = story.entries[-1].facts[-1]
+    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
+    story.delivered(asked, "eye").at(3.0).say(*again)
+    past = _fail(story.at(4.0), asked).fold()
+    assert told_to(past, past.messages[asked], 4.0) == "told to nobody: watch {1} watched no longer"
+
+
 def test_a_helper_that_fails_when_all_is_decided_is_no_step_of_the_failure() -> None:
     """A walk is retried by hand while its exception handler runs; that fails later, and the walk is killed at last."""
     story = Story().module("legs", "walk").module("expert", "help").at(1.0)
