@@ -97,6 +97,7 @@ class JournalReader:
         self._window, self._window_at = b"", 0  # some bytes of the stream, and where they stand in it
         self._longest = MAX_RECORD  # no longer record is looked at: see _allowed
         self._in_vain = 0
+        self._size = 0  # of the stream, when its end was looked at: meanwhile central writes on
         self._searched = (-1, -1)  # from where, to what size of the stream: nothing sound is there
 
     def __iter__(self) -> Iterator[Entry]:
@@ -184,7 +185,7 @@ class JournalReader:
 
     def _pass_over(self) -> bool:
         """Go to the next sound record, if there is one behind what is no record; whether there is."""
-        size = self._stream.seek(0, 2)
+        size = self._size = self._stream.seek(0, 2)
         if self.offset >= size or self._searched == (self.offset, size):
             return False
         place, passed = self._by_frames(size)
@@ -241,9 +242,10 @@ class JournalReader:
         return False
 
     def _end(self) -> None:
-        """Nothing sound is left. Raises JournalDamaged, unless what is left is nothing or a torn tail."""
-        size = self._stream.seek(0, 2)
-        self.torn = size - self.offset
+        """Nothing sound was left. Raises JournalDamaged, unless what was left is nothing or a torn tail, which may have
+        become whole since.
+        """
+        self.torn = self._size - self.offset
         if self.torn <= 0:
             return
         if not self._opened:
@@ -254,9 +256,10 @@ class JournalReader:
             self._refuse("there is no record here" if length is None else "its checksum is wrong")
 
     def _is_zeros(self, place: int) -> bool:
-        """Whether nothing comes there, or what some file systems leave after a power cut."""
+        """Whether nothing was there, or what some file systems leave after a power cut."""
         self._stream.seek(place)
-        return not any(any(chunk) for chunk in iter(lambda: self._stream.read(_CHUNK), b""))
+        chunks = (self._stream.read(min(_CHUNK, self._size - at)) for at in range(place, self._size, _CHUNK))
+        return not any(map(any, chunks))
 
     def _refuse(self, why: str) -> None:
         at = f", byte {self.offset}" if self.offset else ""

@@ -233,6 +233,40 @@ def test_reading_goes_on_where_it_stopped_when_the_journal_grows() -> None:
     assert list(reader) == []
 
 
+class Written(io.BytesIO):
+    """Somebody writes on, a few bytes whenever the reader looks."""
+
+    def __init__(self, data: bytes, begun: int, more: list[int]) -> None:
+        super().__init__(data[:begun])
+        self._rest, self._more = data[begun:], more
+
+    def _grow(self) -> None:
+        here, number = self.tell(), self._more.pop() if self._more else len(self._rest)
+        super().seek(0, 2)
+        self.write(self._rest[:number])
+        super().seek(here)
+        self._rest = self._rest[number:]
+
+    def seek(self, place: int, whence: int = 0, /) -> int:
+        self._grow()
+        return super().seek(place, whence)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        found = super().read(size)
+        self._grow()
+        return found
+
+
+@given(st.integers(ENDS[1], len(BYTES)), st.lists(st.integers(0, 40), max_size=30))
+def test_who_reads_while_central_writes_sees_no_damage(begun: int, more: list[int]) -> None:
+    """A record that is not whole yet may be, and another behind it, when the reader looks once more."""
+    data = BYTES + b"".join(record(Entry(number, float(number), ENTRIES[2].facts)) for number in range(3, 12))
+    reader = JournalReader(Written(data, begun, list(more)), "walk")
+    found = [entry for _ in range(len(more) + 2) for entry in reader]
+    assert [entry.number for entry in found] == list(range(12))
+    assert (reader.torn, reader.holes) == (0, [])
+
+
 def test_any_messagepack_reader_can_walk_a_segment() -> None:
     values = list(msgpack.Unpacker(io.BytesIO(BYTES)))
     assert [value[0] for value in values[2::3]] == [0, 1, 2]
