@@ -7,7 +7,8 @@ import { lastNotAfter } from "./store.js";
 const SHOWN = 4;
 const LEAST = 150; // milliseconds between two questions
 const FAR = 2; // seconds of the run: where the reader has gone so far, what was told before is not shown any more
-const REST = 1; // after an answer that took a while nothing is asked for so many times as long
+const OLD = 0.5; // seconds of the run, after which news may have changed more than what is named
+const REST = 3000; // milliseconds in which nothing is asked, at most: for as long as the last answer took
 
 export class Causes {
   constructor(store, { choose, ask }) {
@@ -52,7 +53,7 @@ export class Causes {
       this.answer = { ...answer, asked, told, at };
       this.#draw();
     }
-    this.rest = setTimeout(() => this.#goOn(), this.hasMoved ? 0 : (performance.now() - begun) * REST);
+    this.rest = setTimeout(() => this.#goOn(), this.hasMoved ? 0 : Math.min(performance.now() - begun, REST));
   }
 
   #isFar(at) { return this.hasMoved && Math.abs(this.time - at) > FAR; }
@@ -67,7 +68,7 @@ export class Causes {
   // What was told of an earlier moment is said to be of that, if it is long ago, or if a cause is in another state now.
   #draw() {
     const { waiting, things, causes, asked, told, at } = this.answer;
-    const isOld = this.time - at > FAR || causes.some(({ text }) => hasChanged(this.store, text, told, this.time));
+    const isOld = this.time - at > OLD || causes.some(({ text }) => hasChanged(this.store, text, told, this.time));
     const isNow = asked === this.wanted || !isOld, drawn = `${asked} ${isNow}`;
     if (drawn === this.drawn) return; // what is pressed just now stays there
     this.drawn = drawn;

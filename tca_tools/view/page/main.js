@@ -111,6 +111,7 @@ function glide(time) {
   if (performance.now() - counted < SLOW) return;
   counted = performance.now();
   count(time);
+  causes.show(time, cursor === Infinity);
 }
 
 function drawCounts(time) {
