@@ -79,7 +79,7 @@ class Ends:
 
     def looking(self, node: Node, within: int | None = None) -> Iterator[None]:
         """Find them bit by bit: between two bits others may look for others, and the run may go on."""
-        if node not in self._ends:
+        if node not in self._ends and within != 0:
             for group in _Walk(self._then, self._ends).groups(node, within):
                 if group:
                     self._settle(group)

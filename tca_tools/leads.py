@@ -194,7 +194,7 @@ def _of_moment(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
         yield from _of_beginning(then, task)
     yield from found
     if until := _until(task, moments, is_end=is_end):
-        yield from (Node(child, until) for child in task.children if until not in then.tasks[child].reached)
+        yield from (Node(child, until) for child in task.children if not then.has_reached(Point(child, until)))
 
 
 def _of_beginning(then: Then, task: TaskThen) -> Iterator[Lead]:
@@ -248,4 +248,4 @@ def _of_killed(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
     if task.handling:
         yield from _of_run(then, task.handling)
     if moment in (Moment.END_PLANNING, Moment.END_ACHIEVING):
-        yield from (Node(child, moment) for child in task.children if moment not in then.tasks[child].reached)
+        yield from (Node(child, moment) for child in task.children if not then.has_reached(Point(child, moment)))

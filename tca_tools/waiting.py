@@ -263,7 +263,7 @@ def _of_ending(then: Then, task: TaskThen) -> Iterator[str]:
 def _of_children(then: Then, task: TaskThen, moment: Moment) -> Until | None:
     if task.is_retried:  # all under it ends first
         moment = Moment.END_ACHIEVING
-    open_ones = tuple(child for child in task.children if moment not in then.tasks[child].reached)
+    open_ones = tuple(child for child in task.children if not then.has_reached(Point(child, moment)))
     is_over = task.is_retried or task.state is State.ENDING  # however they end
     names = tuple(str(then.tasks[child]) for child in open_ones[:NAMED])
     return Until(open_ones, names, "has ended" if is_over else _CLAUSES[moment]) if open_ones else None
