@@ -172,14 +172,14 @@ def _changes(past: Past, message: Message) -> Iterator[Sentence]:
     raised = {(one.time, one.text): raised_by(one.by) for one in past.raised.get(message.id, ())}
     for name, say in _SAY.items():
         for time, new in message.became(name) if name in changed else ():
-            if new:
+            if new and (said := say(new)):
                 who = raised.get((time, new), "") if name == "failure" else ""
-                yield Sentence(time, say(new) + who)
+                yield Sentence(time, said + who)
 
 
 _SAY: dict[str, Any] = {
     "failure": lambda text: f"failed: {text}",
-    "failure_data": lambda data: f"the failure's data: {data_text(data)}",
+    "failure_data": lambda data: f"the failure's data: {text}" if (text := data_text(data)) else "",
     "dropped": lambda why: f"came to nothing: {why}",
     "watched": lambda why: f"watches no longer: {why}",
 }
@@ -223,9 +223,14 @@ def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
 
 
 def _retries(task: Task) -> Iterator[Sentence]:
-    for time, by, is_other in task.retries:
-        who = f" (retried{by_whom(by)})" if by else ""
-        yield Sentence(time, "to be handled again" + ", with other data" * is_other + who)
+    for one in task.retries:
+        yield Sentence(one[0], retried(one))
+
+
+def retried(retry: tuple[float, str, bool]) -> str:
+    """``to be handled again, with other data (retried by safety)``."""
+    _, by, is_other = retry
+    return "to be handled again" + ", with other data" * is_other + (f" (retried{by_whom(by)})" if by else "")
 
 
 def _tests(past: Past, monitor: Task, moment: float) -> Iterator[Sentence]:

@@ -11,7 +11,7 @@ from tca_tools.records import Ahead, Hold, State
 from tca_tools.then import TaskThen, Then
 from tca_tools.whereabouts import NAMED, claim_and_why, kept_busy, listed, whereabouts
 from tca_wire.points import ROOT, Moment, Point, TaskId, describe_moments
-from tca_wire.vocabulary import MessageClass, Scope
+from tca_wire.vocabulary import MessageClass, Role, Scope
 from tca_wire.wording import by_whom, place
 
 _CLAUSES = {
@@ -265,8 +265,15 @@ def _of_children(then: Then, task: TaskThen, moment: Moment) -> Until | None:
         moment = Moment.END_ACHIEVING
     open_ones = tuple(child for child in task.children if not then.has_reached(Point(child, moment)))
     is_over = task.is_retried or task.state is State.ENDING  # however they end
-    names = tuple(str(then.tasks[child]) for child in open_ones[:NAMED])
+    names = tuple(_below(then, task, child) for child in open_ones[:NAMED])
     return Until(open_ones, names, "has ended" if is_over else _CLAUSES[moment]) if open_ones else None
+
+
+def _below(then: Then, task: TaskThen, number: TaskId) -> str:
+    """A task under another; of what is to be handled again also that a wiretap of it is why that one is there."""
+    child = then.past.tasks[number]
+    is_listener = task.is_retried and child.role is Role.LISTENER and child.about == task.id
+    return f"{child} (the listener of a wiretap)" if is_listener else str(child)
 
 
 def blockers(then: Then, task: TaskThen) -> Iterator[Hold | Moment]:

@@ -9,14 +9,14 @@ from tca_tools.analysis.words import seconds
 from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, fate, is_told
 from tca_tools.ends import in_the_end
 from tca_tools.past import Past
-from tca_tools.records import Message, State, Task
+from tca_tools.records import OVER, Message, State, Task
 from tca_tools.selection import lineage, subtree
-from tca_tools.story import exhausted
+from tca_tools.story import exhausted, retried
 from tca_tools.then import Then
 from tca_tools.waiting import waits_how, why_waiting
 from tca_wire.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import CENTRAL, Outcome, Role
 
 _MOST_LINKS = 30
 """A failure goes through so many tasks at most before nobody reads on."""
@@ -58,8 +58,10 @@ def failure_chain(past: Past, number: TaskId, moment: float = inf) -> list[Link]
 
 _Place = tuple[int, ...]
 """Which step of a message it is, after the places of what that is a cause of: of two at one time the first."""
-_CAUSES, _ITSELF, _CALLS, _HELPERS, _END = range(5)
-"""The steps of a message in order: what it failed of, that it failed, who was called, who of them failed, its end."""
+_CAUSES, _ITSELF, _CALLS, _HELPERS, _AGAIN, _END = range(6)
+"""The steps of a message in order: what it failed of, that it failed, who was called, who of them failed, that it is to
+be handled again, its end.
+"""
 
 
 def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
@@ -91,6 +93,7 @@ def _steps_of(past: Past, message: Message, depth: int, moment: float) -> Iterat
         yield _ITSELF, Link(time, depth, f"{message} failed: {text}")
     if isinstance(message, Task):
         yield from ((_CALLS, link) for link in _recoveries(Then(past, moment), message, depth))
+        yield from ((_AGAIN, link) for link in _retries(message, depth))
         if end := _end(past, message, moment):
             was_killed = message.was("killed", moment) is not None
             killed_or_over = message.written("killed", moment) if was_killed else _newest_state(message, moment)
@@ -125,7 +128,8 @@ def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
             record = past.tasks[number]
             runs = [run for run in record.handlings if run.start <= then.moment]
             by = f", handled by {runs[-1].module}" if runs else ""
-            how = f": {handler.state}" if handler.state is not State.ACHIEVED else ""
+            is_said = handler.state in (State.HANDLING, State.ACHIEVED)
+            how = "" if is_said else f": {handler.state}"
             yield Link(record.received, depth, f"exception handler {handler} was called{by}{how}")
         if number in past.reissued:
             yield Link(past.reissued[number], depth, f"{past.describe(number)} passed the failure on")
@@ -133,20 +137,37 @@ def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
         yield Link(one.time, depth, exhausted(one).replace(" has ", " had ", 1))
 
 
+def _retries(task: Task, depth: int) -> Iterator[Link]:
+    """That it was to be handled again after it had failed."""
+    failed = min((time for time, _ in _raised(task)), default=inf)
+    for one in task.retries:
+        if one[0] >= failed:
+            yield Link(one[0], depth, f"{task} is {retried(one)}")
+
+
 def _end(past: Past, task: Task, moment: float) -> str:
     """What had become of it at *moment*, if it had failed."""
     then = Then(past, moment).tasks.get(task.id)
     if then is None or not (raised := [one for one in _raised(task) if one[0] <= moment]):
         return ""
-    became, state = fate(past, task, raised[-1][0], moment), then.state
+    became = fate(past, task, raised[-1][0], moment)
     if became is Fate.OPEN:
         return f"{task} is being recovered"
-    if became not in ENDED_TASKS:
-        return f"{task}: its failure was dealt with" if became is Fate.DEALT_WITH else f"{task}: {state} after all"
+    if became is Fate.DEALT_WITH:
+        return f"{task}: its failure was dealt with"
+    if became not in ENDED_TASKS and then.why_killed is None:
+        is_known = then.state in OVER or _has_tried_again(task, moment)
+        return f"{task}: {then.state} after all" if is_known else ""
     end = (
         f"{task}: nobody dealt with its failure" if then.why_killed is None else f"{task} was killed: {then.why_killed}"
     )
     return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
+
+
+def _has_tried_again(task: Task, moment: float) -> bool:
+    """Whether its handler has returned once more after the last retry."""
+    again = max((time for time, _, _ in task.retries if time <= moment), default=0.0)
+    return any(again <= run.start and run.end is not None and run.end <= moment for run in task.handlings)
 
 
 def _causes(past: Past, message: Message, moment: float) -> list[tuple[int, Message, float]]:
@@ -183,6 +204,13 @@ def _is_named(past: Past, cause: Message, until: float, failed: Message) -> bool
 
 
 def _culprits(past: Past, task: Task) -> list[Task]:
+    """Whose failure a task was killed for, that had not failed itself."""
+    if task.killed_by not in ("", CENTRAL):
+        return _culprit_of_handler(past, task)
+    return _culprit_of_tree(past, task)
+
+
+def _culprit_of_tree(past: Past, task: Task) -> list[Task]:
     """Whose failure, not dealt with, killed the tree that a task was in: who is named there, or the last one before."""
     top = lineage(past, TaskId(task.id))[-1]
     killed = task.written("killed")
@@ -197,3 +225,39 @@ def _culprits(past: Past, task: Task) -> list[Task]:
     why = task.killed or ""
     named = [one for one in found if f" of task {one[1].id} " in why]
     return [max(named or found, key=lambda one: (one[0], one[1].id))[1]] if found and "failure" in why else []
+
+
+def _culprit_of_handler(past: Past, task: Task) -> list[Task]:
+    """For whose failure the exception handler was called that had a task killed, if that is sure: it was the only one
+    that its module was handling, and the failure was that of the highest task that was killed then, or of one under it.
+    """
+    killed, by = task.written("killed"), task.killed_by
+    above = [past.tasks[number] for number in lineage(past, TaskId(task.id))]
+    with_it = [one for one in above if one.killed_by == by and _killed(one) == killed]
+    called = [
+        handler
+        for run in past.handlings
+        if run.module == by
+        and run.start < killed <= (inf if run.end is None else run.end)
+        and (handler := past.tasks.get(run.message_id)) is not None
+        and handler.role is Role.EXCEPTION
+    ]
+    if len(called) != 1 or _is_planned(past, task, killed):
+        return []
+    failed = called[0]
+    while (
+        failed.role is Role.EXCEPTION and failed.about in past.tasks
+    ):  # of one that failed, too: what it was to handle
+        failed = past.tasks[failed.about]
+    is_below = with_it[-1].id in lineage(past, TaskId(failed.id))
+    return [failed] if is_below and failed is not task and _raised(failed) else []
+
+
+def _is_planned(past: Past, task: Task, killed: float) -> bool:
+    """Whether the same module had planned a kill in the tree of a task before: it may be that one."""
+    return any(
+        one.moment is None and one.by == task.killed_by and one.set_at < killed
+        for number, planned in past.ahead.items()
+        if past.tasks[number].top == task.top
+        for one in planned
+    )

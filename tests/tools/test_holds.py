@@ -68,6 +68,21 @@ def test_a_task_that_a_wiretap_holds_names_the_listener_and_whose_it_is() -> Non
     assert (longest.who, longest.what, longest.is_open) == (f"move {{{move}}}", reason, True)
 
 
+def test_what_is_to_be_handled_again_says_that_a_wiretap_holds_it() -> None:
+    player = robot()
+    tap = headers.Tap(player.number("checker"), Condition.BEFORE_HANDLING, "check", "move", ROOT, None)
+    player.receive("checker", tap)
+    move = player.task("user", "move", attachments=[Attachment("slip", "mend", 0)])
+    player.reply("checker/1")
+    player.fail("legs/1", "slip")
+    player.receive("expert/1", headers.Retry(player.number("expert/1"), TaskId(move)))
+    player.reply("expert/1")
+    history = folded(player)
+    check = history.tasks[move].children[-1]
+    assert history.name(check) == "check"
+    assert told(history, move)[-1] == f"achieving, until check {{{check}}} (the listener of a wiretap) has ended"
+
+
 def test_a_journal_that_does_not_tell_who_added_a_wiretap() -> None:
     tale = Story().module("legs", "move").module("checker", "check").at(1.0)
     tale.say(facts.TapAdded(90, Condition.BEFORE_HANDLING, "check", "move", ROOT))
