@@ -17,6 +17,7 @@ header { overflow-x: auto; flex: none; max-height: 40%; } .zoomed { flex: none; 
 .wide rect, .wide line, .wide path { vector-effect: non-scaling-stroke; }
 .wide text { transform: scaleX(calc(1 / var(--zoom, 1))); transform-box: fill-box; transform-origin: left; }
 .wide .tick { transform-origin: center; } .wide .before { transform-origin: right; }
+.wide .after { transform-origin: left; }
 .wide .flag { transform: scaleX(calc(1 / var(--zoom, 1))); transform-box: fill-box; transform-origin: center; }
 .z4, .z16 { display: none; } .at4 .z4, .at16 .z16 { display: inline; }"""
 _SCRIPT = """\

@@ -8,6 +8,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def printable_lines(text: str) -> str:
+    """The same of several lines, which stay lines."""
+    return "\n".join(map(printable, text.splitlines()))
+
+
 def first_line(text: str) -> str:
     """The first line; of more, such as a traceback, there is a "..."."""
     first, *rest = text.strip().splitlines() or [""]

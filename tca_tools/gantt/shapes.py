@@ -20,7 +20,7 @@ OWN_STYLE = f"""\
 .failed {{ fill: none; stroke: {FAILED}; stroke-width: 2; }} .coped {{ fill: none; stroke: {COPED}; stroke-width: 2; }}
 .number {{ fill: #3e4c59; font-size: 11px; }}
 .number {{ stroke: #f1f3f5; stroke-width: 4px; stroke-linejoin: round; paint-order: stroke; }}
-.before {{ text-anchor: end; }}
+.before {{ text-anchor: end; }} .after {{ text-anchor: start; }}
 .killed {{ stroke: {KILLED}; stroke-width: 3; }}
 .label {{ text-anchor: end; }} .beside {{ opacity: 0.4; }}
 .locked {{ fill: #f6c9c5; }} .reserved {{ fill: #f9e3b4; }}"""

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median
 
-from tca_tools.drawing import document, text
+from tca_tools.drawing import document, text, width_of
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.legend import legend, meanings, patterns
 from tca_tools.gantt.parts import Chart
@@ -100,7 +100,13 @@ def _grid(scale: Scale, bottom: float, depths: tuple[int, ...]) -> Iterator[str]
         for time, label in _new(ticks(scale.start, scale.end, int(scale.width * depth / _TICK_DISTANCE)), drawn):
             x, kind = scale.x(time), "" if depth == 1 else f" z{depth}"
             yield f'<line class="grid{kind}" x1="{x:.2f}" y1="18" x2="{x:.2f}" y2="{bottom - 6:.1f}"/>'
-            yield f'<text class="faint tick{kind}" x="{x:.2f}" y="13">{label}</text>'
+            yield f'<text class="faint tick{kind}{_side(label, x, scale)}" x="{x:.2f}" y="13">{label}</text>'
+
+
+def _side(label: str, x: float, scale: Scale) -> str:
+    """Where a label stands that would be cut at the edge, also of a plot that is made narrower."""
+    room = width_of(label)
+    return " after" if x < room else " before" if x > scale.width - room else ""
 
 
 def _new(marks: Iterable[tuple[float, str]], drawn: set[str]) -> Iterator[tuple[float, str]]:

@@ -5,9 +5,8 @@ from typing import ClassVar
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
-from textual.widgets import Footer
 
-from tca_tools.replay.panes import MessagesPane, Question, StoryPane, TimeBar, TreePane
+from tca_tools.replay.panes import Keys, MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Outline
 from tca_wire.lines import printable
@@ -17,6 +16,8 @@ FRAMES = 15
 """How often the screen is drawn in a second while time passes."""
 SPEEDS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0, 500.0, 1000.0, 5000.0)
 _FAR = 20
+_LEAST_BESIDE = 90
+"""Columns: with fewer the story stands below the tree."""
 _OF_THE_TREE = {"step", "fold", "select", "go_to_start", "go_to_end", "ask_time", "ask_name"}
 """What keys do at once, but not while something is typed."""
 
@@ -31,13 +32,17 @@ class Replay(App[None]):
     #tree:focus { border: round $primary; }
     #story { width: 1fr; border: round $primary-darken-2; padding: 0 1; }
     #messages { height: 1fr; border: round $primary-darken-2; padding: 0 1; }
+    .-narrow #main { layout: vertical; height: 3fr; }
+    .-narrow #tree, .-narrow #story { width: 100%; height: 1fr; }
     #ask { display: none; height: 3; }
     #ask.asked { display: block; }
     """
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (_LEAST_BESIDE, "-wide")]  # noqa: RUF012 - the base class has it so
     BINDINGS: ClassVar = [
-        Binding("right", "step(1)", "next message", priority=True),
-        Binding("left", "step(-1)", "the one before", priority=True),
+        Binding("q", "quit", "quit"),
         Binding("space", "play", "play/pause"),
+        Binding("right", "step(1)", "next message", priority=True),
+        Binding("left", "step(-1)", "before", priority=True),
         Binding("plus,equals_sign", "speed(1)", "faster", key_display="+"),
         Binding("minus", "speed(-1)", "slower", key_display="-"),
         Binding("r", "turn", "backwards"),
@@ -58,7 +63,6 @@ class Replay(App[None]):
         Binding("end", "go_to_end", show=False, priority=True),
         Binding("ctrl+c", "quit", show=False, priority=True),
         Binding("escape", "stop_asking", show=False),
-        Binding("q", "quit", "quit"),
     ]
 
     ENABLE_COMMAND_PALETTE = False
@@ -89,7 +93,7 @@ class Replay(App[None]):
                 yield StoryPane(self.recording)
             yield MessagesPane(self.recording)
         yield Question(self._answer)
-        yield Footer()
+        yield Keys()
 
     def on_mount(self) -> None:
         """The screen is there."""

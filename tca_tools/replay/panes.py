@@ -12,7 +12,7 @@ from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.widget import Widget
-from textual.widgets import Input
+from textual.widgets import Footer, Input
 
 from tca_tools.ages import age
 from tca_tools.coping import coped_with
@@ -294,6 +294,23 @@ class TimeBar(Widget):
         start, end = recording.time(0), recording.time(recording.last)
         wanted = start + (end - start) * offset.x / max(self.size.width - 1, 1)
         self.post_message(self.Wanted(recording.place_of(wanted)))
+
+
+class Keys(Footer):
+    """What the keys do, the most wanted first. What has no room is left out whole."""
+
+    async def recompose(self) -> None:
+        """Other keys do something now."""
+        await super().recompose()
+        self.call_after_refresh(self._fit)
+
+    def on_resize(self) -> None:
+        """There is more room, or less."""
+        self.call_after_refresh(self._fit)
+
+    def _fit(self) -> None:
+        for key in self.children:
+            key.visible = key.virtual_region.right <= self.size.width
 
 
 class Question(Input):

@@ -53,7 +53,8 @@ ROLES = {
 }
 """The colour of the border of what central itself sent, and what that is."""
 
-_LEGEND_LINE = 15
+_LEGEND_LINE, _LEGEND_WIDTH = 18, 400
+"""Generous, as dot complains of tables too small where a machine has only fonts with large letters."""
 _MONITOR = "#00796b", "monitor"
 _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
 
@@ -140,13 +141,17 @@ def _label_lines(then: Then, task: TaskThen, said: list[str], with_data: bool) -
     name = escape(cut(printable(task.name), _LONGEST_NAME))
     yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
     yield _small(" ".join(filter(None, [task.standing, _times(task)])))
-    for line in said:
-        yield f'<font point-size="9" color="{_HEAVY}">{escape(cut(printable(line), _LONGEST_NAME))}</font>'
+    for line in (line for one in said for line in _wrapped(printable(one))):
+        yield f'<font point-size="9" color="{_HEAVY}">{escape(line)}</font>'
     if task.failure or task.why_killed is not None:
-        for line in wrap(words.note(then, task), _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…"):
-            yield _small(line)
+        yield from map(_small, _wrapped(words.note(then, task)))
     if with_data and (data := words.data(task)):
         yield _small(cut(data, _LONGEST_DATA))
+
+
+def _wrapped(text: str) -> list[str]:
+    """A few lines as long as names may be."""
+    return wrap(text, _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…")
 
 
 def _times(task: TaskThen) -> str:
@@ -172,14 +177,14 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
     )
     lines = [f'<font point-size="14"><b>{escape(title)}</b></font>']
     if states:
-        width = sum(len(state) * 7 + 18 for state in states)  # generous: dot complains of tables too small
+        width = sum(len(state) * 7 + 18 for state in states)  # generous, too
         looks = f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
         lines.append(f"<table {looks}><tr>{swatches}</tr></table>")
     meanings = [(_HEAVY, kind, meaning) for kind, meaning in MEANINGS.items() if kind in found.kinds]
     borders = {border for row in rows if row.task and (border := looks_of(row.task))}
     meanings += [(colour, "border", meaning) for colour, meaning in sorted(borders, key=itemgetter(1))]
     if meanings:
-        size = f'fixedsize="true" width="360" height="{_LEGEND_LINE * len(meanings)}"'
+        size = f'fixedsize="true" width="{_LEGEND_WIDTH}" height="{_LEGEND_LINE * len(meanings)}"'
         looks_of_table = f'border="0" cellborder="0" cellspacing="0" align="left" {size}'
         lines.append(f"<table {looks_of_table}>{''.join(starmap(_meaning, meanings))}</table>")
     rows_of_table = "".join(f'<tr><td align="left">{line}</td></tr>' for line in lines)

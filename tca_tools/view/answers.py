@@ -21,7 +21,7 @@ from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
 from tca_tools.waiting import coming, waits_how, why_waiting
 from tca_wire.facts import kind_of
-from tca_wire.lines import printable
+from tca_wire.lines import printable_lines
 from tca_wire.points import Interval, TaskId, describe_moments
 from tca_wire.wording import Wording, subject_of
 
@@ -79,14 +79,14 @@ def _sentence(one: Sentence, moment: float) -> dict[str, Any]:
     """What was known of it; of what was still to come all, since the page says that it was."""
     if one.time <= moment:
         one = one.known(moment)
-    return {"time": one.time, "text": one.text, "seconds": one.seconds, "is_open": one.is_open}
+    return {"time": one.time, "text": printable_lines(one.text), "seconds": one.seconds, "is_open": one.is_open}
 
 
 def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, Any]:
     """Its failure as it stood, whether the run went on after it, and who was told."""
     failure, time = message.was("failure", moment), message.written("failure", moment)
     return {
-        "failure": failure,
+        "failure": printable_lines(failure),
         "handled": coped_with(past, message, moment),
         "replaced": bool(failure) and fate(past, message, time, moment) is Fate.REPLACED,
         "told": told_to(past, message, time, moment) if failure else "",
@@ -102,8 +102,8 @@ def _task_answer(past: Past, then: Then, task: TaskThen, within: int | None) -> 
         "isFurther": is_further,
         "how": waits_how(task),
         "coming": coming(then, task),
-        "failure": task.failure,
-        "killed": task.why_killed,
+        "failure": printable_lines(task.failure),
+        "killed": None if task.why_killed is None else printable_lines(task.why_killed),
         "data": data_text(task.body),
         "result": data_text(task.result),
         "failure_data": data_text(task.failure_data),
@@ -160,7 +160,7 @@ def notes_answer(
 def _note(then: Then, task: TaskThen, within: int | None) -> dict[str, Any]:
     is_further = _is_further(then, task, within)
     note = words.note_of(then, task, within=0 if is_further else None)
-    whole = "\n".join(map(printable, task.failure[:_LONGEST_FAILURE].splitlines())) if task.failure else note.text
+    whole = printable_lines(task.failure[:_LONGEST_FAILURE]) or note.text
     whole = f"{note.text}\n\n{whole}" if task.state is State.RECOVERING else whole
     whole = "\n\n".join(filter(None, (whole, note.end)))
     its_age = note.age._asdict() if note.age else None

@@ -12,7 +12,7 @@ from tools.test_coping import replacing
 from tools.test_story import waiting_for_two
 
 from tca_tools.replay.app import Replay
-from tca_tools.replay.panes import MessagesPane, StoryPane, TimeBar, TreePane
+from tca_tools.replay.panes import Keys, MessagesPane, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_wire import facts
 from tca_wire.facts import Entry
@@ -21,11 +21,11 @@ from tca_wire.points import Moment
 SIZE = (120, 40)
 
 
-def play(app: Replay, act: Callable[[Pilot[None]], Awaitable[None]]) -> None:
+def play(app: Replay, act: Callable[[Pilot[None]], Awaitable[None]], size: tuple[int, int] = SIZE) -> None:
     """Run the application with its own pilot, and do something with it."""
 
     async def run() -> None:
-        async with app.run_test(size=SIZE) as pilot:
+        async with app.run_test(size=size) as pilot:
             await pilot.pause()
             await act(pilot)
 
@@ -332,3 +332,29 @@ def test_all_of_a_long_story_can_be_read_and_the_newest_of_it_is_seen() -> None:
         assert "bake {1}" in story_of(app)
 
     play(app, act)
+
+
+@pytest.mark.parametrize("width", [60, 80, 130, 200])
+def test_the_keys_that_are_named_are_whole_and_the_one_that_quits_is_among_them(width: int) -> None:
+    app = replay(stumbling().entries)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.pause()
+        seen = [key for key in app.query_one(Keys).children if key.visible]
+        assert all(key.virtual_region.right <= width for key in seen)
+        assert {"q", "space", "left", "right"} <= {getattr(key, "key", "") for key in seen}
+        assert len(seen) < len(app.query_one(Keys).children) or width == 200
+
+    play(app, act, (width, 40))
+
+
+@pytest.mark.parametrize(("width", "is_below"), [(60, True), (130, False)])
+def test_where_there_is_little_room_the_story_stands_below_the_tree(width: int, is_below: bool) -> None:
+    app = replay(stumbling().entries)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.pause()
+        tree, story = app.query_one(TreePane).region, app.query_one(StoryPane).region
+        assert (story.y >= tree.bottom, story.x >= tree.right) == (is_below, not is_below)
+
+    play(app, act, (width, 20))

@@ -10,9 +10,10 @@ from click.testing import Result
 from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
 from tca_tools.records import State
-from tca_tools.tasktree_viz.arrows import arrows
+from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
+from tca_tools.tasktree_viz.picture import drawn
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.then import Then
 from tca_wire import facts
@@ -295,6 +296,19 @@ def test_pictures_are_pictures(tca: Tca, tmp_path: Path, story: Story) -> None:
     assert ET.fromstring(picture.read_text()).tag.endswith("svg")
 
 
+def test_the_legend_has_room_for_every_meaning(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pygraphviz")
+    story = Story()
+    first = story.goal("walk", "user")
+    for kind, (before, after) in enumerate(KINDS):
+        story.goal(f"kind {kind}", "user", 0, Constraint(Point(TaskId(first), before), Point(THIS, after)))
+    then = Then(story.fold())
+    source = dot_source(then, whole_outline(then), "all kinds")
+    assert all(f"<b>{kind}</b>" in source for kind in KINDS.values())
+    drawn(source, "svg")
+    assert "too small" not in capfd.readouterr().err
+
+
 @needs_dot
 def test_siblings_stand_beside_each_other_in_the_picture(tca: Tca, run: Path, tmp_path: Path) -> None:
     tca("tree", run, "-o", tmp_path / "tree.svg")
@@ -343,3 +357,14 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
     assert 'label="SEQ"' in near
     assert 'label=""' in far
     assert "SEQ: after approach {2}" in next(line for line in source.splitlines() if line.startswith("  t4 ["))
+
+
+def test_what_waits_for_an_unusual_moment_says_of_whom() -> None:
+    story = Story()
+    walk = story.goal("walk", "user")
+    before, after = Point(TaskId(walk), Moment.END_HANDLING), Point(THIS, Moment.START_HANDLING)
+    story.command("look at the ground", "planner", walk, Constraint(before, after))
+    then = Then(story.fold())
+    box = next(line for line in dot_source(then, whole_outline(then), "").splitlines() if line.startswith("  t2 ["))
+    assert "end handling before start handling:" in box
+    assert "after walk {1}" in box

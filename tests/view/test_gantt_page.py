@@ -37,3 +37,27 @@ def test_the_chart_opens_as_wide_as_the_window_and_is_zoomed_from_there(
         page.set_viewport_size({"width": width + 200, "height": 700})
         until(page, IS_FITTED)
         page.close()
+
+
+PLOT = """() => {
+  const box = document.querySelector('.zoomed').getBoundingClientRect();
+  return [box.left, box.right];
+}"""
+LABELS = """() => [...document.querySelectorAll('.tick')].map((one) => one.getBoundingClientRect())
+  .filter((box) => box.width).flatMap((box) => [box.left, box.right])"""
+
+
+def test_the_labels_of_the_axis_are_whole_at_its_edges(browser: Browser, tmp_path: Path) -> None:
+    story = Story().module("legs", "walk")
+    walk = story.goal("walk", "user")
+    run = story.delivered(walk, "legs").at(160.0).returned(walk).write(tmp_path / "run")
+    page_file = tmp_path / "run.html"
+    assert CliRunner().invoke(gantt, [str(run), "--from", "0", "--to", "160", "-o", str(page_file)]).exit_code == 0
+    for width in (900, 1300, 2000):
+        page = browser.new_page(viewport={"width": width, "height": 700})
+        page.goto(page_file.as_uri())
+        left, right = page.evaluate(PLOT)
+        edges = page.evaluate(LABELS)
+        assert left - 1 <= min(edges) < left + 30, width
+        assert right - 30 < max(edges) <= right + 1, width
+        page.close()

@@ -21,7 +21,7 @@ from tca_tools.view.runs import Runs
 from tca_wire import facts
 from tca_wire.facts import Entry
 from tca_wire.journal import record
-from tca_wire.points import Moment
+from tca_wire.points import Moment, TaskId
 
 pytestmark = pytest.mark.slow
 
@@ -176,10 +176,15 @@ def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"
     walk = story.goal(evil, "<i>user</i>", data={evil: "</script>"})
-    story.delivered(walk, "<b>legs</b>").at(1.0).say(facts.Failed(walk, evil, "\u202e\x00" + evil))
+    story.delivered(walk, "<b>legs</b>").at(1.0).say(facts.Failed(walk, evil, "\u202e\x00" + evil + "\nsecond"))
+    story.at(2.0).say(facts.Killed(TaskId(walk), "\x1b[2J\u202e" + evil))
     page = look(story.write(tmp_path / "walk"), f"#task={walk}")
     expect(page.locator("#task h2")).to_have_text(f"{evil} {{1}}")
     assert page.locator("img, script:not([src]), #task b, #task i").count() == 0
+    pane = page.locator("#task")
+    expect(pane.locator(".lead").first).to_have_text(f"{evil}: \\u202e\\x00{evil} second")
+    expect(pane).to_contain_text(f"killed: \\x1b[2J\\u202e{evil}")
+    assert not re.search("[\x00\x1b\u202e]", pane.evaluate("(pane) => pane.textContent"))
 
 
 def test_a_cut_journal_shows_what_there_is_and_says_what_is_wrong(look: Look, tmp_path: Path) -> None:

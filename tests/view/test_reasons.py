@@ -80,6 +80,12 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
             80,
             "until bake {3} and 26 more are achieved, and until its parent day {1} is planned",
         ),
+        (
+            "waits for the reply to consent {141}, which no module handles",
+            44,
+            "for consent {141}, which no module handles",
+        ),
+        ("waits for the reply to consent {141}, which no module handles", 30, "for consent {141}, which no …"),
         ("failed: slip: on ice", 12, "failed: …"),
         ("unbroken" * 5, 12, "unbroken" * 5 + " …"),
         ("", 12, ""),

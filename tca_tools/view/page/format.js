@@ -62,10 +62,15 @@ export function abridged(text, room, widthOf) {
   const hasRoom = (one) => widthOf(one) <= room;
   const held = text.replaceAll(/(?: while handling|(?<=(?:locked|reserved)(?: it)?) for) [^,]*?\{\d+\}/g, "");
   const brief = held.replaceAll(/, (?:which|but) ([^,]+?) has (locked|reserved)(?: it)?/g, ", $2 by $1"), bare = brief.replace(/^waits /, "");
-  const found = [text, held, brief, bare, fewer(bare)].find(hasRoom);
+  const asked = unsaid(bare), found = [text, held, brief, bare, fewer(bare), asked, fewer(asked)].find(hasRoom);
   if (found !== undefined) return found;
-  const [, what, holder] = /^(.*)(, (?:locked|reserved) by .*)$/.exec(bare) ?? [];
-  return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(bare, 1, "", hasRoom) ?? `${bare.split(" ")[0]} …`;
+  const [, what, holder] = /^(.*)(, (?:locked|reserved) by .*)$/.exec(asked) ?? [];
+  return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(asked, 1, "", hasRoom) ?? `${asked.split(" ")[0]} …`;
+}
+
+// A wait for a reply as one for the question: what becomes of that says more.
+function unsaid(text) {
+  return text.replaceAll(/\bfor the reply to (?=\S)/g, "for ");
 }
 
 // A wait for many with the name of the first one: "until bake {3} and 26 more are achieved".
@@ -81,7 +86,8 @@ export function withEnd(text, end, alone, room, widthOf) {
   if (!end) return [abridged(text, room, widthOf), ""];
   const hasRoom = (parts) => widthOf(parts.join("; ")) <= room, bare = text.replace(/^waits /, "");
   const [, named, , others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
-  const found = [[text, end], [bare, end], [text, brief], [bare, brief], [fewer(bare), brief]].find(hasRoom), left = room - widthOf(`; ${brief}`);
+  const found = [[text, end], [bare, end], [text, brief], [bare, brief], [fewer(bare), brief], [fewer(unsaid(bare)), brief]].find(hasRoom);
+  const left = room - widthOf(`; ${brief}`);
   if (found) return found;
   if (left >= widthOf("until its next one …")) return [abridged(text, left, widthOf), brief];
   const last = alone.replace(/, which .*?(?=(?:, and \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
