@@ -9,6 +9,7 @@ from textual.containers import Horizontal, Vertical
 from tca_tools.replay.panes import Keys, MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Outline
+from tca_wire.facts import Failed
 from tca_wire.lines import printable
 from tca_wire.wording import subject_of
 
@@ -137,11 +138,15 @@ class Replay(App[None]):
         self.query_one(TimeBar).show(self.place)
 
     def _about(self) -> int:
-        """The task that the event at the cursor is about: the first that is named."""
-        tasks = self.recording.past.tasks
-        for fact in self.recording.facts(self.place):
-            for number in (subject_of(fact), getattr(fact, "origin", 0)):
-                if number in tasks:
+        """The task that the event at the cursor is about: the one that failed, or whose question did; or the first that
+        is named.
+        """
+        past = self.recording.past
+        for fact in sorted(self.recording.facts(self.place), key=lambda fact: not isinstance(fact, Failed)):
+            message = past.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
+            asker = message.by.message_id if message and message.by else 0
+            for number in (subject_of(fact), asker, getattr(fact, "origin", 0)):
+                if number in past.tasks:
                     return number
         return 0
 

@@ -17,6 +17,7 @@ from tca_tools.replay.recording import Recording
 from tca_wire import facts
 from tca_wire.facts import Entry
 from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
 
 SIZE = (120, 40)
 
@@ -85,6 +86,23 @@ def test_the_next_failure_and_what_became_of_it() -> None:
         assert "no failure follows" in str(app.query_one(TimeBar).render())
         await pilot.press("home", "F")
         assert "no failure before" in str(app.query_one(TimeBar).render())
+
+    play(app, act)
+
+
+def test_of_a_question_that_fails_who_asked_is_shown() -> None:
+    """Not what another fact of the same event names first."""
+    story = Story().module("lab", "analyse").at(1.0)
+    other, goal = story.goal("rest", "user"), story.goal("analyse", "user")
+    story.delivered(goal, "lab").at(2.0)
+    question = story.received("where", QUERY, "lab", origin=goal)
+    story.delivered(question, "lab", "eyes").at(3.0).queued(other)
+    story.returned(question, Outcome.FAILED).say(facts.Failed(question, "dark", "no light")).at(4.0)
+    app = replay(story.entries)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("f")
+        assert (app.recording.time(app.place), app.selected) == (3.0, goal)
 
     play(app, act)
 

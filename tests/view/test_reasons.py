@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
-from tools.story import THIS, Story, stumbling
+from tools.story import QUERY, THIS, Story, stumbling
 from view.conftest import Look
 
 from tca_wire import facts
@@ -48,6 +48,20 @@ def test_what_has_no_room_is_cut_behind_what_tells_most(look: Look, tmp_path: Pa
     expect(why).to_have_text(re.compile(r"^for controller.* …, locked by terrain scanner, for 3\.00 s$"))
     why.click()
     expect(page.locator("#task .lead")).to_have_text(f"{WHOLE}, for 3.00 s")
+
+
+def test_what_is_waited_for_comes_before_for_how_long(look: Look, tmp_path: Path) -> None:
+    """In a narrow window "for a …, for 3.00 s" says nothing."""
+    story = Story().module("lab", "analyse").at(1.0)
+    goal = story.goal("analyse", "user")
+    story.delivered(goal, "lab")
+    question = story.received("where is he now?", QUERY, "lab", origin=goal)
+    story.say(facts.WaitBegan("lab", goal, TaskId(question), 0)).at(4.0)
+    page = look(story.write(tmp_path / "lab"))
+    why = page.locator(".row[data-task='1'] .why")
+    expect(why).to_have_text("waits for the reply to where is he now? {2}, for 3.00 s")
+    page.set_viewport_size({"width": 420, "height": 800})
+    expect(why).to_have_text("for where is he now? {2}")
 
 
 def test_a_long_failure_is_whole_at_the_mouse_and_in_the_pane(look: Look, tmp_path: Path) -> None:

@@ -44,12 +44,12 @@ def test_why_a_task_waits_is_told_for_any_moment(address: str) -> None:
     told = asked(address, "message/7")
     assert (told["state"], told["failure"], told["reasons"]) == (
         "failed",
-        "terrain collision: leg 4 met\x1b[31m rock",
+        r"terrain collision: leg 4 met\x1b[31m rock",
         [],
     )
     assert told["story"][-2] == {
         "time": 4.5,
-        "text": "failed: terrain collision: leg 4 met\x1b[31m rock",
+        "text": r"failed: terrain collision: leg 4 met\x1b[31m rock",
         "seconds": None,
         "is_open": False,
     }

@@ -11,6 +11,7 @@ const BESIDE_KIND = 10;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
+const CAUSE = /^(?:waits )?(?:until|for) [^{},]*\{\d+\}/, NUMBER = /\{\d+\}/;
 const NOTHING = { text: "", age: null, whole: "", end: "", alone: "" };
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
@@ -235,10 +236,11 @@ export class Tree {
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
     const lasted = age ? ages(age) : [], brief = age ? agesInAll(age) : "", wide = (one) => (one ? this.widthOf(one.textContent) : 0);
     const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4;
-    const [what, last] = withEnd(told, end, alone, room - wide(brief), this.widthOf), rest = last && what ? `; ${last}` : last;
+    const [kept, its] = withEnd(told, end, alone, room - wide(brief), this.widthOf), isNamed = NUMBER.test(kept + its) || !CAUSE.test(told);
+    const [what, last] = isNamed ? [kept, its] : withEnd(told, end, alone, room, this.widthOf), rest = last && what ? `; ${last}` : last;
     if (what) why.append(element("span", { class: "what", text: what }));
     const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
-    if (what) why.append(...hasRoom ? lasted : [brief]);
+    if (what && isNamed) why.append(...hasRoom ? lasted : [brief]); // what it waits for comes before for how long
     if (last) why.append(element("span", { class: "end", text: rest }));
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
