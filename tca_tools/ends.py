@@ -21,6 +21,8 @@ from tca_wire.wording import by_whom, place
 MOST = 100
 """Ends of one task that are told apart."""
 _NAMED = 3
+_TOLD = 20
+"""Things that many wait for."""
 _NO_WAITS = (Kind.GOES_ON, Kind.WATCHES)
 """What is no wait where it is the task's own."""
 
@@ -291,13 +293,13 @@ def _reasons(then: Then, task: TaskThen, end: End) -> list[str]:
     return why_waiting(then, task.id)
 
 
-def causes(then: Then, most: int = 20) -> tuple[int, int, list[Cause]]:
-    """How many tasks wait, for how many things in the end, and the things that *most* of them wait for. What nobody
+def causes(then: Then) -> tuple[int, int, list[Cause]]:
+    """How many tasks wait, for how many things in the end, and the things that most of them wait for. What nobody
     handles counts once a name; a task counts for its first ``MOST`` ends.
     """
     count = Count(then)
     deque(count.steps(), maxlen=0)
-    return count.causes(most)
+    return count.causes()
 
 
 class Count:
@@ -320,8 +322,8 @@ class Count:
                     self._first.setdefault(found[0], task.id)
             yield
 
-    def causes(self, most: int) -> tuple[int, int, list[Cause]]:
-        """What ``causes`` returns, when all has been counted."""
+    def causes(self) -> tuple[int, int, list[Cause]]:
+        """What the function of that name returns, when all has been counted."""
         then = self._then
         things: dict[object, list[End]] = {}
         counts: Counter[object] = Counter()
@@ -330,7 +332,7 @@ class Count:
             for thing, end in named.items():
                 things.setdefault(thing, []).append(end)
                 counts[thing] += tasks
-        ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:most]
+        ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
         told = [_cause(then, things[thing], counts[thing], self._first) for thing in ranked]
         return sum(self._waiting.values()), len({*things, *(_thing(then, end) for end in self._ends.last)}), told
 

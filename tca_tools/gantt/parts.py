@@ -50,6 +50,7 @@ class Bar:
     has_coped: bool = False
     """Whether the run went on after that failure."""
     was_killed: bool = False
+    """Whether its handler was at work when it was killed."""
     waits: list[Part] = field(default_factory=list)
     raised: list[Mark] = field(default_factory=list)
     """The failures that were raised on it meanwhile, beside its handler."""

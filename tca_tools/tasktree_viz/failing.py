@@ -7,7 +7,7 @@ from math import inf, nextafter
 from tca_tools.ages import age
 from tca_tools.analysis.words import seconds
 from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, fate, is_told
-from tca_tools.ends import in_the_end
+from tca_tools.ends import last_of
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
 from tca_tools.selection import lineage, subtree
@@ -18,6 +18,8 @@ from tca_wire.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome, Role
 
+_FAR = 500
+"""Waits: what a task that ran out of time waited for beyond so many is not looked for."""
 _MOST_LINKS = 30
 """A failure goes through so many tasks at most before nobody reads on."""
 
@@ -112,7 +114,7 @@ def _waited(past: Past, message: Message, failed: float, text: str) -> tuple[flo
     since, begun = age(then, task)
     since = begun if since is None else since
     how = waits_how(task).replace("waits", "waited", 1)
-    end = in_the_end(then, task)
+    end = last_of(then, task, _FAR)
     lasted = f", for {seconds(failed - since)}"
     return since, f"{task} {how} {', and '.join(reasons)}{lasted}" + (f"; in the end {end}" if end else "")
 
@@ -236,8 +238,9 @@ def _culprit_of_handler(past: Past, task: Task) -> list[Task]:
     with_it = [one for one in above if one.killed_by == by and _killed(one) == killed]
     called = [
         handler
-        for run in past.handlings
-        if run.module == by
+        for (module, _), runs in past.runs.items()
+        for run in runs
+        if module == by
         and run.start < killed <= (inf if run.end is None else run.end)
         and (handler := past.tasks.get(run.message_id)) is not None
         and handler.role is Role.EXCEPTION
@@ -245,9 +248,8 @@ def _culprit_of_handler(past: Past, task: Task) -> list[Task]:
     if len(called) != 1 or _is_planned(past, task, killed):
         return []
     failed = called[0]
-    while (
-        failed.role is Role.EXCEPTION and failed.about in past.tasks
-    ):  # of one that failed, too: what it was to handle
+    # What the handler was called for may be a handler that failed, too.
+    while failed.role is Role.EXCEPTION and failed.about in past.tasks:
         failed = past.tasks[failed.about]
     is_below = with_it[-1].id in lineage(past, TaskId(failed.id))
     return [failed] if is_below and failed is not task and _raised(failed) else []

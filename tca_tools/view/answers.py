@@ -27,7 +27,6 @@ from tca_wire.wording import Wording, subject_of
 
 _MOST_LINES = 200
 _MOST_NOTES = 500
-_MOST_CAUSES = 20
 _WHILE = 0.05
 _BREATH = 1e-3
 """Seconds of work at a time, and of rest: who waits for the reading is not woken at once."""
@@ -184,7 +183,7 @@ def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:
             is_past, known = moment < reading.feed.history.time, reading.additions
             enough = monotonic() + _WHILE
             if all(monotonic() < enough for _ in steps):
-                waiting, things, found = count.causes(_MOST_CAUSES)
+                waiting, things, found = count.causes()
                 return {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
         sleep(_BREATH)
 

@@ -161,7 +161,7 @@ export class Chart {
       this.#drawLane(lane, y, step - 2, (span, x, w) => this.#drawQueued(span, x, w, y, step - 2));
       y += step;
     }
-    if (curve) drawLength(context, row.queued, { left: Math.ceil(this.labels), right: Math.min(this.#x(this.store.end), this.width), y, tall: curve - 2, timeAt: (x) => this.#timeAt(x), ink: css("--ink"), paper: css("--paper"), how: row === this.store.suspended ? "suspended" : "queued" });
+    if (curve) this.#drawCurve(row, y, curve - 2);
     for (const span of row.failed) {
       const x = this.#x(span.end);
       if (x >= this.labels && x <= this.width && x - this.#x(span.start) < 4) this.#mark(x, top, this.#tintOf(span));
@@ -257,6 +257,13 @@ export class Chart {
     const left = Math.max(x, this.labels) + 4;
     context.fillText(clipped(context, span.message ? `${span.name} ${span.message}` : span.name, x + wide - left - 2), left, y + tall / 2 + 0.5);
     context.restore();
+  }
+
+  // How many wait, behind those that are drawn.
+  #drawCurve(row, y, tall) {
+    const left = Math.ceil(this.labels), right = Math.min(this.#x(this.store.end), this.width), timeAt = (x) => this.#timeAt(x);
+    const how = row === this.store.suspended ? "suspended" : "queued";
+    drawLength(this.context, row.queued, { left, right, y, tall, timeAt, ink: css("--ink"), paper: css("--paper"), how });
   }
 
   // A dark end.
