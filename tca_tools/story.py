@@ -15,7 +15,7 @@ from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, i
 from tca_tools.then import Then
 from tca_tools.waiting import clause, of_ahead, of_all
 from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
 
 _NEWLINE = "\n"
@@ -108,18 +108,18 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
-    where = place(handling.module, handling.resource)
+    where, then = place(handling.module, handling.resource), Then(past, moment)
     yield _spanning(handling, f"handled by {where}", how)
     for wait in handling.waits:
         claim = past.claims.get(wait.awaited)
         if claim is None:
-            yield _wait(past, wait, moment)
+            yield _wait(then, wait)
         elif claim.granted != wait.start:
             yield from _waits_for_claim(past, wait, claim, moment)
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
-    yield from _asked(handling, moment)
+    yield from _asked(then, handling)
 
 
 def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
@@ -128,21 +128,23 @@ def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Ite
         yield _part(part, f"its handler waits for the {what}")
 
 
-def _asked(handling: Handling, moment: float) -> Iterator[Sentence]:
+def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     for query in handling.asked or ():
-        fetched = first.get(query.id)
-        if fetched is None or fetched.start > max(moment, query.received):
+        fetched, text = first.get(query.id), f"its handler asked {query}"
+        if fetched is None or fetched.start > max(then.moment, query.received):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
+            is_open = query.received <= then.moment and (end is None or end > then.moment)
+            where = whereabouts(then, query.id) if is_open else ""
             took = None if end is None else end - query.received
-            yield Sentence(query.received, f"its handler asked {query}, and goes on", took, took is None)
+            yield Sentence(query.received, f"{text}{where}, and goes on", took, took is None)
         elif fetched.start > query.received:  # it fetches the reply later
-            yield Sentence(query.received, f"its handler asked {query}, and goes on", fetched.start - query.received)
+            yield Sentence(query.received, f"{text}, and goes on", fetched.start - query.received)
 
 
-def _wait(past: Past, wait: Wait, moment: float) -> Sentence:
-    text = f"its handler waits {awaited(past, wait)}{_missing(past, wait, moment)}"
+def _wait(then: Then, wait: Wait) -> Sentence:
+    past, text = then.past, f"its handler waits {awaited(then.past, wait)}{_missing(then, wait)}"
     if circle := past.deadlock(wait):
         told = _spanning(wait, text, f", and is refused: {circle}")
         return told._replace(seconds=None) if wait.end == wait.start else told
@@ -150,12 +152,10 @@ def _wait(past: Past, wait: Wait, moment: float) -> Sentence:
     return _spanning(wait, text, f", and gives up: {why}" if why else "")
 
 
-def _missing(past: Past, wait: Wait, moment: float) -> str:
-    """Who has not answered a multi-query that a handler waits for."""
-    message = past.messages.get(wait.awaited)
-    if message is None or message.message_class is not MessageClass.MULTI_QUERY or moment < wait.start:
-        return ""
-    return whereabouts(Then(past, moment), message.id) if wait.end is None or wait.end > moment else ""
+def _missing(then: Then, wait: Wait) -> str:
+    """Where the query is that a handler waits for at that moment, or who has not answered one that many were asked."""
+    is_waiting = not wait.moment and wait.start <= then.moment and (wait.end is None or wait.end > then.moment)
+    return whereabouts(then, wait.awaited) if is_waiting else ""
 
 
 def awaited(past: Past, wait: Wait) -> str:
