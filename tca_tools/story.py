@@ -86,7 +86,9 @@ def sender_of(past: Past, message: Message) -> str:
 def _birth(past: Past, message: Message) -> Sentence:
     text = f"{message.message_class} sent by {sender_of(past, message)}"
     if message.role:
-        text = f"{message.message_class} made by central: {message.role} for {past.describe(message.about)}"
+        made = f"{message.message_class} made by central"
+        role = "" if message.role.value == message.message_class.value else f": {message.role}"
+        text = f"{made}{role} for {past.describe(message.about)}"
     if isinstance(message, Task) and message.parent:
         text += f", under {past.describe(message.parent)}"
     return Sentence(message.received, text)
