@@ -11,7 +11,7 @@ from tca_tools.coping import WATCHING, told_to, watches
 from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
-from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state, still_open
+from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
 from tca_tools.then import Then
 from tca_tools.waiting import clause, of_ahead, of_all
 from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
@@ -102,7 +102,7 @@ def _waits_in_queues(past: Past, message: Message, moment: float) -> Iterator[Se
             yield _spanning(queueing, "no module handles it")
             continue
         where = place(queueing.module, queueing.resource)
-        for part in in_queue(past, queueing, message, moment):
+        for part in in_queue_briefly(past, queueing, message, moment):
             yield _part(part, f"queued for {where}" + (f", {part.why}" if part.why else ""))
 
 
@@ -125,7 +125,7 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
 
 
 def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
-    for part in for_claim(past, wait, claim, moment):
+    for part in for_claim_briefly(past, wait, claim, moment):
         what = f"{claim}, {OTHERS}" if part.why == OTHERS else part.why
         yield _part(part, f"its handler waits for the {what}")
 

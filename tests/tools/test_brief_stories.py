@@ -39,3 +39,22 @@ def test_what_central_made_is_named_once() -> None:
     about = {"role": Role.EXCEPTION, "about": TaskId(move)}
     tale.entries[-1].facts[-1] = msgspec.structs.replace(tale.entries[-1].facts[-1], **about)
     assert told(tale.fold(), recover)[0] == "0.0 exception handler made by central for move {1}, under move {1}"
+
+
+def test_of_many_that_held_a_lock_the_first_and_the_last_are_told() -> None:
+    tale = Story().module("legs", "move").module("eyes", "look").at(1.0)
+    look, move = tale.command("look", "user"), tale.command("move", "user")
+    tale.delivered(look, "eyes")
+    for time in range(1, 10):
+        tale.at(float(time)).say(facts.Claimed(90 + time, "legs", "legs", False, f"user{time}", 0))
+    tale.say(facts.Claimed(100, "legs", "legs", False, "eyes", look)).queued(move, "legs").say(facts.Granted(91))
+    for time in range(10, 18):
+        tale.at(float(time)).say(facts.ClaimEnded(81 + time, "released"), facts.Granted(82 + time))
+    past = tale.at(18.0).fold()
+    waits = [one for one in told(past, look) if "its handler waits" in one]
+    assert [one.partition(", but ")[2].partition(" has ")[0] for one in waits] == [
+        *("user1", "user2", "user3", "", "user7", "user8", "user9")
+    ]
+    others = "for other causes, one after the other"
+    assert waits[3] == f"12.0 (3.0 s) its handler waits for the lock of legs {{100}}, {others}"
+    assert f"12.0 (3.0 s) queued for legs, {others}" in told(past, move)
