@@ -133,16 +133,35 @@ def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Ite
 def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
+    later: list[tuple[Message, float]] = []
     for query in handling.asked or ():
-        fetched, text = first.get(query.id), f"its handler asked {query}"
+        fetched = first.get(query.id)
         if fetched is None or fetched.start > max(then.moment, query.received):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
             is_open = query.received <= then.moment and (end is None or end > then.moment)
             where = whereabouts(then, query.id) if is_open else ""
             took = None if end is None else end - query.received
-            yield Sentence(query.received, f"{text}{where}, and goes on", took, took is None)
+            yield Sentence(query.received, f"its handler asked {query}{where}, and goes on", took, took is None)
         elif fetched.start > query.received:  # it fetches the reply later
-            yield Sentence(query.received, f"{text}, and goes on", fetched.start - query.received)
+            later.append((query, fetched.start))
+    for queries, end in _at_once(later):
+        start, names = queries[0].received, listed(list(map(str, queries)))
+        yield Sentence(start, f"its handler asked {names}, and goes on", end - start)
+
+
+def _at_once(asked: list[tuple[Message, float]]) -> Iterator[tuple[list[Message], float]]:
+    """Queries, oldest first, with when their replies were fetched: those together of which the next ones were sent
+    before all that were sent before had been.
+    """
+    queries, end = list[Message](), -inf
+    for query, fetched in asked:
+        if queries and query.received >= end:
+            yield queries, end
+            queries = []
+        queries.append(query)
+        end = max(end, fetched)
+    if queries:
+        yield queries, end
 
 
 def _wait(then: Then, wait: Wait) -> Sentence:

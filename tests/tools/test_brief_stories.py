@@ -58,3 +58,18 @@ def test_of_many_that_held_a_lock_the_first_and_the_last_are_told() -> None:
     others = "for other causes, one after the other"
     assert waits[3] == f"12.0 (3.0 s) its handler waits for the lock of legs {{100}}, {others}"
     assert f"12.0 (3.0 s) queued for legs, {others}" in told(past, move)
+
+
+def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
+    tale = Story().module("chef", "cook").module("cellar", "salt").at(1.0)
+    cook = tale.goal("cook", "user")
+    tale.delivered(cook, "chef")
+    first = [tale.at(time).received("salt", QUERY, "chef", origin=cook) for time in (1.0, 1.1, 1.2, 1.3)]
+    tale.at(1.5).say(*map(facts.Awaited, first)).at(2.0).say(*map(facts.Answered, first))
+    last = tale.received("salt", QUERY, "chef", origin=cook)
+    tale.at(3.0).say(facts.Awaited(last)).at(3.5).say(facts.Answered(last))
+    lines = [one for one in told(tale.at(4.0).fold(), cook) if "asked" in one]
+    assert lines == [
+        "1.0 (0.5 s) its handler asked salt {2}, salt {3}, salt {4} and 1 more, and goes on",
+        "2.0 (1.0 s) its handler asked salt {6}, and goes on",
+    ]
