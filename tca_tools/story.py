@@ -15,16 +15,27 @@ from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_
 from tca_tools.then import Then
 from tca_tools.waiting import clause, of_ahead, of_all
 from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
+from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
 
 _NEWLINE = "\n"
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
+_MANY = 3
+"""Waits of one handler at a time, more of which are told as one."""
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
 _IN_VAIN = {State.FAILED: "failed", State.KILLED: "was killed"}
 """How a task ends that is not achieved."""
+
+
+class _Asked(NamedTuple):
+    """What a handler asked or waited for, from when until when."""
+
+    name: str
+    start: float
+    end: float
 
 
 class Sentence(NamedTuple):
@@ -112,16 +123,35 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
         how = f": {handling.outcome or 'cut off'}"
     where, then = place(handling.module, handling.resource), Then(past, moment)
     yield _spanning(handling, f"handled by {where}", how)
+    over: dict[Moment | None, list[_Asked]] = {}
     for wait in handling.waits:
         claim = past.claims.get(wait.awaited)
         if claim is None:
-            yield _wait(then, wait)
+            told = _wait(then, wait)
+            if wait.end is None or wait.end > then.moment or told.ending or wait.end == wait.start:
+                yield told
+            else:
+                over.setdefault(wait.moment, []).append(_Asked(past.describe(wait.awaited), wait.start, wait.end))
         elif claim.granted != wait.start:
             yield from _waits_for_claim(past, wait, claim, moment)
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
+    for until, waited in over.items():
+        yield from _over(until, waited)
     yield from _asked(then, handling)
+
+
+def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
+    """Waits that are over. Of many that began at once it is told in one sentence, with what came last."""
+    for some in _at_once(waited):
+        for together in [some] if len(some) > _MANY else [[one] for one in some]:
+            last = max(together, key=attrgetter("end"))
+            names = listed([one.name for one in together])
+            what = f"until {names} {of_all(clause(moment), len(together))}" if moment else f"for the reply to {names}"
+            if len(together) > 1:
+                what = f"{what.replace('the reply to', 'the replies to', 1)}, the last one {last.name}"
+            yield Sentence(together[0].start, f"its handler waits {what}", last.end - together[0].start)
 
 
 def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
@@ -133,7 +163,7 @@ def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Ite
 def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
-    later: list[tuple[Message, float]] = []
+    later: list[_Asked] = []
     for query in handling.asked or ():
         fetched = first.get(query.id)
         if fetched is None or fetched.start > max(then.moment, query.received):
@@ -143,25 +173,23 @@ def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
             took = None if end is None else end - query.received
             yield Sentence(query.received, f"its handler asked {query}{where}, and goes on", took, took is None)
         elif fetched.start > query.received:  # it fetches the reply later
-            later.append((query, fetched.start))
-    for queries, end in _at_once(later):
-        start, names = queries[0].received, listed(list(map(str, queries)))
-        yield Sentence(start, f"its handler asked {names}, and goes on", end - start)
+            later.append(_Asked(str(query), query.received, fetched.start))
+    for some in _at_once(later):
+        asked, end = listed([one.name for one in some]), max(one.end for one in some)
+        yield Sentence(some[0].start, f"its handler asked {asked}, and goes on", end - some[0].start)
 
 
-def _at_once(asked: list[tuple[Message, float]]) -> Iterator[tuple[list[Message], float]]:
-    """Queries, oldest first, with when their replies were fetched: those together of which the next ones were sent
-    before all that were sent before had been.
-    """
-    queries, end = list[Message](), -inf
-    for query, fetched in asked:
-        if queries and query.received >= end:
-            yield queries, end
-            queries = []
-        queries.append(query)
-        end = max(end, fetched)
-    if queries:
-        yield queries, end
+def _at_once(asked: list[_Asked]) -> Iterator[list[_Asked]]:
+    """Those together, in the order of their start, that had begun before one of them was over."""
+    some, end = list[_Asked](), inf
+    for one in asked:
+        if one.start >= end:
+            yield some
+            some, end = [], inf
+        some.append(one)
+        end = min(end, one.end)
+    if some:
+        yield some
 
 
 def _wait(then: Then, wait: Wait) -> Sentence:

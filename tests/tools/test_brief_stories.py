@@ -9,6 +9,8 @@ from tca_wire import facts
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 
+WAITS = "its handler waits for the"
+
 
 def test_who_waits_for_a_reply_is_told_where_the_query_is() -> None:
     tale = Story().module("chef", "cook").at(1.0)
@@ -65,11 +67,16 @@ def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
     cook = tale.goal("cook", "user")
     tale.delivered(cook, "chef")
     first = [tale.at(time).received("salt", QUERY, "chef", origin=cook) for time in (1.0, 1.1, 1.2, 1.3)]
-    tale.at(1.5).say(*map(facts.Awaited, first)).at(2.0).say(*map(facts.Answered, first))
-    last = tale.received("salt", QUERY, "chef", origin=cook)
+    tale.at(1.5).say(*map(facts.Awaited, first)).at(2.0).say(*map(facts.Answered, first[:3]))
+    known = [one for one in told(tale.fold(), cook) if "waits" in one]
+    assert known[0] == f"1.5 {WAITS} reply to salt {{5}}"  # as long as one is to come, each has its line
+    assert known[1:] == [f"1.5 (0.5 s) {WAITS} reply to salt {{{one}}}" for one in (2, 3, 4)]
+    last = tale.at(2.5).say(facts.Answered(first[3])).received("salt", QUERY, "chef", origin=cook)
     tale.at(3.0).say(facts.Awaited(last)).at(3.5).say(facts.Answered(last))
-    lines = [one for one in told(tale.at(4.0).fold(), cook) if "asked" in one]
+    lines = [one for one in told(tale.at(4.0).fold(), cook) if "its handler" in one]
     assert lines == [
         "1.0 (0.5 s) its handler asked salt {2}, salt {3}, salt {4} and 1 more, and goes on",
-        "2.0 (1.0 s) its handler asked salt {6}, and goes on",
+        f"1.5 (1.0 s) {WAITS} replies to salt {{2}}, salt {{3}}, salt {{4}} and 1 more, the last one salt {{5}}",
+        "2.5 (0.5 s) its handler asked salt {6}, and goes on",
+        f"3.0 (0.5 s) {WAITS} reply to salt {{6}}",
     ]
