@@ -147,11 +147,12 @@ def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
     for some in _at_once(waited):
         for together in [some] if len(some) > _MANY else [[one] for one in some]:
             last = max(together, key=attrgetter("end"))
-            names = listed([one.name for one in together])
-            what = f"until {names} {of_all(clause(moment), len(together))}" if moment else f"for the reply to {names}"
-            if len(together) > 1:
-                what = f"{what.replace('the reply to', 'the replies to', 1)}, the last one {last.name}"
-            yield Sentence(together[0].start, f"its handler waits {what}", last.end - together[0].start)
+            names, several = listed([one.name for one in together]), len(together) > 1
+            what = f"for the {'replies' if several else 'reply'} to {names}"
+            if moment:
+                what = f"until {names} {of_all(clause(moment), len(together))}"
+            text = f"its handler waits {what}" + (f", the last one {last.name}" if several else "")
+            yield Sentence(together[0].start, text, last.end - together[0].start)
 
 
 def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:

@@ -6,7 +6,7 @@ from tools.test_story import told
 
 from tca_tools.history import History
 from tca_wire import facts
-from tca_wire.points import ROOT, TaskId
+from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 
 WAITS = "its handler waits for the"
@@ -80,3 +80,17 @@ def test_what_a_handler_asks_at_once_is_told_at_once() -> None:
         "2.5 (0.5 s) its handler asked salt {6}, and goes on",
         f"3.0 (0.5 s) {WAITS} reply to salt {{6}}",
     ]
+
+
+def test_so_are_tasks_that_a_handler_waits_for_at_once() -> None:
+    tale = Story().module("chef", "cook").module("broom", "sweep").at(1.0)
+    cook = tale.goal("cook", "user")
+    tale.delivered(cook, "chef")
+    sweeps = [tale.command("sweep", "chef", cook) for _ in range(4)]
+    until = Moment.END_ACHIEVING
+    for sweep in sweeps:
+        tale.say(facts.WaitBegan("chef", cook, TaskId(sweep), until))
+    for sweep in sweeps:
+        tale.acted(sweep, "broom", 1.0).say(facts.WaitEnded("chef", cook, TaskId(sweep)))
+    text = "until sweep {2}, sweep {3}, sweep {4} and 1 more are achieved, the last one sweep {5}"
+    assert f"1.0 (4.0 s) its handler waits {text}" in told(tale.fold(), cook)
