@@ -25,6 +25,8 @@ _ENTRIES, _MORE = 64, 16
 
 _HANDLED = (State.HANDLING, State.PLANNING)
 """States that tell what the handler of a task waits for."""
+_GO_ON = (State.HELD, State.PLANNED, State.PLANNING, State.ACHIEVING)
+"""States in which a task waits that no handler has, before a suspension and after it."""
 
 
 class Age(NamedTuple):
@@ -33,18 +35,20 @@ class Age(NamedTuple):
     since: float | None
     """Since when its cause is the cause; None: for longer than was looked back."""
     begun: float
-    """Since when it waits in all, for whatever reason."""
+    """Since when it waits in all, for whatever reason; a suspension in between is a part of that."""
 
 
 def age(then: Then, task: TaskThen, reason: str = "", *, with_children: bool = True) -> Age:
     """Since when a task waits for all that ``why_waiting`` tells, or for one *reason* of that, whatever else it waited
-    for meanwhile; of what is suspended, since when it is.
+    for meanwhile; of what is suspended, since when it is; of a monitor, which waits for nothing, since when its
+    condition is as it is.
     """
-    begun = waits_since(task)
+    begun = _begun(then, task)
     if task.state is State.SUSPENDED:
         return Age(begun, begun)
     if task.watches:
-        return Age(_since_test(then, task, begun), begun)
+        since = _since_test(then, task, begun)
+        return Age(since, since)
     queueing = task.queueing if task.state is State.QUEUED else None
     if queueing:  # it stays there, though it recovers from something or is suspended meanwhile
         return Age(_since_kept(then, task, queueing) if queueing.module else begun, begun)
@@ -67,6 +71,18 @@ def age(then: Then, task: TaskThen, reason: str = "", *, with_children: bool = T
         return awaits and all(map(_is_among(reasons(at)), said))
 
     return Age(_since(then, _stops(then, begun, lambda span: span.turns_of_task(record)), is_same), begun)
+
+
+def _begun(then: Then, task: TaskThen) -> float:
+    """Since when it waits. It goes on with a wait after a suspension."""
+    begun = waits_since(task)
+    if task.handling or task.state not in _GO_ON:
+        return begun
+    states = then.past.tasks[task.id].states
+    place = bisect_right(states, then.moment, key=itemgetter(0)) - 1
+    while place > 1 and [state for _, state in states[place - 2 : place]] == [task.state, State.SUSPENDED]:
+        place -= 2
+    return states[place][0]
 
 
 def _is_among(earlier: list[Reason]) -> Callable[[Reason], bool]:

@@ -19,7 +19,7 @@ from tca_wire.facts import Entry, Fact, Received, kind_of
 from tca_wire.lines import printable
 from tca_wire.wording import Wording
 
-KINDS = tuple(str(kind.__struct_config__.tag) for kind in get_args(Fact))
+KINDS: tuple[str, ...] = tuple(map(kind_of, get_args(Fact)))
 _KIND_WIDTH = max(map(len, KINDS))
 _LINES_AT_ONCE = 500
 BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}

@@ -11,20 +11,31 @@ from tca_tools.coping import WATCHING, told_to, watches
 from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
-from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state, still_open
+from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
 from tca_tools.then import Then
 from tca_tools.waiting import clause, of_ahead, of_all
 from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
-from tca_wire.vocabulary import MessageClass, Outcome
+from tca_wire.points import Moment
+from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
 
 _NEWLINE = "\n"
 _SHORTEST = 0.0005
 """Seconds: of what has just begun no length is said."""
+_MANY = 3
+"""Waits of one handler at a time, more of which are told as one."""
 _IS_TOLD = {State.QUEUED, State.FAILED, State.KILLED, State.HANDLING, State.SUSPENDED}
 """States of which other sentences tell."""
 _IN_VAIN = {State.FAILED: "failed", State.KILLED: "was killed"}
 """How a task ends that is not achieved."""
+
+
+class _Asked(NamedTuple):
+    """What a handler asked or waited for, from when until when."""
+
+    name: str
+    start: float
+    end: float
 
 
 class Sentence(NamedTuple):
@@ -86,7 +97,9 @@ def sender_of(past: Past, message: Message) -> str:
 def _birth(past: Past, message: Message) -> Sentence:
     text = f"{message.message_class} sent by {sender_of(past, message)}"
     if message.role:
-        text = f"{message.message_class} made by central: {message.role} for {past.describe(message.about)}"
+        made = f"{message.message_class} made by central"
+        role = "" if message.role.value == message.message_class.value else f": {message.role}"
+        text = f"{made}{role} for {past.describe(message.about)}"
     if isinstance(message, Task) and message.parent:
         text += f", under {past.describe(message.parent)}"
     return Sentence(message.received, text)
@@ -100,7 +113,7 @@ def _waits_in_queues(past: Past, message: Message, moment: float) -> Iterator[Se
             yield _spanning(queueing, "no module handles it")
             continue
         where = place(queueing.module, queueing.resource)
-        for part in in_queue(past, queueing, message, moment):
+        for part in in_queue_briefly(past, queueing, message, moment):
             yield _part(part, f"queued for {where}" + (f", {part.why}" if part.why else ""))
 
 
@@ -108,41 +121,80 @@ def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
-    where = place(handling.module, handling.resource)
+    where, then = place(handling.module, handling.resource), Then(past, moment)
     yield _spanning(handling, f"handled by {where}", how)
+    over: dict[Moment | None, list[_Asked]] = {}
     for wait in handling.waits:
         claim = past.claims.get(wait.awaited)
         if claim is None:
-            yield _wait(past, wait, moment)
+            told = _wait(then, wait)
+            if wait.end is None or wait.end > then.moment or told.ending or wait.end == wait.start:
+                yield told
+            else:
+                over.setdefault(wait.moment, []).append(_Asked(past.describe(wait.awaited), wait.start, wait.end))
         elif claim.granted != wait.start:
             yield from _waits_for_claim(past, wait, claim, moment)
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
-    yield from _asked(handling, moment)
+    for until, waited in over.items():
+        yield from _over(until, waited)
+    yield from _asked(then, handling)
+
+
+def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
+    """Waits that are over. Of many that began at once it is told in one sentence, with what came last."""
+    for some in _at_once(waited):
+        for together in [some] if len(some) > _MANY else [[one] for one in some]:
+            last = max(together, key=attrgetter("end"))
+            names, several = listed([one.name for one in together]), len(together) > 1
+            what = f"for the {'replies' if several else 'reply'} to {names}"
+            if moment:
+                what = f"until {names} {of_all(clause(moment), len(together))}"
+            text = f"its handler waits {what}" + (f", the last one {last.name}" if several else "")
+            yield Sentence(together[0].start, text, last.end - together[0].start)
 
 
 def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
-    for part in for_claim(past, wait, claim, moment):
+    for part in for_claim_briefly(past, wait, claim, moment):
         what = f"{claim}, {OTHERS}" if part.why == OTHERS else part.why
         yield _part(part, f"its handler waits for the {what}")
 
 
-def _asked(handling: Handling, moment: float) -> Iterator[Sentence]:
+def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
+    later: list[_Asked] = []
     for query in handling.asked or ():
         fetched = first.get(query.id)
-        if fetched is None or fetched.start > max(moment, query.received):
+        if fetched is None or fetched.start > max(then.moment, query.received):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
+            is_open = query.received <= then.moment and (end is None or end > then.moment)
+            where = whereabouts(then, query.id) if is_open else ""
             took = None if end is None else end - query.received
-            yield Sentence(query.received, f"its handler asked {query}, and goes on", took, took is None)
+            yield Sentence(query.received, f"its handler asked {query}{where}, and goes on", took, took is None)
         elif fetched.start > query.received:  # it fetches the reply later
-            yield Sentence(query.received, f"its handler asked {query}, and goes on", fetched.start - query.received)
+            later.append(_Asked(str(query), query.received, fetched.start))
+    for some in _at_once(later):
+        asked, end = listed([one.name for one in some]), max(one.end for one in some)
+        yield Sentence(some[0].start, f"its handler asked {asked}, and goes on", end - some[0].start)
 
 
-def _wait(past: Past, wait: Wait, moment: float) -> Sentence:
-    text = f"its handler waits {awaited(past, wait)}{_missing(past, wait, moment)}"
+def _at_once(asked: list[_Asked]) -> Iterator[list[_Asked]]:
+    """Those together, in the order of their start, that had begun before one of them was over."""
+    some, end = list[_Asked](), inf
+    for one in asked:
+        if one.start >= end:
+            yield some
+            some, end = [], inf
+        some.append(one)
+        end = min(end, one.end)
+    if some:
+        yield some
+
+
+def _wait(then: Then, wait: Wait) -> Sentence:
+    past, text = then.past, f"its handler waits {awaited(then.past, wait)}{_missing(then, wait)}"
     if circle := past.deadlock(wait):
         told = _spanning(wait, text, f", and is refused: {circle}")
         return told._replace(seconds=None) if wait.end == wait.start else told
@@ -150,12 +202,10 @@ def _wait(past: Past, wait: Wait, moment: float) -> Sentence:
     return _spanning(wait, text, f", and gives up: {why}" if why else "")
 
 
-def _missing(past: Past, wait: Wait, moment: float) -> str:
-    """Who has not answered a multi-query that a handler waits for."""
-    message = past.messages.get(wait.awaited)
-    if message is None or message.message_class is not MessageClass.MULTI_QUERY or moment < wait.start:
-        return ""
-    return whereabouts(Then(past, moment), message.id) if wait.end is None or wait.end > moment else ""
+def _missing(then: Then, wait: Wait) -> str:
+    """Where the query is that a handler waits for at that moment, or who has not answered one that many were asked."""
+    is_waiting = not wait.moment and wait.start <= then.moment and (wait.end is None or wait.end > then.moment)
+    return whereabouts(then, wait.awaited) if is_waiting else ""
 
 
 def awaited(past: Past, wait: Wait) -> str:

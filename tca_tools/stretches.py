@@ -1,9 +1,10 @@
 """A wait told in stretches, one for each cause: causes change, and each has a time of its own."""
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import inf
+from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.past import Past
@@ -18,6 +19,8 @@ NO_TIME = 1e-6
 """Seconds: of what lasts no longer nothing is told."""
 _MOST = 10
 """Causes that are told at each end of a wait; of what is between them only that there were others."""
+_FEW = 3
+"""The same where people read them."""
 _LOOKS = 200
 """Moments at each end that are looked at."""
 OTHERS = "for other causes, one after the other"
@@ -66,10 +69,31 @@ def in_queue(past: Past, queueing: Queueing, message: Message, moment: float = i
     return _stretches(span, turns, lambda then: [kept_busy(then, module, resource, message)], moment)
 
 
+def in_queue_briefly(past: Past, queueing: Queueing, message: Message, moment: float) -> list[Stretch]:
+    """The same for people to read: of many like causes some are named, and how many more there were."""
+    return _briefly(in_queue(past, queueing, message, moment), moment, lambda parts: _others(past, queueing, parts))
+
+
+def _others(past: Past, queueing: Queueing, parts: list[Stretch]) -> str:
+    """How many messages were handled one after the other, if nothing else kept a resource from one that was queued."""
+    module, resource, start, end = queueing.module, queueing.resource, parts[0].start, parts[-1].end or inf
+    claims = [one for one in past.asked_for(module, resource) if one.start < end and (one.end or inf) > start]
+    if claims or not all(part.why == OTHERS or part.why.startswith("busy with ") for part in parts):
+        return OTHERS
+    runs = past.runs.get((module, resource), [])
+    begun, known = (bisect_left(runs, time, key=attrgetter("start")) for time in (start, end))
+    return f"busy with {known - begun} others, one after the other"
+
+
 def for_claim(past: Past, wait: Wait, claim: Claim, moment: float = inf) -> list[Stretch]:
     """The claim for which a handler waited, with what kept it from it."""
     span = Span(past, wait.start, wait.end)
     return _stretches(span, span.turns_of_claim(claim), lambda then: [claim_and_why(then, claim)], moment)
+
+
+def for_claim_briefly(past: Past, wait: Wait, claim: Claim, moment: float) -> list[Stretch]:
+    """The same for people to read."""
+    return _briefly(for_claim(past, wait, claim, moment), moment, lambda _: OTHERS)
 
 
 def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[Stretch]:
@@ -89,6 +113,17 @@ def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[
         Stretch(start, end, " and ".join(map(str, reasons)), _tasks(reasons))
         for (start, reasons), end in zip(changed, ends, strict=True)
     ]
+
+
+def _briefly(parts: list[Stretch], moment: float, said: Callable[[list[Stretch]], str]) -> list[Stretch]:
+    """The first and the last ones that had begun at a moment, and of those after it likewise; those between as one."""
+    known, found = bisect_right(parts, moment, key=attrgetter("start")), list[Stretch]()
+    for some in (parts[:known], parts[known:]):
+        middle = some[_FEW:-_FEW]
+        if len(middle) > 1:
+            some[_FEW:-_FEW] = [Stretch(middle[0].start, middle[-1].end, said(middle))]
+        found += some
+    return found
 
 
 def _tasks(reasons: list[Reason]) -> frozenset[int]:

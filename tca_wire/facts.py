@@ -353,6 +353,10 @@ class Entry(msgspec.Struct, frozen=True, array_like=True):
     facts: list[Fact]
 
 
-def kind_of(fact: Fact) -> str:
-    """The word that names a fact's kind: "received"."""
-    return str(fact.__struct_config__.tag)
+def kind_of(fact: Fact | type[Fact]) -> str:
+    """The word that names a fact's kind: "received"; as people read it, not always as journals have it."""
+    tag = str(fact.__struct_config__.tag)
+    return _SAID.get(tag, tag)
+
+
+_SAID = {"timed out": "delay over"}  # nothing has failed

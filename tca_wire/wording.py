@@ -193,7 +193,9 @@ class Wording:
         return self._name(fact.task) + ("" if fact.is_suspended else " is resumed") + by_whom(fact.by)
 
     def _timed_out(self, fact: facts.TimedOut) -> str:
-        return self._constraints([fact.constraint])
+        before, after = fact.constraint.before, self._point(fact.constraint.after)
+        since = "" if before.task == ROOT else f" after {self._point(before)},"
+        return f"{_seconds(fact.constraint.delay)}{since} before {after}"
 
     def _claimed(self, fact: facts.Claimed) -> str:
         kind = "reservation" if fact.is_reserved else "lock"

@@ -4,7 +4,7 @@ where another cause was one meanwhile. Compared with what the causes were at eac
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from math import nextafter
 
 import pytest
@@ -43,6 +43,7 @@ def assert_ages_are_the_story_s(past: Past, looks: int = _LOOKS) -> int:
         then = Then(past, nextafter(after, before))
         for number, task in then.tasks.items():
             known = [one for one in story(past, number, then.moment) if _goes_on(one, then.moment)]
+            assert_it_waits_in_all_since(then, task)
             for text, since in _told(then, task):
                 found = [one for one in known if one.text.removesuffix(one.ending) == text]
                 for one in found[-1:]:
@@ -53,6 +54,15 @@ def assert_ages_are_the_story_s(past: Past, looks: int = _LOOKS) -> int:
                     else:
                         assert since == pytest.approx(one.time, abs=_NO_TIME), (then.moment, text, one)
     return compared
+
+
+def assert_it_waits_in_all_since(then: Then, task: TaskThen) -> None:
+    """Before that it was in another state; since then in none but that and suspended."""
+    if task.handling or task.watches or task.state not in _TOLD[:3]:
+        return
+    states = [one for one in then.past.tasks[task.id].states if one[0] <= then.moment]
+    lately = list(takewhile(lambda one: one[1] in (task.state, State.SUSPENDED), reversed(states)))
+    assert age(then, task).begun == min(time for time, state in lately if state is task.state), (then.moment, task.id)
 
 
 def assert_it_was_so_since(then: Then, task: TaskThen, since: float | None) -> None:

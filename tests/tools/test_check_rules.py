@@ -32,7 +32,7 @@ WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
 
 def test_a_walk_with_everything_keeps_all_rules() -> None:
     kinds = {kind_of(fact) for entry in WALK for fact in entry.facts}
-    wanted = {"caught", "retried", "killed", "tested", "tapped", "granted", "timed out", "suspended", "wait ended"}
+    wanted = {"caught", "retried", "killed", "tested", "tapped", "granted", "delay over", "suspended", "wait ended"}
     assert wanted <= kinds
     assert checked(WALK) == []
 

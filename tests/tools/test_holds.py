@@ -137,7 +137,7 @@ def test_a_handler_that_goes_on_while_it_waits_for_a_reply() -> None:
     tale.command("look", "user")
     history = tale.fold()
     assert noted(history, look) == f"asked where {{{where}}}, which bee handles, no reply yet, for 4.00 s"
-    assert f"its handler asked where {{{where}}}, and goes on" in told(history, look)
+    assert f"its handler asked where {{{where}}}, which bee handles, and goes on" in told(history, look)
     tale.at(7.0).returned(where).say(facts.Answered(where))
     assert noted(tale.fold(), look) == ""
 
@@ -232,6 +232,21 @@ def test_a_monitor_says_whether_its_condition_holds() -> None:
     assert noted(tale.fold(), watch) == "watches: its condition has not been tested"
     tale.at(2.0).say(facts.MonitorTested(TaskId(watch), False))
     assert noted(tale.fold(), watch) == "watches: its condition does not hold, for 1.00 s"
+    tale.at(5.0).say(facts.MonitorTested(TaskId(watch), True)).at(5.5)
+    assert (
+        noted(tale.fold(), watch) == "watches: its condition holds, for 0.50 s"
+    )  # it watches for longer, but waits not
+
+
+def test_a_wait_goes_on_after_a_suspension() -> None:
+    tale = Story().module("legs", "move").at(1.0)
+    move = tale.command("move", "user")
+    tale.delivered(move, "legs").at(2.0)
+    behind = tale.command("move", "user", ROOT, sequential_achievement(TaskId(move), THIS))
+    tale.at(4.0).say(facts.SuspendedOrResumed(TaskId(behind), True)).at(5.0)
+    assert noted(tale.fold(), behind) == "waits until move {2} is resumed, for 1.00 s"
+    tale.say(facts.SuspendedOrResumed(TaskId(behind), False)).at(7.0)
+    assert noted(tale.fold(), behind) == "waits until move {1} is achieved, for 2.00 s (5.00 s in all)"
 
 
 def test_a_task_that_fails_under_what_was_killed_already_goes_on() -> None:

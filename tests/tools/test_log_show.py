@@ -63,6 +63,7 @@ def told_of_control(story: Story, task: TaskId) -> None:
     story.say(facts.Kept(task, "script"), facts.Released(task, "script"), facts.Released(task, ""))
     after = Point(task, Moment.START_ACHIEVING)
     story.say(facts.TimedOut(Constraint(Point(ROOT, Moment.START_ACHIEVING), after, 2.5)))
+    story.say(facts.TimedOut(Constraint(Point(task, Moment.END_HANDLING), after, 0.5)))
     story.say(facts.DeadlineSet(task, Moment.END_ACHIEVING, 5.0))
     story.say(facts.KillPlanned(task, Scope.DESCENDANTS, after, 3.0, "no need", "panel"))
 
