@@ -76,6 +76,9 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     page.take(player.feed)
     assert page.columns["entry.time"] == list(history.times)
     assert page.columns["task.id"] == list(history.tasks)
+    others = [one for one in history.messages.values() if one.id not in history.tasks]
+    told = [(number, page.texts[name], time) for number, name, time in page.table("message")]
+    assert told == [(one.id, one.name, one.received) for one in others]
     for time in history.times[::5]:
         assert page.states(time) == {
             task.id: WATCHING if task.watches else task.state for task in Then(history, time).tasks.values()
