@@ -85,12 +85,12 @@ function fewer(text) {
 export function withEnd(text, end, alone, room, widthOf) {
   if (!end) return [abridged(text, room, widthOf), ""];
   const hasRoom = (parts) => widthOf(parts.join("; ")) <= room, bare = text.replace(/^waits /, "");
-  const [, named, , others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
+  const [, named, , others] = /^(.*?)(, which .*?)?(, and for \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
   const found = [[text, end], [bare, end], [text, brief], [bare, brief], [fewer(bare), brief], [fewer(unsaid(bare)), brief]].find(hasRoom);
   const left = room - widthOf(`; ${brief}`);
   if (found) return found;
   if (left >= widthOf("until its next one …")) return [abridged(text, left, widthOf), brief];
-  const last = alone.replace(/, which .*?(?=(?:, and \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
+  const last = alone.replace(/, which .*?(?=(?:, and for \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
   const only = [alone, short[0], last, short[1]].find((one) => hasRoom(["", one]));
   return ["", only ?? cutBehind(short[1], 2, "", (one) => hasRoom(["", one])) ?? short[1]];
 }
