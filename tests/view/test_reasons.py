@@ -64,6 +64,35 @@ def test_what_is_waited_for_comes_before_for_how_long(look: Look, tmp_path: Path
     expect(why).to_have_text("for where is he now? {2}")
 
 
+def test_of_a_row_with_little_room_the_number_and_why_are_left(look: Look, tmp_path: Path) -> None:
+    story = Story().module("radiology", "ct scan", resource="scanner").module("brain", "treat").at(1.0)
+    first, scan = story.command("ct scan", "user"), story.command("ct scan", "user")
+    story.delivered(first, "radiology", "scanner").queued(scan, "radiology", "scanner")
+    treat = story.goal("treat", "user")
+    story.delivered(treat, "brain")
+    question = story.received("consent of the patient", QUERY, "brain", origin=treat)
+    story.queued(question).say(facts.WaitBegan("brain", treat, TaskId(question), 0))
+    lost = story.command("helicopter of the army", "user")
+    story.queued(lost).command("fly home", "user", 0, sequential_achievement(TaskId(lost), THIS))
+    page = look(story.at(70.0).write(tmp_path / "ward"))
+    why = {number: page.locator(f".row[data-task='{number}'] .why") for number in (scan, treat, lost + 1)}
+    for width, told in {
+        1400: [
+            "waits for radiology / scanner, busy with ct scan {1}, for 69.00 s",
+            "for consent of the patient {4}, which no module handles",
+            "in the end for helicopter of the army {5}",
+        ],
+        1100: [
+            "for radiology …, busy with ct scan {1}",
+            "for consent of the patient {4} …",
+            "for helicopter of the army {5}",
+        ],
+    }.items():
+        page.set_viewport_size({"width": width, "height": 800})
+        for cell, text in zip(why.values(), told, strict=True):
+            expect(cell).to_have_text(text)
+
+
 def test_a_long_failure_is_whole_at_the_mouse_and_in_the_pane(look: Look, tmp_path: Path) -> None:
     page = look(locked().write(tmp_path / "walk"))
     why = page.locator(".row[data-task='3'] .why")
@@ -85,8 +114,10 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
         (
             "waits for the lock of legs {8}, but legs is busy with move {4}",
             40,
-            "for the lock of legs {8}, but legs is …",
+            "for the lock of legs, busy with move {4}",
         ),
+        ("waits for all of my legs, busy with move {4}", 30, "for all …, busy with move {4}"),
+        ("waits for all of my legs, busy with move {4}", 20, "for all of my legs …"),
         ("waits for all my legs, which eyes has locked", 26, "for all …, locked by eyes"),
         ("waits for all my legs, which eyes has locked", 20, "for all my legs …"),
         (

@@ -1,7 +1,7 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { ages, agesInAll, CALM, element, near, ruler, seconds, soon, withEnd } from "./format.js";
+import { ages, agesInAll, CALM, element, near, NUMBER, ruler, seconds, soon, withEnd } from "./format.js";
 import { Outline } from "./outline.js";
 import { lasting, toldOf } from "./stale.js";
 
@@ -11,7 +11,7 @@ const BESIDE_KIND = 10;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
-const CAUSE = /^(?:waits )?(?:until|for) [^{},]*\{\d+\}/, NUMBER = /\{\d+\}/;
+const CAUSE = /^(?:waits )?(?:until|for) [^{},]*\{\d+\}/, REASON = /, (?:which|but) [^,;]*…/;
 const NOTHING = { text: "", age: null, whole: "", end: "", alone: "" };
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
@@ -236,8 +236,9 @@ export class Tree {
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
     const lasted = age ? ages(age) : [], brief = age ? agesInAll(age) : "", wide = (one) => (one ? this.widthOf(one.textContent) : 0);
     const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4;
-    const [kept, its] = withEnd(told, end, alone, room - wide(brief), this.widthOf), isNamed = NUMBER.test(kept + its) || !CAUSE.test(told);
-    const [what, last] = isNamed ? [kept, its] : withEnd(told, end, alone, room, this.widthOf), rest = last && what ? `; ${last}` : last;
+    const [beside, bare] = [room - wide(brief), room].map((left) => withEnd(told, end, alone, left, this.widthOf));
+    const isNamed = (NUMBER.test(beside.join("")) || !CAUSE.test(told)) && !tellsLess(beside.join("; "), bare.join("; "));
+    const [what, last] = isNamed ? beside : bare, rest = last && what ? `; ${last}` : last;
     if (what) why.append(element("span", { class: "what", text: what }));
     const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
     if (what && isNamed) why.append(...hasRoom ? lasted : [brief]); // what it waits for comes before for how long
@@ -313,6 +314,12 @@ export class Tree {
     }
     this.arrows.replaceChildren(...paths);
   }
+}
+
+// Whether a note names less than another one, or has lost why what it names stands.
+function tellsLess(note, other) {
+  const names = (text) => text.split(NUMBER).length;
+  return names(note) < names(other) || (REASON.test(note) && !REASON.test(other));
 }
 
 // What a row keeps while others come and go: its task, or the first one that is folded.
