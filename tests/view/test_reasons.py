@@ -142,6 +142,8 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
 def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=4.2&task=7")
     expect(page.locator("#task .state")).to_have_text("handling")
+    times = page.locator("#task > table").first
+    expect(times).to_contain_text("handlingsince 3.400 s  (800 ms so far)")
     handled = page.locator("#story tr").last
     expect(handled).to_contain_text("handled by controller")
     expect(handled).to_contain_text("…")
@@ -149,6 +151,7 @@ def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) 
     expect(page.locator("#chain")).to_have_count(0)
     expect(page.locator("#later")).to_contain_text("failed: terrain collision")
     page.keyboard.press("End")
+    expect(times).to_contain_text("handling3.400 s – 4.500 s  (1.10 s)")
     expect(page.locator("#story")).to_contain_text("handled by controller: failed")
     expect(page.locator("#later")).to_have_count(0)
     expect(page.locator("#chain")).to_have_count(1)

@@ -186,7 +186,7 @@ function rest(text) {
 function withoutCarets(text) { return text.replaceAll(/\n[ \t]*[\^~]+[ \t]*(?=\n|$)/g, ""); }
 
 function times([start, end]) {
-  if (end === null) return element("span", {}, `${seconds(start)} –  (`, age(start), ")");
+  if (end === null) return element("span", {}, `since ${seconds(start)}  (`, age(start), " so far)");
   return element("span", { text: `${seconds(start)} – ${seconds(end)}  (${length(end - start)})` });
 }
 
