@@ -194,6 +194,29 @@ def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are
     expect(rows.last).to_have_text("and 8 more that are not met")
 
 
+def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(look: Look, tmp_path: Path) -> None:
+    """Meals are cooked one after the other; the second one's soup waits until that may be cooked, its bread for soup, too."""
+    story = Story().module("cook", "meal", "soup").at(1.0)
+    first = story.goal("meal", "user")
+    second = story.goal("meal", "user", 0, sequential_achievement(TaskId(first), THIS))
+    course = story.delivered(second, "cook").goal("course", "cook", second)
+    soup = story.delivered(course, "cook").command("soup", "cook", course)
+    bread = story.command("bread", "cook", course, sequential_achievement(TaskId(soup), THIS))
+    story.returned(course).returned(second).at(2.0).queued(first)
+    page = look(story.at(3.0).write(tmp_path / "meals"), f"#task={bread}")
+    rows = page.locator("#constraints tr")
+    above = "•start achieving not before meal {1} end achieving, by way of meal {2}"
+    expect(rows).to_have_text([f"•start achieving not before soup {{{soup}}} end achieving", above])
+    page.evaluate(f"location.hash = '#task={soup}'")
+    expect(rows).to_have_text([above])
+    rows.locator("button").last.click()
+    expect(page.locator("#task h2")).to_have_text("meal {2}")
+    expect(rows).to_have_text(["•start achieving not before meal {1} end achieving"])
+    page.evaluate(f"location.hash = '#task={first}'")
+    expect(page.locator("#task h2")).to_have_text("meal {1}")
+    expect(rows).to_have_count(0)
+
+
 @pytest.mark.parametrize("letters", ["A", "deep "])
 def test_a_text_of_any_length_is_shown_at_once_and_all_of_it_when_asked_for(
     look: Look, tmp_path: Path, letters: str

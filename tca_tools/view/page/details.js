@@ -124,7 +124,8 @@ export class Details {
   #constraint(one) {
     const what = one.id ? this.#linkTo(one.id, one.text) : element("span", { text: one.text });
     return element("tr", { class: one.is_met ? "met" : "" },
-      element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }), element("td", {}, what));
+      element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }),
+      element("td", {}, what, ...one.way ? [", by way of ", this.#linkTo(one.way, one.way_name)] : []));
   }
 
   #sentence({ time, text, seconds: took, is_open: isOpen }) {
