@@ -25,6 +25,8 @@ export class Tree {
     this.ask = ask; // the server, for notes
     this.scroller = document.getElementById("rows");
     this.spacer = document.getElementById("spacer");
+    this.head = document.querySelector(".heads span"); // above the names
+    this.where = ""; // what it says of which task
     this.time = Infinity;
     this.rows = [];
     this.tall = 0; // the room for rows, in pixels
@@ -189,7 +191,27 @@ export class Tree {
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
     this.spacer.replaceChildren(...lines, this.arrows);
     this.#drawArrows(first, last);
+    this.#tellWhere();
     this.fetchNotes();
+  }
+
+  // The head names what the first row in sight lies under, if that is out of sight.
+  #tellWhere() {
+    const row = this.rows[Math.ceil(this.scroller.scrollTop / ROW)], path = [];
+    for (let above = row?.task?.parent ?? row?.parent; above; above = above.parent) path.unshift(above);
+    const key = path.map(({ id }) => id).join(" ");
+    if (key === this.where) return; // what is pressed just now stays there
+    this.where = key;
+    const shown = path.length > 2 ? [path[0], null, path.at(-1)] : path;
+    const links = shown.map((task) => (task ? this.#linkTo(task) : element("span", { text: "…" })));
+    this.head.replaceChildren(...links.length ? links.flatMap((link) => [link, " ▸ "]) : ["task"]);
+    this.head.title = path.map(({ name, id }) => `${name} {${id}}`).join(" ▸ ");
+  }
+
+  #linkTo({ name, id }) {
+    const made = element("button", { class: "link", text: `${name} ${id}` });
+    made.addEventListener("click", () => this.choose(id));
+    return made;
   }
 
   #line(row, place) {
