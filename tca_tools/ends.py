@@ -191,7 +191,7 @@ class _Walk:
 
 
 class Last(NamedTuple):
-    """What a task waits for in the end, in its parts: ``for calibrate {343}, which no module handles, and 1 other``."""
+    """What a task waits for in the end, in its parts: ``for paint {3}, which no module handles, and for 1 other``."""
 
     thing: str
     which: str
@@ -199,10 +199,15 @@ class Last(NamedTuple):
     that: str
     """The same as a sentence of its own: "no module handles that", "that is suspended"."""
     others: str = ""
-    """How many others there are."""
+    """How many others there are: ", and for 2 others"."""
 
     def __str__(self) -> str:
         return f"for {self.thing}, which {self.which}{self.others}"
+
+    @property
+    def behind(self) -> str:
+        """What is said behind its name: "no module handles that; in the end also for 2 others"."""
+        return f"{self.that}; in the end also {self.others.removeprefix(', and ')}" if self.others else self.that
 
 
 def in_the_end(then: Then, task: TaskThen) -> str:
@@ -221,7 +226,11 @@ def last_of(then: Then, task: TaskThen, within: int | None = None) -> Last | Non
         return None
     more = len(ends) - 1
     others = (
-        "" if not more else f", and {more} other{'s' * (more > 1)}" if more < MOST else f", and {MOST} or more others"
+        ""
+        if not more
+        else f", and for {more} other{'s' * (more > 1)}"
+        if more < MOST
+        else f", and for {MOST} or more others"
     )
     return of_end(then, ends[0])._replace(others=others)
 

@@ -1,6 +1,7 @@
 """A picture as a page of its own: one file, nothing fetched, hover titles, zoom with the wheel, pan by dragging.
 
-A chart is made wider only, with its labels in sight; any other picture is made larger as a whole.
+A chart is made wider only, with its labels in sight, and the names of bars that begin left of what is seen; any other
+picture is made larger as a whole.
 """
 
 import re
@@ -25,6 +26,20 @@ const main = document.querySelector('main'), plot = document.querySelector('.zoo
 const wide = plot.classList.contains('wide'), box = plot.viewBox.baseVal;
 const labels = document.getElementById('fixed');
 let zoom = 1, held = null, isAll = true;
+const names = Array.from(plot.querySelectorAll('[data-to]'), one => {
+  const from = Number(one.getAttribute('x'));
+  return {one, from, to: Number(one.dataset.to), x: from};
+});
+function keepNames() {
+  if (!wide) return;
+  const left = (labels.getBoundingClientRect().right - plot.getBoundingClientRect().left + 4) / zoom;
+  for (const name of names) {
+    const isCut = name.from < left && left < name.to;
+    const last = isCut ? name.to - (name.one.getComputedTextLength() + 4) / zoom : name.from;
+    const x = Math.max(name.from, Math.min(left, last));
+    if (x !== name.x) name.one.setAttribute('x', name.x = x);
+  }
+}
 const all = () => wide ? (main.clientWidth - labels.offsetWidth) / box.width : 1;
 function show(to, x, y) {
   to = Math.min(Math.max(to, wide ? all() : 0.1), wide ? 64 : 8);
@@ -39,7 +54,9 @@ function show(to, x, y) {
     one.setAttribute('patternTransform', `scale(${1 / zoom},1) ${one.dataset.lean}`);
   main.scrollLeft += (x - at.left) * more;
   if (!wide) main.scrollTop += (y - at.top) * more;
+  keepNames();
 }
+main.onscroll = keepNames;
 main.onwheel = e => {
   if (e.shiftKey) return;
   e.preventDefault();

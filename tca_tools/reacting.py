@@ -88,6 +88,7 @@ class Reacting(Notes):
     def _watched(self, fact: facts.MonitorEnded) -> None:
         if fact.monitor > 0:
             self._change(self._task(fact.monitor), "watched", fact.why)
+            self.news.append(self._task(fact.monitor))  # also where its state stays, since what it did goes on
 
     def _timed_out(self, fact: facts.TimedOut) -> None:
         if (held := self.tasks.get(fact.constraint.after.task)) is not None:

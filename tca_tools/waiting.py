@@ -311,6 +311,16 @@ def blockers_of(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[H
             yield moment
 
 
+def held_above(then: Then, task: TaskThen) -> Iterator[tuple[TaskThen, Hold]]:
+    """The constraints of tasks above that keep it from what it would reach next, each with whose it is."""
+    moments = [one for one in blockers(then, task) if isinstance(one, Moment)]
+    while moments and task.parent in then.tasks:
+        task = then.tasks[task.parent]
+        found = list(blockers_of(then, task, list(dict.fromkeys(one for last in moments for one in up_to(task, last)))))
+        yield from ((task, one) for one in found if isinstance(one, Hold))
+        moments = [one for one in found if isinstance(one, Moment)]
+
+
 def of_blocker(then: Then, task: TaskThen, blocker: Hold | Moment) -> str:
     """One of them in words: ``until move {4} is achieved``."""
     if isinstance(blocker, Moment):

@@ -179,7 +179,8 @@ class Painter:
         if depth:
             kind += "" if depth == 1 else f" z{depth}"
             x = left + 4 / depth
-            yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}" pointer-events="none">{text(words)}</text>'
+            until = f' data-to="{right:.2f}"' if len(self._scale.depths) > 1 else ""  # a page keeps it in sight
+            yield f'<text class="{kind}" x="{x:.2f}" y="{y:.1f}"{until} pointer-events="none">{text(words)}</text>'
 
 
 def _wide(words: str) -> float:

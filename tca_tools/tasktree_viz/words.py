@@ -24,7 +24,7 @@ _LONGEST_FAILURE = 200
 _WAITS, _THEN, _IN_THE_END = "waits ", "; ", "in the end "
 _CLAUSE = re.compile(r"( (is|has been) [a-z ]+)?")
 """What may stand behind the name of what is waited for."""
-_END = re.compile(r"^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$")
+_END = re.compile(r"^(.*?)(, which .*?)?(, and for \d+ (?:or more )?others?)?$")
 """What it is in the end, why that stands, and how many more there are."""
 _SHORTEST_NAME = 5
 """Columns that are left of the name of an end."""
@@ -135,7 +135,7 @@ def note_of(then: Then, task: TaskThen, within: int | None = None) -> Note:
     if not last:
         return Note(text, its_age)
     alone = printable(f"{_IN_THE_END}{last}")
-    end = printable(last.that + last.others) if _names_only(text, printable(last.thing)) else alone
+    end = printable(last.behind) if _names_only(text, printable(last.thing)) else alone
     return Note(text, its_age, end, alone)
 
 

@@ -12,14 +12,14 @@ from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
 from tca_tools.ends import Count, Ends, in_the_end
 from tca_tools.past import Past
-from tca_tools.records import OVER, Message, State, Task
+from tca_tools.records import OVER, Hold, Message, State, Task
 from tca_tools.story import Sentence, sender_of, story
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
-from tca_tools.waiting import coming, waits_how, why_waiting
+from tca_tools.waiting import coming, held_above, waits_how, why_waiting
 from tca_wire.facts import kind_of
 from tca_wire.lines import printable_lines
 from tca_wire.points import Interval, TaskId, describe_moments
@@ -112,14 +112,21 @@ def _task_answer(past: Past, then: Then, task: TaskThen, within: int | None) -> 
         "caught_by": [{"id": handler, "name": past.describe(handler)} for handler in task.caught_by],
         "spans": {interval.name.lower(): words.span(task, interval) for interval in Interval},
         "constraints": [
-            {
-                "id": hold.constraint.before.task,
-                "text": _constraint_text(past, hold.constraint),
-                "kind": kind_of_arrow(hold.constraint),
-                "is_met": task.is_over(hold) if hold.constraint.delay else then.has_reached(hold.constraint.before),
-            }
-            for hold in task.holds
+            *(_constraint_answer(then, task, hold) for hold in task.holds),
+            *(
+                _constraint_answer(then, above, hold) | {"way": above.id, "way_name": past.describe(above.id)}
+                for above, hold in held_above(then, task)
+            ),
         ],
+    }
+
+
+def _constraint_answer(then: Then, task: TaskThen, hold: Hold) -> dict[str, Any]:
+    return {
+        "id": hold.constraint.before.task,
+        "text": _constraint_text(then.past, hold.constraint),
+        "kind": kind_of_arrow(hold.constraint),
+        "is_met": task.is_over(hold) if hold.constraint.delay else then.has_reached(hold.constraint.before),
     }
 
 

@@ -34,6 +34,9 @@ TABLES = {
     "task.role": "B",
     "task.form": "B",
     "task.time": "d",
+    "message.id": "i",  # of one that is no task
+    "message.name": "i",  # a text
+    "message.time": "d",
     "state.task": "i",  # a task's id
     "state.time": "d",
     "state.state": "B",
@@ -121,13 +124,20 @@ class Feed:
         for record in news:
             if not isinstance(record, Task):
                 _TELL[type(record)](self, record)
-        for fact in entry.facts:
-            if isinstance(fact, Received) and fact.id in history.messages:
-                self._names.setdefault(fact.message)
+        self._tell_messages([fact for fact in entry.facts if isinstance(fact, Received)])
         self._tell_said([fact for fact in entry.facts if isinstance(fact, Failed | Killed)])
         self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good, history.time)
+
+    def _tell_messages(self, received: list[Received]) -> None:
+        """What a search finds beside tasks."""
+        for fact in received:
+            if (message := self.history.messages.get(fact.id)) is None:
+                continue
+            self._names.setdefault(fact.message)
+            if not isinstance(message, Task) and message.received == self.history.time:
+                self.columns.add("message", message.id, self.columns.text(message.name), message.received)
 
     def _tell_failures(self, failed: list[Failed]) -> None:
         for fact in failed:

@@ -40,14 +40,28 @@ def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> No
     story.delivered(drill, "rig").queued(story.command("paint", "brain", mission))
     story.returned(mission)
     then = Then(story.fold())
-    assert in_the_end(then, then.tasks[1]) == "for paint {3}, which no module handles, and 1 other"
+    assert in_the_end(then, then.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
     for _ in range(MOST + 5):
         story.queued(story.command("paint", "brain", mission))
     then = Then(story.fold())
-    assert in_the_end(then, then.tasks[1]).endswith(f", and {MOST} or more others")
+    assert in_the_end(then, then.tasks[1]).endswith(f", and for {MOST} or more others")
     waiting, things, (first, *_) = causes(then)
     assert (waiting, things) == (MOST + 7, 2)
     assert first == ("paint, which no module handles", MOST + 7, 3)
+
+
+def test_of_what_is_named_already_the_others_are_others_that_are_waited_for() -> None:
+    """They are not others that handle it."""
+    story = Story().module("baker", "plan", "bake").module("oven", "bake").at(1.0)
+    plan = story.goal("plan", "user")
+    story.delivered(plan, "baker").reached(plan, Moment.START_ACHIEVING)
+    for _ in range(2):
+        story.delivered(story.command("bake", "baker", plan), "oven")
+    last = story.command("eat", "user", 0, sequential_achievement(TaskId(plan), THIS))
+    then = Then(story.at(4.0).fold())
+    assert in_the_end(then, then.tasks[last]) == "for plan {1}, which baker handles, and for 2 others"
+    told = "waits until plan {1} is achieved, for 3.00 s; baker handles that; in the end also for 2 others"
+    assert words.note(then, then.tasks[last]) == told
 
 
 def test_a_circle_is_told_as_one() -> None:
@@ -119,12 +133,14 @@ def test_no_name_is_said_twice() -> None:
 
 def test_the_cause_is_the_last_to_give_way() -> None:
     """And no duration stands alone: nobody could tell what it is of."""
-    end = "in the end for ring bell {12}, which waits until 500.250 s, and 2 others"
+    end = "in the end for ring bell {12}, which waits until 500.250 s, and for 2 others"
     note = words.Note("waits until its parent package {7} is being achieved", SINCE_1, end)
-    assert note.within(80, 2.0) == "waits until its parent package {7}…; in the end for ring bell {12}, and 2 others"
+    assert (
+        note.within(84, 2.0) == "waits until its parent package {7}…; in the end for ring bell {12}, and for 2 others"
+    )
     assert note.within(63, 2.0) == "waits until its parent package {7} is being achieved"
     assert all(f"{note.within(room, 2.0)} ".startswith(("waits until its", "until its")) for room in range(20, 120))
-    assert words.Note("", SINCE_1, end).within(45, 2.0) == "in the end for ring bell {12}, and 2 others"
+    assert words.Note("", SINCE_1, end).within(49, 2.0) == "in the end for ring bell {12}, and for 2 others"
     assert words.Note("", SINCE_1, end).within(20, 2.0) == "for ring bell {12}"
     assert words.Note("", SINCE_1, end).within(14, 2.0) == "for ring… {12}"
 

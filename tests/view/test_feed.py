@@ -15,6 +15,7 @@ from tca_tools.coping import WATCHING, Failing, has_coped, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.colours import dark
 from tca_tools.history import History
+from tca_tools.records import State
 from tca_tools.then import Then
 from tca_tools.view import verdicts
 from tca_tools.view.columns import parsed
@@ -22,7 +23,7 @@ from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
 from tca_wire import facts
 from tca_wire.facts import Entry
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import Outcome
+from tca_wire.vocabulary import MessageClass, Outcome
 
 
 class Page:
@@ -76,6 +77,9 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     page.take(player.feed)
     assert page.columns["entry.time"] == list(history.times)
     assert page.columns["task.id"] == list(history.tasks)
+    others = [one for one in history.messages.values() if one.id not in history.tasks]
+    told = [(number, page.texts[name], time) for number, name, time in page.table("message")]
+    assert told == [(one.id, one.name, one.received) for one in others]
     for time in history.times[::5]:
         assert page.states(time) == {
             task.id: WATCHING if task.watches else task.state for task in Then(history, time).tasks.values()
@@ -155,6 +159,23 @@ def test_a_module_that_handled_nothing_has_a_row() -> None:
     spans = [(rows[row], kind, start) for row, kind, *_, start in page.table("span")]
     assert spans == [("lamp / bulb", SpanKind.CONNECTED, 0.0), ("lamp / bulb", SpanKind.CONNECTED, 2.0)]
     assert page.table("end") == [(0, 1.0, 0)]
+
+
+def test_a_monitor_whose_action_goes_on_watches_no_longer() -> None:
+    story = Story().module("eyes", "look").module("arm", "lift").at(1.0)
+    monitor = story.received("look", MessageClass.POINT_MONITOR, "user")
+    story.reached(monitor, Moment.START_PLANNING, Moment.END_PLANNING)
+    story.reached(monitor, Moment.START_HANDLING, Moment.START_ACHIEVING).at(2.0)
+    lift = story.command("lift", "central", monitor)
+    story.say(facts.MonitorEnded(TaskId(monitor), "it has been tested")).delivered(lift, "arm")
+    feed, page = Feed(), Page()
+    for entry in story.entries:
+        feed.apply(entry)
+    page.take(feed)
+    assert [(time, STATES[state]) for task, time, state in page.table("state") if task == monitor] == [
+        (1.0, WATCHING),
+        (2.0, State.ACHIEVING),
+    ]
 
 
 def test_nothing_new_is_an_empty_frame() -> None:

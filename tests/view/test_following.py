@@ -1,5 +1,6 @@
 """The tree goes where the reader does: to what he chose, to what is current at a time, and nowhere against his will."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -158,3 +159,23 @@ def test_an_address_is_pasted_into_the_page_that_is_open(look: Look, walk: Path)
     expect(page.locator("#follow")).to_have_class("on")
     expect(chosen(page)).to_have_attribute("data-task", "1")
     expect(chosen(page)).to_be_in_viewport()
+
+
+def test_the_head_names_what_rows_lie_under_that_is_out_of_sight(look: Look, tmp_path: Path) -> None:
+    story = Story().module("planner", "day", "visit").module("legs", "move").at(1.0)
+    day = story.goal("day", "user")
+    story.delivered(day, "planner").reached(day, Moment.START_ACHIEVING)
+    for _ in range(4):
+        visit = story.goal("visit", "planner", day)
+        story.delivered(visit, "planner").reached(visit, Moment.START_ACHIEVING)
+        moves = [story.command("move", "planner", visit) for _ in range(12)]
+    story.delivered(moves[-1], "legs")  # it is current: the page opens there
+    page = look(story.at(2.0).write(tmp_path / "day"))
+    head = page.locator(".heads span").first
+    expect(page.locator(f".row[data-task='{moves[-1]}']")).to_be_visible()
+    expect(head).to_have_text(re.compile(rf"^day {day} ▸ visit (\d+) ▸ $"))
+    head.locator("button").last.click()
+    expect(chosen(page)).to_contain_text("visit")
+    head.locator("button").first.click()
+    expect(chosen(page)).to_contain_text("day")
+    expect(head).to_have_text("task")

@@ -61,3 +61,40 @@ def test_the_labels_of_the_axis_are_whole_at_its_edges(browser: Browser, tmp_pat
         assert left - 1 <= min(edges) < left + 30, width
         assert right - 30 < max(edges) <= right + 1, width
         page.close()
+
+
+SEEN = """() => {
+  const right = (one) => one.getBoundingClientRect().right;
+  return [right(document.getElementById('fixed')), right(document.querySelector('main'))];
+}"""
+
+
+def test_a_bar_that_fills_the_window_has_its_name(browser: Browser, tmp_path: Path) -> None:
+    """A walk of three minutes, of which eight seconds in the middle are seen, then its end."""
+    story = Story().module("legs", "walk").module("eyes", "look").at(10.0)
+    walk, look = story.goal("walk", "user"), story.goal("look", "user")
+    story.delivered(walk, "legs").at(20.0).delivered(look, "eyes").at(40.0).returned(look).at(190.0).returned(walk)
+    page_file = tmp_path / "run.html"
+    assert CliRunner().invoke(gantt, [str(story.write(tmp_path / "run")), "-o", str(page_file)]).exit_code == 0
+    page = browser.new_page(viewport={"width": 1000, "height": 700})
+    page.goto(page_file.as_uri())
+    name = page.locator("text.on", has_text="walk")
+    at_first = name.get_attribute("x")
+    for _ in range(5):
+        page.click("text=+")
+    left, right = page.evaluate(SEEN)
+    box = name.bounding_box()
+    assert box
+    assert left <= box["x"] < left + 30
+    assert box["x"] + box["width"] < right
+    before = name.get_attribute("x")
+    page.evaluate("document.querySelector('main').scrollLeft = 1e9")
+    until(page, "(old) => document.querySelector('text.on').getAttribute('x') !== old", before)
+    box = name.bounding_box()
+    end = page.locator("rect", has_text="walk").last.bounding_box()
+    assert box
+    assert end
+    assert box["x"] + box["width"] <= end["x"] + end["width"]
+    page.click("text=all")
+    assert name.get_attribute("x") == at_first
+    page.close()

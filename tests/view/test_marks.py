@@ -246,7 +246,7 @@ def test_a_bar_that_goes_on_has_not_failed_yet(look: Look, tmp_path: Path) -> No
     told = "move {1} handled by legs"
     went = ": 1.000 s – 9.000 s (8.00 s)"
     for time, is_framed, said in (
-        ("5", [False, True], f"{told}: 1.000 s – (4.00 s); later: failed: until 9.000 s (8.00 s)"),
+        ("5", [False, True], f"{told}: since 1.000 s (4.00 s so far); later: failed: until 9.000 s (8.00 s)"),
         ("0.5", [True, True], f"later: {told}: failed{went}"),
         ("9", [True, True], f"{told}: failed{went}"),
     ):

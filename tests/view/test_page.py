@@ -172,6 +172,17 @@ def test_names_are_seen_on_a_narrow_screen_and_nothing_lies_over_them(look: Look
     assert page.locator("#slider").bounding_box()["width"] > 300  # type: ignore[index]
 
 
+def test_the_name_of_the_run_is_whole_beside_many_states(look: Look, tmp_path: Path) -> None:
+    story = stumbling()
+    story.queued(story.command("rest", "user")).command("wait", "user")
+    page = look(story.write(tmp_path / "walk over the hills of mars"))
+    name = page.locator("#name")
+    for width in (1400, 1000, 910, 800, 420):
+        page.set_viewport_size({"width": width, "height": 800})
+        assert name.evaluate("(name) => name.scrollWidth <= name.clientWidth"), width
+        assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), width
+
+
 def test_foreign_text_is_text(look: Look, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"

@@ -64,6 +64,35 @@ def test_what_is_waited_for_comes_before_for_how_long(look: Look, tmp_path: Path
     expect(why).to_have_text("for where is he now? {2}")
 
 
+def test_of_a_row_with_little_room_the_number_and_why_are_left(look: Look, tmp_path: Path) -> None:
+    story = Story().module("radiology", "ct scan", resource="scanner").module("brain", "treat").at(1.0)
+    first, scan = story.command("ct scan", "user"), story.command("ct scan", "user")
+    story.delivered(first, "radiology", "scanner").queued(scan, "radiology", "scanner")
+    treat = story.goal("treat", "user")
+    story.delivered(treat, "brain")
+    question = story.received("consent of the patient", QUERY, "brain", origin=treat)
+    story.queued(question).say(facts.WaitBegan("brain", treat, TaskId(question), 0))
+    lost = story.command("helicopter of the army", "user")
+    story.queued(lost).command("fly home", "user", 0, sequential_achievement(TaskId(lost), THIS))
+    page = look(story.at(70.0).write(tmp_path / "ward"))
+    why = {number: page.locator(f".row[data-task='{number}'] .why") for number in (scan, treat, lost + 1)}
+    for width, told in {
+        1400: [
+            "waits for radiology / scanner, busy with ct scan {1}, for 69.00 s",
+            "for consent of the patient {4}, which no module handles",
+            "in the end for helicopter of the army {5}",
+        ],
+        1100: [
+            "for radiology …, busy with ct scan {1}",
+            "for consent of the patient {4} …",
+            "for helicopter of the army {5}",
+        ],
+    }.items():
+        page.set_viewport_size({"width": width, "height": 800})
+        for cell, text in zip(why.values(), told, strict=True):
+            expect(cell).to_have_text(text)
+
+
 def test_a_long_failure_is_whole_at_the_mouse_and_in_the_pane(look: Look, tmp_path: Path) -> None:
     page = look(locked().write(tmp_path / "walk"))
     why = page.locator(".row[data-task='3'] .why")
@@ -85,8 +114,10 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
         (
             "waits for the lock of legs {8}, but legs is busy with move {4}",
             40,
-            "for the lock of legs {8}, but legs is …",
+            "for the lock of legs, busy with move {4}",
         ),
+        ("waits for all of my legs, busy with move {4}", 30, "for all …, busy with move {4}"),
+        ("waits for all of my legs, busy with move {4}", 20, "for all of my legs …"),
         ("waits for all my legs, which eyes has locked", 26, "for all …, locked by eyes"),
         ("waits for all my legs, which eyes has locked", 20, "for all my legs …"),
         (
@@ -111,6 +142,8 @@ def test_abridged_reasons(look: Look, tmp_path: Path) -> None:
 def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) -> None:
     page = look(stumbling().write(tmp_path / "walk"), "#t=4.2&task=7")
     expect(page.locator("#task .state")).to_have_text("handling")
+    times = page.locator("#task > table").first
+    expect(times).to_contain_text("handlingsince 3.400 s  (800 ms so far)")
     handled = page.locator("#story tr").last
     expect(handled).to_contain_text("handled by controller")
     expect(handled).to_contain_text("…")
@@ -118,6 +151,7 @@ def test_who_looks_back_is_not_told_what_came_later(look: Look, tmp_path: Path) 
     expect(page.locator("#chain")).to_have_count(0)
     expect(page.locator("#later")).to_contain_text("failed: terrain collision")
     page.keyboard.press("End")
+    expect(times).to_contain_text("handling3.400 s – 4.500 s  (1.10 s)")
     expect(page.locator("#story")).to_contain_text("handled by controller: failed")
     expect(page.locator("#later")).to_have_count(0)
     expect(page.locator("#chain")).to_have_count(1)
@@ -158,6 +192,29 @@ def test_of_many_constraints_those_that_hold_it_come_first_and_of_those_that_are
     expect(rows).to_have_count(20)
     page.evaluate("location.hash = 't=1.5&task=21'")
     expect(rows.last).to_have_text("and 8 more that are not met")
+
+
+def test_the_constraint_of_a_parent_that_holds_a_task_is_among_its_own(look: Look, tmp_path: Path) -> None:
+    """Meals are cooked one after the other; the second one's soup waits until that may be cooked, its bread for soup, too."""
+    story = Story().module("cook", "meal", "soup").at(1.0)
+    first = story.goal("meal", "user")
+    second = story.goal("meal", "user", 0, sequential_achievement(TaskId(first), THIS))
+    course = story.delivered(second, "cook").goal("course", "cook", second)
+    soup = story.delivered(course, "cook").command("soup", "cook", course)
+    bread = story.command("bread", "cook", course, sequential_achievement(TaskId(soup), THIS))
+    story.returned(course).returned(second).at(2.0).queued(first)
+    page = look(story.at(3.0).write(tmp_path / "meals"), f"#task={bread}")
+    rows = page.locator("#constraints tr")
+    above = "•start achieving not before meal {1} end achieving, by way of meal {2}"
+    expect(rows).to_have_text([f"•start achieving not before soup {{{soup}}} end achieving", above])
+    page.evaluate(f"location.hash = '#task={soup}'")
+    expect(rows).to_have_text([above])
+    rows.locator("button").last.click()
+    expect(page.locator("#task h2")).to_have_text("meal {2}")
+    expect(rows).to_have_text(["•start achieving not before meal {1} end achieving"])
+    page.evaluate(f"location.hash = '#task={first}'")
+    expect(page.locator("#task h2")).to_have_text("meal {1}")
+    expect(rows).to_have_count(0)
 
 
 @pytest.mark.parametrize("letters", ["A", "deep "])

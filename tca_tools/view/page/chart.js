@@ -211,7 +211,10 @@ export class Chart {
     const isChosen = span.message && span.message === this.chosen, inset = isChosen ? 1 : 0; // two frames are both seen
     const left = span.end > this.time ? Math.max(this.#x(this.time), x) : x; // before a failure is known, only what is to come has its frame
     if (span.outcome === "failed") this.#outline(left + inset, y + inset, x + wide - left - 2 * inset, tall - 2 * inset, this.#tintOf(span), 2);
-    if (span.outcome === "killed" && wide > 6) this.#drawKilled(x + wide, y, tall);
+    if (span.outcome === "killed" && wide > 6) {
+      context.fillStyle = css("--ink"); // a dark end
+      context.fillRect(x + wide - 3, y, 3, tall);
+    }
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
     if (wide > 34) {
       context.save();
@@ -261,15 +264,8 @@ export class Chart {
 
   // How many wait, behind those that are drawn.
   #drawCurve(row, y, tall) {
-    const left = Math.ceil(this.labels), right = Math.min(this.#x(this.store.end), this.width), timeAt = (x) => this.#timeAt(x);
-    const how = row === this.store.suspended ? "suspended" : "queued";
-    drawLength(this.context, row.queued, { left, right, y, tall, timeAt, ink: css("--ink"), paper: css("--paper"), how });
-  }
-
-  // A dark end.
-  #drawKilled(x, y, tall) {
-    this.context.fillStyle = css("--ink");
-    this.context.fillRect(x - 3, y, 3, tall);
+    const where = { left: Math.ceil(this.labels), right: Math.min(this.#x(this.store.end), this.width), y, tall, timeAt: (x) => this.#timeAt(x) };
+    drawLength(this.context, row.queued, { ...where, ink: css("--ink"), paper: css("--paper"), how: row === this.store.suspended ? "suspended" : "queued" });
   }
 
   #drawHeld(x, width, y) {

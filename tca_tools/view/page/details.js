@@ -124,7 +124,8 @@ export class Details {
   #constraint(one) {
     const what = one.id ? this.#linkTo(one.id, one.text) : element("span", { text: one.text });
     return element("tr", { class: one.is_met ? "met" : "" },
-      element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }), element("td", {}, what));
+      element("td", { text: one.is_met ? "✓" : "•", title: one.is_met ? "met" : "holds it" }),
+      element("td", {}, what, ...one.way ? [", by way of ", this.#linkTo(one.way, one.way_name)] : []));
   }
 
   #sentence({ time, text, seconds: took, is_open: isOpen }) {
@@ -186,7 +187,7 @@ function rest(text) {
 function withoutCarets(text) { return text.replaceAll(/\n[ \t]*[\^~]+[ \t]*(?=\n|$)/g, ""); }
 
 function times([start, end]) {
-  if (end === null) return element("span", {}, `${seconds(start)} –  (`, age(start), ")");
+  if (end === null) return element("span", {}, `since ${seconds(start)}  (`, age(start), " so far)");
   return element("span", { text: `${seconds(start)} – ${seconds(end)}  (${length(end - start)})` });
 }
 

@@ -1,5 +1,6 @@
 // Times, colours and elements: how things look in every part of the page.
 
+export const NUMBER = /\{\d+\}/;
 const STEPS = [60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400];
 
 export function seconds(time, digits = 3) {
@@ -64,8 +65,14 @@ export function abridged(text, room, widthOf) {
   const brief = held.replaceAll(/, (?:which|but) ([^,]+?) has (locked|reserved)(?: it)?/g, ", $2 by $1"), bare = brief.replace(/^waits /, "");
   const asked = unsaid(bare), found = [text, held, brief, bare, fewer(bare), asked, fewer(asked)].find(hasRoom);
   if (found !== undefined) return found;
-  const [, what, holder] = /^(.*)(, (?:locked|reserved) by .*)$/.exec(asked) ?? [];
+  const short = unnamed(asked), [, what, holder] = /^(.*)(, (?:(?:locked|reserved) by|busy with) .*)$/.exec(short) ?? [];
+  if (hasRoom(short)) return short;
   return (holder && cutBehind(what, 2, holder, hasRoom)) ?? cutBehind(asked, 1, "", hasRoom) ?? `${asked.split(" ")[0]} …`;
+}
+
+// A lock that is waited for without what its place is called again, and without its own number: what is busy there says more.
+function unnamed(text) {
+  return text.replace(/(\bof ([^{},]*)) \{\d+\}, but \2 is (?=busy with )/, "$1, ");
 }
 
 // A wait for a reply as one for the question: what becomes of that says more.
@@ -85,12 +92,13 @@ function fewer(text) {
 export function withEnd(text, end, alone, room, widthOf) {
   if (!end) return [abridged(text, room, widthOf), ""];
   const hasRoom = (parts) => widthOf(parts.join("; ")) <= room, bare = text.replace(/^waits /, "");
-  const [, named, , others] = /^(.*?)(, which .*?)?(, and \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
+  const [, named, , others] = /^(.*?)(, which .*?)?(, and for \d+ (?:or more )?others?)?$/.exec(end), brief = named + (others ?? "");
   const found = [[text, end], [bare, end], [text, brief], [bare, brief], [fewer(bare), brief], [fewer(unsaid(bare)), brief]].find(hasRoom);
   const left = room - widthOf(`; ${brief}`);
   if (found) return found;
-  if (left >= widthOf("until its next one …")) return [abridged(text, left, widthOf), brief];
-  const last = alone.replace(/, which .*?(?=(?:, and \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
+  const kept = abridged(text, left, widthOf), isThat = end !== alone; // the end says "that" of what is named last
+  if (left >= widthOf("until its next one …") && (!isThat || NUMBER.test(kept))) return [kept, brief];
+  const last = alone.replace(/, which .*?(?=(?:, and for \d+ (?:or more )?others?)?$)/, ""), short = [alone, last].map((one) => one.replace(/^in the end /, ""));
   const only = [alone, short[0], last, short[1]].find((one) => hasRoom(["", one]));
   return ["", only ?? cutBehind(short[1], 2, "", (one) => hasRoom(["", one])) ?? short[1]];
 }
@@ -100,7 +108,7 @@ function cutBehind(text, least, end, hasRoom) {
   const words = text.split(" ");
   while (words.length > least) {
     words.pop();
-    const made = `${words.join(" ").replace(/,$/, "")} …${end}`;
+    const made = `${words.join(" ").replace(/(?:,| and| for)+$/, "")} …${end}`;
     if (hasRoom(made)) return made;
   }
   return undefined;

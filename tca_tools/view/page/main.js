@@ -169,7 +169,9 @@ const MEANINGS = {
 
 function showStatus(away = "") {
   const { head } = store, badge = document.getElementById("status"), problem = document.getElementById("problem");
-  document.getElementById("name").textContent = head?.name ?? "…";
+  const name = document.getElementById("name");
+  name.textContent = head?.name ?? "…";
+  name.title = head?.name ?? "";
   document.title = head ? `${head.name} – tca view` : "tca view";
   const wrong = away || head?.problem || "", told = wrong || head?.remark || "";
   problem.hidden = !told;

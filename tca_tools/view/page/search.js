@@ -1,6 +1,7 @@
 // Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
 // failed. Several words must all fit, each somewhere. Tasks of that name come first, then those in that state, of that
-// module, and what failed so; each in the order in which they were sent.
+// module, and what failed so; each in the order in which they were sent. Other messages are found in the same way, if one
+// of the words is of their name: they come behind the tasks.
 
 import { lastNotAfter, wasHandled } from "./store.js";
 
@@ -27,23 +28,37 @@ export class Search {
   update(time = this.time) {
     this.time = time;
     const words = this.input.value.toLowerCase().split(/\s+/).filter(Boolean);
-    const sent = words.length ? this.store.sentBy(this.store.tasks, time) : 0;
-    const moment = lastNotAfter(this.store.times, time); // what is found changes with messages, not with time
-    const asked = `${words.join(" ")}@${moment}#${this.store.version}`;
+    const { store } = this, sent = (all) => all.slice(0, words.length ? store.sentBy(all, time) : 0);
+    const moment = lastNotAfter(store.times, time); // what is found changes with messages, not with time
+    const asked = `${words.join(" ")}@${moment}#${store.version}`;
     if (asked === this.asked) return;
     this.asked = asked;
-    this.found = this.#sorted(this.store.tasks.slice(0, sent), words);
-    this.place = -1;
+    const stood = this.wanted === words.join(" ") ? this.found[this.place] : undefined; // news do not lead back to the first
+    this.wanted = words.join(" ");
+    this.found = this.#sorted(sent(store.tasks), sent(store.messages), words);
+    this.place = this.found.indexOf(stood);
     this.tree.found = new Set(this.found);
-    document.getElementById("found").textContent = words.length ? `${this.found.length} found${this.#handled(words)}` : "";
+    this.#tell(words.length ? `${this.found.length} found${this.#others()}${this.#handled(words)}` : "");
     this.changed();
   }
 
-  // A task stands where the word stands that fits it last.
-  #sorted(tasks, words) {
-    const ranks = Array.from({ length: NOWHERE }, () => []);
-    for (const task of tasks) ranks[Math.max(...words.map((word) => this.#place(task, word)), 0)]?.push(task);
-    return words.length ? ranks.flat() : [];
+  #tell(how) { document.getElementById("found").textContent = this.place < 0 ? how : `${this.place + 1} of ${this.found.length}`; }
+
+  // What is found stands where the word stands that fits it last.
+  #sorted(tasks, messages, words) {
+    const ranks = Array.from({ length: NOWHERE }, () => []), named = Array.from({ length: NOWHERE }, () => []);
+    for (const task of tasks) ranks[Math.max(...words.map((word) => this.#place(task, word)))]?.push(task);
+    for (const message of messages) {
+      const places = words.map((word) => this.#place(message, word));
+      if (places.includes(0)) named[Math.max(...places)]?.push(message);
+    }
+    return [...ranks, ...named].flat();
+  }
+
+  // The tree has a row for a task only.
+  #others() {
+    const number = this.found.filter(({ id }) => !this.store.byId.has(id)).length;
+    return number ? `, ${number < this.found.length ? `${number} of them ` : ""}no ${number === 1 ? "task" : "tasks"}` : "";
   }
 
   // Who looks for failures is told how many of them were handled: they are counted apart elsewhere.
@@ -56,7 +71,7 @@ export class Search {
   next(step) {
     if (!this.found.length) return;
     this.place = (this.place + step + this.found.length) % this.found.length;
-    document.getElementById("found").textContent = `${this.place + 1} of ${this.found.length}`;
+    this.#tell();
     this.choose(this.found[this.place].id);
   }
 
@@ -64,7 +79,7 @@ export class Search {
   #place(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
     if (isIn(task.name) || String(task.id) === word || `{${task.id}}` === word) return 0;
-    const states = store.looksOf(task, time).name.split(/[ ()]+/), hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
+    const states = task.times ? store.looksOf(task, time).name.split(/[ ()]+/) : [], hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
     if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || (word.length >= SHORTEST && state.startsWith(word)))) return 1;
     if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
     for (const module of task.modules ?? []) if (isIn(module)) return 2;

@@ -24,7 +24,7 @@ function what(span, store) {
 function went({ start, end }, how, store, time) {
   const isWhole = end <= time || start > time, until = `${seconds(end)} (${length(Math.min(end, store.end) - start)})`;
   if (isWhole && end < Infinity) return `${how}: ${seconds(start)} – ${until}`;
-  const soFar = `: ${seconds(start)} – (${length((isWhole ? store.end : time) - start)})`;
+  const soFar = `: since ${seconds(start)} (${length((isWhole ? store.end : time) - start)} so far)`;
   return end === Infinity ? soFar : `${soFar}; later${how}: until ${until}`;
 }
 

@@ -57,6 +57,8 @@ export class Store {
     this.tasks = []; // { id, parent, name, sender, role, form, time, children, times, states, holds, before }
     this.byId = new Map();
     this.top = [];
+    this.messages = []; // that are no tasks: { id, name, time, modules, said, queued }, as of tasks
+    this.messageById = new Map();
     this.rows = []; // of the chart: { label, module, handled, queued, held, connected, failed, raised }; the first three are Lanes
     this.suspended = newRow("(suspended)");
     this.suspensions = []; // the spans in it, as they began
@@ -103,6 +105,7 @@ export class Store {
     for (const text of head.texts) this.texts.push(text);
     for (const time of columns["entry.time"]) this.times.push(time);
     this.#addTasks(columns);
+    this.#addMessages(columns);
     this.#addStates(columns);
     this.#addSaid(columns);
     this.#addHolds(columns);
@@ -131,6 +134,14 @@ export class Store {
       this.tasks.push(task);
       (task.parent ? task.parent.children : this.top).push(task);
     }
+  }
+
+  #addMessages(columns) {
+    columns["message.id"].forEach((id, i) => {
+      const name = this.texts[columns["message.name"][i]], message = { id, name, time: columns["message.time"][i], modules: null, said: [], queued: [] };
+      this.messages.push(message);
+      this.messageById.set(id, message);
+    });
   }
 
   #addStates(columns) {
@@ -162,7 +173,7 @@ export class Store {
   #addSaid(columns) {
     columns["said.message"].forEach((id, i) => {
       const said = { time: columns["said.time"][i], text: this.texts[columns["said.text"][i]].toLowerCase() };
-      this.byId.get(id)?.said.push(said);
+      (this.byId.get(id) ?? this.messageById.get(id))?.said.push(said);
     });
   }
 
@@ -227,9 +238,9 @@ export class Store {
     } else {
       ({ queued: row.queued, held: row.held }[span.kind] ?? row.handled).put(span);
     }
-    const task = this.byId.get(span.message);
-    if (task && span.kind === "handling") (task.modules ??= new Set()).add(row.label);
-    if (task && span.kind === "queued") task.queued.push(span);
+    const message = this.byId.get(span.message) ?? this.messageById.get(span.message);
+    if (message && span.kind === "handling") (message.modules ??= new Set()).add(row.label);
+    if (message && span.kind === "queued") message.queued.push(span);
   }
 
   // --- what was so at a moment -------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 // The task tree at a moment: a line a task, of which only those in sight are in the page.
 
 import { lastNotAfter, NEVER } from "./store.js";
-import { ages, agesInAll, CALM, element, near, ruler, seconds, soon, withEnd } from "./format.js";
+import { ages, agesInAll, CALM, element, near, NUMBER, ruler, seconds, soon, withEnd } from "./format.js";
 import { Outline } from "./outline.js";
 import { lasting, toldOf } from "./stale.js";
 
@@ -11,7 +11,7 @@ const BESIDE_KIND = 10;
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
-const CAUSE = /^(?:waits )?(?:until|for) [^{},]*\{\d+\}/, NUMBER = /\{\d+\}/;
+const CAUSE = /^(?:waits )?(?:until|for) [^{},]*\{\d+\}/, REASON = /, (?:which|but) [^,;]*…/;
 const NOTHING = { text: "", age: null, whole: "", end: "", alone: "" };
 const ROLE_MARKS = {
   "exception handler": "for a failure", "listener": "by a wiretap", "termination": "to leave things safe", "cancel": "cancels",
@@ -25,6 +25,8 @@ export class Tree {
     this.ask = ask; // the server, for notes
     this.scroller = document.getElementById("rows");
     this.spacer = document.getElementById("spacer");
+    this.head = document.querySelector(".heads span"); // above the names
+    this.where = ""; // what it says of which task
     this.time = Infinity;
     this.rows = [];
     this.tall = 0; // the room for rows, in pixels
@@ -189,7 +191,27 @@ export class Tree {
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
     this.spacer.replaceChildren(...lines, this.arrows);
     this.#drawArrows(first, last);
+    this.#tellWhere();
     this.fetchNotes();
+  }
+
+  // The head names what the first row in sight lies under, if that is out of sight.
+  #tellWhere() {
+    const row = this.rows[Math.ceil(this.scroller.scrollTop / ROW)], path = [];
+    for (let above = row?.task?.parent ?? row?.parent; above; above = above.parent) path.unshift(above);
+    const key = path.map(({ id }) => id).join(" ");
+    if (key === this.where) return; // what is pressed just now stays there
+    this.where = key;
+    const shown = path.length > 2 ? [path[0], null, path.at(-1)] : path;
+    const links = shown.map((task) => (task ? this.#linkTo(task) : element("span", { text: "…" })));
+    this.head.replaceChildren(...links.length ? links.flatMap((link) => [link, " ▸ "]) : ["task"]);
+    this.head.title = path.map(({ name, id }) => `${name} {${id}}`).join(" ▸ ");
+  }
+
+  #linkTo({ name, id }) {
+    const made = element("button", { class: "link", text: `${name} ${id}` });
+    made.addEventListener("click", () => this.choose(id));
+    return made;
   }
 
   #line(row, place) {
@@ -236,8 +258,9 @@ export class Tree {
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
     const lasted = age ? ages(age) : [], brief = age ? agesInAll(age) : "", wide = (one) => (one ? this.widthOf(one.textContent) : 0);
     const room = this.room - (kinds ? this.widthOf(kinds) + BESIDE_KIND : 0) - 4;
-    const [kept, its] = withEnd(told, end, alone, room - wide(brief), this.widthOf), isNamed = NUMBER.test(kept + its) || !CAUSE.test(told);
-    const [what, last] = isNamed ? [kept, its] : withEnd(told, end, alone, room, this.widthOf), rest = last && what ? `; ${last}` : last;
+    const [beside, bare] = [room - wide(brief), room].map((left) => withEnd(told, end, alone, left, this.widthOf));
+    const isNamed = (NUMBER.test(beside.join("")) || !CAUSE.test(told)) && !tellsLess(beside.join("; "), bare.join("; "));
+    const [what, last] = isNamed ? beside : bare, rest = last && what ? `; ${last}` : last;
     if (what) why.append(element("span", { class: "what", text: what }));
     const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
     if (what && isNamed) why.append(...hasRoom ? lasted : [brief]); // what it waits for comes before for how long
@@ -313,6 +336,12 @@ export class Tree {
     }
     this.arrows.replaceChildren(...paths);
   }
+}
+
+// Whether a note names less than another one, or has lost why what it names stands.
+function tellsLess(note, other) {
+  const names = (text) => text.split(NUMBER).length;
+  return names(note) < names(other) || (REASON.test(note) && !REASON.test(other));
 }
 
 // What a row keeps while others come and go: its task, or the first one that is folded.

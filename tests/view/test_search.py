@@ -1,0 +1,65 @@
+"""The search of the page: what has no row in the tree is found, too, and who goes through what is found comes on."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+from tools.story import QUERY, Story
+from view.conftest import Look
+
+from tca_wire import facts
+from tca_wire.points import Moment
+from tca_wire.vocabulary import MessageClass, Outcome
+
+pytestmark = pytest.mark.slow
+
+
+def asking() -> Story:
+    """A look {1} asks a map {2}, then one {3} that fails; a map is drawn {4}; that the battery is low {5} nobody hears."""
+    story = Story().module("eyes", "look").module("maps", "map", "draw map").at(1.0)
+    looks = story.goal("look", "user")
+    story.delivered(looks, "eyes").query("map", "eyes", looks, "maps", 0.5)
+    failing = story.at(2.0).received("map", QUERY, "eyes", origin=looks, blocking=True)
+    story.delivered(failing, "maps").at(3.0).returned(failing, Outcome.FAILED).say(facts.Failed(failing, "torn", ""))
+    drawn = story.at(4.0).command("draw map", "user")
+    story.delivered(drawn, "maps").at(5.0).returned(drawn).reached(drawn, Moment.END_ACHIEVING)
+    story.at(6.0).received("battery low", MessageClass.INFORM, "maps")
+    return story.at(7.0)
+
+
+def test_queries_and_informs_are_found_by_their_names(look: Look, tmp_path: Path) -> None:
+    page = look(asking().write(tmp_path / "maps"))
+    for words, order, told in (
+        ("map", [4, 2, 3], "3 found, 2 of them no tasks"),
+        ("map torn", [3], "1 found, no task"),
+        ("map failed", [3], "1 found, no task, 1 handled"),
+        ("maps", [4], "1 found"),  # by its module a task only
+        ("map maps", [4, 2, 3], "3 found, 2 of them no tasks"),
+        ("battery", [5], "1 found, no task"),
+        ("3", [3], "1 found, no task"),
+        ("look", [1], "1 found"),
+    ):
+        page.locator("#search").fill(words)
+        expect(page.locator("#found")).to_have_text(told)
+        assert page.evaluate("[...tca.tree.found].map((one) => one.id)") == order
+    page.locator("#search").fill("battery")
+    page.keyboard.press("Enter")
+    expect(page.locator("#task h2")).to_have_text("battery low {5}")
+    page.locator("#search").fill("map")
+    page.evaluate("tca.slider.setTime(1.7)")
+    expect(page.locator("#found")).to_have_text("1 found, no task")
+
+
+def test_news_do_not_lead_back_to_the_first_one_found(look: Look, tmp_path: Path) -> None:
+    page = look(asking().write(tmp_path / "maps"), "#t=5.5")
+    page.locator("#search").fill("map")
+    for _ in range(2):
+        page.keyboard.press("Enter")
+    expect(page.locator("#found")).to_have_text("2 of 3")
+    page.evaluate("tca.slider.setTime(6.5)")
+    expect(page.locator("#clock")).to_have_text("6.500 s")
+    expect(page.locator("#found")).to_have_text("2 of 3")
+    page.keyboard.press("Enter")
+    expect(page.locator("#task h2")).to_have_text("map {3}")
+    page.locator("#search").fill("map map")  # who looks for something else begins again
+    expect(page.locator("#found")).to_have_text("3 found, 2 of them no tasks")
