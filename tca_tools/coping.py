@@ -13,7 +13,7 @@ from math import inf
 from operator import attrgetter, itemgetter
 
 from tca_tools.past import Past
-from tca_tools.records import Handling, Message, State, Task
+from tca_tools.records import OVER, Handling, Message, State, Task
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Role
 from tca_wire.wording import GAVE_UP
@@ -37,10 +37,10 @@ Failing = Message | Handling
 class Fate(StrEnum):
     """What became of a failure."""
 
-    RETRIED = "retried"
+    RETRIED = "retried"  # itself; or a task above it, for which it was killed
     DEALT_WITH = "dealt with"
-    REPLACED = "replaced"  # the task was killed, and in the end the top-level task was achieved without it
-    KILLED = "killed"  # an exception handler was called, and the task was killed
+    REPLACED = "replaced"  # the task was killed, and the top-level task went on without it, or was achieved
+    KILLED = "killed"  # an exception handler was called, the task was killed, and the top-level task was not achieved
     NOT_HANDLED = "not handled"  # no exception handler was found
     COPED = "told to the asker, who went on"  # of a query
     TOLD = "told to the asker"  # a program outside of handlers: with that nothing fails
@@ -122,10 +122,25 @@ def hinges(past: Past, failed: Failing, time: float) -> list[tuple[Task | Handli
     if not isinstance(last, Task):
         is_open = last.by is not None and last.by.end is None and is_told(past, last, when)
         return [(last.by, False)] if is_open and last.by is not None else []
-    if _of_task(past, last, when) in (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED):
+    became, top = _of_task(past, last, when), past.tasks[last.top]
+    if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and top.state is State.ACHIEVED):
         return []
-    top = past.tasks[last.top]
-    return [(last, False), (top, True)]
+    return [(last, False), (top, False)]
+
+
+def begun_again_with(past: Past, task: Task, time: float, known: float = inf) -> Task | None:
+    """The task above one that failed at *time* with whose retry it was killed; as far as that was known at a moment."""
+    killed = task.written("killed", known)
+    if task.was("killed", known) is None or killed < time:
+        return None
+    while task.parent in past.tasks:  # what is between them was killed with it
+        task = past.tasks[task.parent]
+        place = bisect_left(task.retries, killed, key=_SINCE)
+        if task.retries[place : place + 1] and task.retries[place][0] == killed:
+            return task
+        if task.killed is None or task.written("killed") != killed:
+            return None
+    return None
 
 
 def told_to(past: Past, failed: Failing, time: float, known: float = inf) -> str:
@@ -222,7 +237,9 @@ def _place(task: Task, time: float) -> int:
 
 
 def _of_task(past: Past, task: Task, time: float, known: float = inf) -> Fate:
-    """By the first state that decides: killed, or one in which the task goes on, or has ended well."""
+    """By the first state that decides: killed, or one in which the task goes on, or has ended well. For what is killed
+    a task above it may have been begun again, or the top-level task goes on.
+    """
     first, last = _place(task, time), _place(task, known)
     decided = next((place for place in range(first, last + 1) if task.states[place][1] not in UNDECIDED), None)
     if decided is None and task.states[last][1] is State.RECOVERING:
@@ -232,12 +249,20 @@ def _of_task(past: Past, task: Task, time: float, known: float = inf) -> Fate:
             return Fate.RETRIED
         if time not in past.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
             return Fate.DEALT_WITH
-    top = past.tasks[task.top]
-    if top is not task and top.states[_place(top, known)][1] is State.ACHIEVED:
-        return Fate.REPLACED
+    if begun_again_with(past, task, time, known) is not None:
+        return Fate.RETRIED
     called = (past.tasks[one].received for one in reversed(task.caught_by) if one in past.tasks)
     newest = next((when for when in called if when <= known), None)
-    return Fate.KILLED if newest is not None and newest >= time else Fate.NOT_HANDLED
+    was_called = newest is not None and newest >= time
+    if task.top != task.id and _goes_on(past.tasks[task.top], known, or_may=was_called):
+        return Fate.REPLACED
+    return Fate.KILLED if was_called else Fate.NOT_HANDLED
+
+
+def _goes_on(top: Task, known: float, *, or_may: bool) -> bool:
+    """Whether a top-level task has been achieved, or still may be."""
+    state = top.states[_place(top, known)][1]
+    return state is State.ACHIEVED or (or_may and state not in OVER and top.was("killed", known) is None)
 
 
 def _was_begun_again(task: Task, time: float, end: float) -> bool:

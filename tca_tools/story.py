@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from tca_tools.analysis.words import times
 from tca_tools.coping import WATCHING, told_to, watches
 from tca_tools.data import data_text
+from tca_tools.deciding import decisions, retried_for
 from tca_tools.past import Past
 from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
 from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
@@ -75,7 +76,7 @@ def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
         told += _exhausted(past, message)
         told += _suspensions(past, message, moment)
         told += _recoveries(past, message)
-        told += _retries(message)
+        told += _retries(past, message)
         told += _kills(message)
         told += _tests(past, message, moment)
         told += _plans(past, message)
@@ -272,15 +273,19 @@ def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
         yield Sentence(past.reissued[task.id], f"passes the failure of {past.describe(task.parent)} on")
 
 
-def _retries(task: Task) -> Iterator[Sentence]:
+def _retries(past: Past, task: Task) -> Iterator[Sentence]:
     for one in task.retries:
-        yield Sentence(one[0], retried(one))
+        yield Sentence(one[0], retried(past, task, one))
+    for time, text in decisions(past, task):
+        yield Sentence(time, text)
 
 
-def retried(retry: tuple[float, str, bool]) -> str:
+def retried(past: Past, task: Task, retry: tuple[float, str, bool]) -> str:
     """``to be handled again, with other data (retried by safety)``."""
-    _, by, is_other = retry
-    return "to be handled again" + ", with other data" * is_other + (f" (retried{by_whom(by)})" if by else "")
+    time, by, is_other = retry
+    why = retried_for(past, task, time, by)
+    whom = by_whom(by) + (f": {why}" if why else "")
+    return "to be handled again" + ", with other data" * is_other + (f" (retried{whom})" if by else "")
 
 
 def _tests(past: Past, monitor: Task, moment: float) -> Iterator[Sentence]:

@@ -11,7 +11,7 @@ from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
-from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, failing, fate, told_to, went_on
+from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, Task, Wait
 from tca_tools.story import awaited, exhausted
@@ -41,7 +41,7 @@ class Case:
     """The exception handlers that were called, in order, each with where it ran."""
     fate: Fate
     why: str
-    """Of a task that was killed: why; of a query: who was told."""
+    """Of a task that was killed: why, or what came of the one above it that was retried; of a query: who was told."""
     lost: float
     """Seconds of work that came to nothing: how long the handler that failed had run, or the task that was ended."""
     recovery: float
@@ -185,6 +185,8 @@ def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple
         return
     ends = [one.reached.get(Moment.END_ACHIEVING, past.time) for one in mine]
     case.recovery = max(ends, default=case.time) - case.time
+    if (above := begun_again_with(past, task, case.time)) is not None:
+        case.why = f"{above} was handled again: {above.state}"
     if case.fate in ENDED_TASKS:
         case.why = task.why_killed or ""
         case.chain += [exhausted(one) for one in past.exhausted.get(task.id, ()) if one.time >= case.time]

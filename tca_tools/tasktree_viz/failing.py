@@ -6,7 +6,8 @@ from math import inf, nextafter
 
 from tca_tools.ages import age
 from tca_tools.analysis.words import seconds
-from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, fate, is_told
+from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
+from tca_tools.deciding import called_for, decider, is_planned
 from tca_tools.ends import last_of
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
@@ -16,7 +17,7 @@ from tca_tools.then import Then
 from tca_tools.waiting import waits_how, why_waiting
 from tca_wire.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId
-from tca_wire.vocabulary import CENTRAL, Outcome, Role
+from tca_wire.vocabulary import CENTRAL, Outcome
 
 _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""
@@ -95,11 +96,12 @@ def _steps_of(past: Past, message: Message, depth: int, moment: float) -> Iterat
         yield _ITSELF, Link(time, depth, f"{message} failed: {text}")
     if isinstance(message, Task):
         yield from ((_CALLS, link) for link in _recoveries(Then(past, moment), message, depth))
-        yield from ((_AGAIN, link) for link in _retries(message, depth))
+        yield from ((_AGAIN, link) for link in _retries(past, message, depth))
         if end := _end(past, message, moment):
             was_killed = message.was("killed", moment) is not None
             killed_or_over = message.written("killed", moment) if was_killed else _newest_state(message, moment)
             yield _END, Link(killed_or_over, depth, end)
+            yield from ((_END, link) for link in _end_above(past, message, depth, moment))
 
 
 def _waited(past: Past, message: Message, failed: float, text: str) -> tuple[float, str] | None:
@@ -139,12 +141,12 @@ def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
         yield Link(one.time, depth, exhausted(one).replace(" has ", " had ", 1))
 
 
-def _retries(task: Task, depth: int) -> Iterator[Link]:
+def _retries(past: Past, task: Task, depth: int) -> Iterator[Link]:
     """That it was to be handled again after it had failed."""
     failed = min((time for time, _ in _raised(task)), default=inf)
     for one in task.retries:
         if one[0] >= failed:
-            yield Link(one[0], depth, f"{task} is {retried(one)}")
+            yield Link(one[0], depth, f"{task} is {retried(past, task, one)}")
 
 
 def _end(past: Past, task: Task, moment: float) -> str:
@@ -163,7 +165,16 @@ def _end(past: Past, task: Task, moment: float) -> str:
     end = (
         f"{task}: nobody dealt with its failure" if then.why_killed is None else f"{task} was killed: {then.why_killed}"
     )
-    return end + (f"; {past.describe(task.top)} was achieved without it" if became is Fate.REPLACED else "")
+    is_achieved = became is Fate.REPLACED and Then(past, moment).tasks[task.top].state is State.ACHIEVED
+    return end + (f"; {past.describe(task.top)} was achieved without it" if is_achieved else "")
+
+
+def _end_above(past: Past, task: Task, depth: int, moment: float) -> Iterator[Link]:
+    """What became by *moment* of a task above it that was handled again for its failure."""
+    failed = max((time for time, _ in _raised(task) if time <= moment), default=inf)
+    above = begun_again_with(past, task, failed, moment)
+    if above is not None and (state := Then(past, moment).tasks[above.id].state) in OVER:
+        yield Link(_newest_state(above, moment), depth, f"{above}, handled again: {state}")
 
 
 def _has_tried_again(task: Task, moment: float) -> bool:
@@ -236,30 +247,6 @@ def _culprit_of_handler(past: Past, task: Task) -> list[Task]:
     killed, by = task.written("killed"), task.killed_by
     above = [past.tasks[number] for number in lineage(past, TaskId(task.id))]
     with_it = [one for one in above if one.killed_by == by and _killed(one) == killed]
-    called = [
-        handler
-        for (module, _), runs in past.runs.items()
-        for run in runs
-        if module == by
-        and run.start < killed <= (inf if run.end is None else run.end)
-        and (handler := past.tasks.get(run.message_id)) is not None
-        and handler.role is Role.EXCEPTION
-    ]
-    if len(called) != 1 or _is_planned(past, task, killed):
-        return []
-    failed = called[0]
-    # What the handler was called for may be a handler that failed, too.
-    while failed.role is Role.EXCEPTION and failed.about in past.tasks:
-        failed = past.tasks[failed.about]
-    is_below = with_it[-1].id in lineage(past, TaskId(failed.id))
-    return [failed] if is_below and failed is not task and _raised(failed) else []
-
-
-def _is_planned(past: Past, task: Task, killed: float) -> bool:
-    """Whether the same module had planned a kill in the tree of a task before: it may be that one."""
-    return any(
-        one.moment is None and one.by == task.killed_by and one.set_at < killed
-        for number, planned in past.ahead.items()
-        if past.tasks[number].top == task.top
-        for one in planned
-    )
+    handler = None if is_planned(past, task) else decider(past, with_it[-1], by, killed)
+    failed = task if handler is None else called_for(past, handler)
+    return [failed] if failed is not task and _raised(failed) else []

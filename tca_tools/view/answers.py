@@ -87,7 +87,7 @@ def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, An
     return {
         "failure": printable_lines(failure),
         "handled": coped_with(past, message, moment),
-        "replaced": bool(failure) and fate(past, message, time, moment) is Fate.REPLACED,
+        "replaced": bool(failure) and fate(past, message, time, moment) in (Fate.REPLACED, Fate.RETRIED),
         "told": told_to(past, message, time, moment) if failure else "",
     }
 

@@ -1,0 +1,129 @@
+"""A failure for which a task above is begun again is overcome: at once, in all tools, and they say who decided that."""
+
+import msgspec
+import pytest
+from tools.story import Story
+
+from tca_tools.analysis.failures import failures
+from tca_tools.coping import Fate, begun_again_with, coped_with, fate, hinges
+from tca_tools.history import History
+from tca_tools.story import story as story_of
+from tca_tools.tasktree_viz.failing import failure_chain
+from tca_wire import facts
+from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Role
+
+DAY, JOB, MOVE, REDO, AGAIN = 1, 2, 3, 4, 5
+JAM = "jam: the belt"
+WITH_JOB = "task 2 'job' is retried"
+
+
+def jammed() -> Story:
+    """Of a job {2} of the day {1} a move {3} fails, and an exception handler {4} of the planner runs for that."""
+    story = Story().module("planner", "day", "job", "redo").module("base", "move").at(1.0)
+    day = story.goal("day", "user")
+    story.delivered(day, "planner").at(1.1)
+    job = story.goal("job", "planner", day)
+    story.returned(day).delivered(job, "planner").at(1.2)
+    move = story.command("move", "planner", job)
+    story.returned(job).delivered(move, "base").at(2.0)
+    story.returned(move, Outcome.FAILED).say(facts.Failed(TaskId(move), "jam", "the belt"))
+    redo = story.received("redo", MessageClass.EXCEPTION, "central", move, origin=0)
+    received = story.entries[-1].facts[-1]
+    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.EXCEPTION, about=move)
+    story.say(facts.Caught(TaskId(move), TaskId(redo), TaskId(job), 9)).at(2.5).delivered(redo, "planner")
+    return story.at(3.0)
+
+
+def begun_again(*, body: bytes = b"") -> Story:
+    """It has the job handled again."""
+    story = jammed().say(facts.Retried(TaskId(JOB), body, "planner"), facts.Killed(TaskId(MOVE), WITH_JOB, "planner"))
+    story.at(3.1).returned(REDO).reached(REDO, *Moment).reached(MOVE, *Moment)
+    story.delivered(JOB, "planner").at(3.2)
+    move = story.command("move", "planner", JOB)
+    return story.returned(JOB).delivered(move, "base").at(4.0)
+
+
+def achieved(story: Story) -> Story:
+    return story.returned(AGAIN).reached(AGAIN, *Moment).reached(JOB, *Moment).at(6.0)
+
+
+def told(past: History, number: int, moment: float = 9.0) -> list[str]:
+    return [one.text for one in failure_chain(past, TaskId(number), moment)]
+
+
+def sentences(past: History, number: int) -> list[str]:
+    return [one.text for one in story_of(past, number)]
+
+
+def test_it_is_overcome_when_the_task_above_is_begun_again_though_the_top_level_task_goes_on() -> None:
+    past = begun_again().fold()
+    move = past.tasks[MOVE]
+    assert fate(past, move, 2.0) is Fate.RETRIED
+    assert begun_again_with(past, move, 2.0) is past.tasks[JOB]
+    assert hinges(past, move, 2.0) == []
+    assert [coped_with(past, move, moment) for moment in (1.5, 2.7, 3.5)] == [False, True, True]
+    assert fate(past, move, 2.0, known=2.7) is Fate.OPEN
+
+
+def test_it_stays_so_though_the_run_fails_later_for_another_reason() -> None:
+    story = achieved(begun_again())
+    why = "failure 'flood' of task 1 'day' was not handled"
+    story.say(facts.Failed(TaskId(DAY), "flood", ""), facts.Unhandled(TaskId(DAY)))
+    past = story.say(facts.Killed(TaskId(DAY), why, "central")).reached(DAY, *Moment).fold()
+    found = {case.message_id: (case.fate, case.why) for kind in failures(past) for case in kind.cases}
+    assert found[MOVE] == (Fate.RETRIED, "job {2} was handled again: achieved")
+    assert found[DAY][0] is Fate.NOT_HANDLED
+
+
+def test_the_steps_of_the_failure_go_on_to_what_became_of_the_task_above() -> None:
+    steps = [
+        f"move {{3}} failed: {JAM}",
+        "exception handler redo {4} was called, handled by planner",
+        f"move {{3}} was killed: {WITH_JOB} (by planner)",
+    ]
+    assert told(begun_again().fold(), MOVE) == steps
+    past = achieved(begun_again()).fold()
+    assert told(past, MOVE) == [*steps, "job {2}, handled again: achieved"]
+    assert told(past, MOVE, 3.5) == steps
+
+
+@pytest.mark.parametrize("body", [b"", msgspec.msgpack.encode(2)])
+def test_who_decided_that_is_told_by_the_task_above_and_by_the_exception_handler(body: bytes) -> None:
+    past = begun_again(body=body).fold()
+    other = ", with other data" * bool(body)
+    whom = f"planner: redo {{4}}, called for move {{3}}, which had failed: {JAM}"
+    assert f"to be handled again{other} (retried by {whom})" in sentences(past, JOB)
+    assert f"has job {{2}} handled again{other}" in sentences(past, REDO)
+
+
+def test_where_two_exception_handlers_run_in_a_module_neither_is_told_to_have_decided() -> None:
+    story = jammed()
+    other = story.received("redo", MessageClass.EXCEPTION, "central", MOVE, origin=0)
+    received = story.entries[-1].facts[-1]
+    story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.EXCEPTION, about=MOVE)
+    story.delivered(other, "planner", "second").at(3.0)
+    past = story.say(facts.Retried(TaskId(JOB), b"", "planner")).at(4.0).fold()
+    assert "to be handled again (retried by planner)" in sentences(past, JOB)
+    assert not [text for text in sentences(past, REDO) if "handled again" in text]
+
+
+def test_of_a_task_that_is_retried_for_its_own_failure_nothing_is_said_twice() -> None:
+    past = jammed().say(facts.Retried(TaskId(MOVE), b"", "planner")).at(4.0).fold()
+    assert "to be handled again (retried by planner)" in sentences(past, MOVE)
+    assert "has move {3} handled again" in sentences(past, REDO)
+
+
+def test_what_its_exception_handler_kills_is_overcome_as_long_as_the_top_level_task_goes_on() -> None:
+    story = jammed().say(
+        facts.Killed(TaskId(JOB), "enough", "planner"), facts.Killed(TaskId(MOVE), "enough", "planner")
+    )
+    story.at(3.1).returned(REDO).reached(REDO, *Moment).reached(MOVE, *Moment).reached(JOB, *Moment).at(4.0)
+    past = story.fold()
+    assert fate(past, past.tasks[MOVE], 2.0) is Fate.REPLACED
+    assert "kills job {2}" in sentences(past, REDO)
+    assert "kills move {3}" not in sentences(past, REDO)  # with that
+    assert hinges(past, past.tasks[MOVE], 2.0)
+    past = story.say(facts.Killed(TaskId(DAY), "by module 'user'", "user")).reached(DAY, *Moment).at(5.0).fold()
+    assert fate(past, past.tasks[MOVE], 2.0) is Fate.KILLED
+    assert fate(past, past.tasks[MOVE], 2.0, known=3.5) is Fate.REPLACED
