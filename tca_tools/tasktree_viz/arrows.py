@@ -38,11 +38,17 @@ class Arrows:
     """For each two tasks, the kinds of the constraints between them."""
     own: dict[int, list[str]] = field(default_factory=dict)
     """For each task, the kinds of those with itself that no arrow to it carries."""
+    unseen: dict[tuple[int, int], list[str]] = field(default_factory=dict)
+    """The same as *between*, of tasks that are not shown before one that is: folded up, or not in the part."""
 
     @property
     def kinds(self) -> set[str]:
         """All kinds there are, without delays."""
-        return {_plain(kind) for kinds in (*self.between.values(), *self.own.values()) for kind in kinds}
+        return {
+            _plain(kind)
+            for kinds in (*self.between.values(), *self.own.values(), *self.unseen.values())
+            for kind in kinds
+        }
 
 
 def arrows(then: Then, shown: set[int]) -> Arrows:
@@ -52,17 +58,26 @@ def arrows(then: Then, shown: set[int]) -> Arrows:
         task = then.tasks[task_id]
         incoming: dict[int, list[str]] = {}
         for constraint in task.constraints:
-            if constraint.before.task == task_id or constraint.before.task in shown:
+            if constraint.before.task in then.tasks:
                 _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
         if DELAYED in own and (sequence := _sequence(incoming)):
             own.remove(DELAYED)  # "after it, and not even planned before": one arrow, as the literature draws it
             _add(sequence, DELAYED)
-        found.between |= {(before, task_id): kinds for before, kinds in incoming.items()}
+        for before, kinds in incoming.items():
+            if before in shown:
+                found.between[before, task_id] = kinds
+            elif kinds != [SEQ] or not any(_comes_after(then, other, before) for other in incoming):
+                found.unseen[before, task_id] = kinds
         if own:
             found.own[task_id] = own
     _leave_out_detours(found.between)
     return found
+
+
+def _comes_after(then: Then, task: int, before: int) -> bool:
+    """Whether one task is achieved after another, by a constraint between the two."""
+    return any(one.before.task == before and _plain(kind_of_arrow(one)) == SEQ for one in then.tasks[task].constraints)
 
 
 def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:
