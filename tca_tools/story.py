@@ -14,7 +14,7 @@ from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queuein
 from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
 from tca_tools.then import Then
 from tca_tools.waiting import clause, of_ahead, of_all
-from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
+from tca_tools.whereabouts import NAMED, answers_so_far, claim_and_why, listed, whereabouts, why_in_vain
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
@@ -223,6 +223,8 @@ def _changes(past: Past, message: Message) -> Iterator[Sentence]:
     for name, say in _SAY.items():
         for time, new in message.became(name) if name in changed else ():
             if new and (said := say(new)):
+                if name == "dropped":
+                    said = answers_so_far(past, message, time) or said
                 who = raised.get((time, new), "") if name == "failure" else ""
                 yield Sentence(time, said + who)
 
