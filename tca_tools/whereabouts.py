@@ -245,6 +245,12 @@ def why_in_vain(past: Past, wait: Wait) -> str:
     return f"{place(run.module, run.resource)} had it, and had not answered" if run else "there was no answer yet"
 
 
+def failure_told(query: Message, moment: float) -> str:
+    """With what a query had failed, in a line; "" if it had not. Of a question to many single failures say nothing."""
+    failure = query.was("failure", moment) if query.message_class is MessageClass.QUERY else ""
+    return str(failure).strip().partition("\n")[0]
+
+
 def listed(names: Sequence[str], number: int | None = None) -> str:
     """The first of them, and how many more there are: of *number*, if not all names are given."""
     more = (len(names) if number is None else number) - NAMED
