@@ -1,5 +1,6 @@
 """The constraint arrows of a picture: one between two tasks, however many constraints, labelled by their kinds."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from tca_tools.analysis.words import seconds
@@ -64,20 +65,20 @@ def arrows(then: Then, shown: set[int]) -> Arrows:
         if DELAYED in own and (sequence := _sequence(incoming)):
             own.remove(DELAYED)  # "after it, and not even planned before": one arrow, as the literature draws it
             _add(sequence, DELAYED)
-        for before, kinds in incoming.items():
-            if before in shown:
-                found.between[before, task_id] = kinds
-            elif kinds != [SEQ] or not any(_comes_after(then, other, before) for other in incoming):
-                found.unseen[before, task_id] = kinds
+        unseen = {before: kinds for before, kinds in incoming.items() if before not in shown}
+        found.between |= {(before, task_id): kinds for before, kinds in incoming.items() if before in shown}
+        known = _befores(then, incoming) if unseen else set()
+        found.unseen |= {(one, task_id): kinds for one, kinds in unseen.items() if kinds != [SEQ] or one not in known}
         if own:
             found.own[task_id] = own
     _leave_out_detours(found.between)
     return found
 
 
-def _comes_after(then: Then, task: int, before: int) -> bool:
-    """Whether one task is achieved after another, by a constraint between the two."""
-    return any(one.before.task == before and _plain(kind_of_arrow(one)) == SEQ for one in then.tasks[task].constraints)
+def _befores(then: Then, tasks: Iterable[int]) -> set[int]:
+    """The tasks after which some others are achieved: who waits for those need not be said to wait for these."""
+    constraints = (one for task in tasks for one in then.tasks[task].constraints)
+    return {one.before.task for one in constraints if _plain(kind_of_arrow(one)) == SEQ}
 
 
 def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tools.story import THIS, Story
 
+from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
 from tca_tools.tasktree_viz.outline import Row, outline, whole_outline
@@ -100,6 +101,12 @@ def test_a_sequence_that_is_folded_up_goes_on_in_words() -> None:
     then = Then(brothers((), *((task,) for task in range(2, 41))).fold())
     said = [words for words in Picture(then, outline(then)).words if words.startswith("after ")]
     assert said == ["after work {39}"]
+
+
+def test_what_follows_from_a_line_is_not_said_of_who_is_not_shown() -> None:
+    """A check waits for a body move and, as after a kill, for the leg move before that, which is not shown."""
+    then = Then(brothers((), (2,), (2, 3)).fold())
+    assert arrows(then, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
 
 
 def test_only_what_is_achieved_one_after_the_other_has_a_line() -> None:
