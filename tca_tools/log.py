@@ -15,7 +15,7 @@ from tca_tools.fact_rows import fact_row
 from tca_tools.logs import newest_journal, open_log, run_folders, runs_in
 from tca_tools.selection import no_task
 from tca_tools.terminal import columns_of, cut, line_width, padded
-from tca_wire.facts import Entry, Fact, Received, kind_of
+from tca_wire.facts import Delivered, Entry, Fact, Queued, Received, kind_of
 from tca_wire.lines import printable
 from tca_wire.wording import Wording
 
@@ -137,6 +137,8 @@ class _About:
             self._names.add(fact.message)
             if fact.message == self._text:
                 self._numbers.add(fact.id)
+        elif isinstance(fact, Queued | Delivered) and fact.message_id in self._numbers:
+            self._numbers.add(fact.id)  # what comes of a copy, or of another try, is told by its own number
         is_told = not self._numbers.isdisjoint(_told_of(fact))
         self._is_found |= is_told
         return is_told

@@ -15,7 +15,7 @@ from tca_tools.records import OVER, Claim, Exhausted, Handling, Message, Queuein
 from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
 from tca_tools.then import Then
 from tca_tools.waiting import clause, of_ahead, of_all
-from tca_tools.whereabouts import NAMED, claim_and_why, listed, whereabouts, why_in_vain
+from tca_tools.whereabouts import NAMED, answers_so_far, claim_and_why, failure_told, listed, whereabouts, why_in_vain
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 from tca_wire.wording import by_whom, kill_reason, place, raised_by
@@ -173,7 +173,9 @@ def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
             is_open = query.received <= then.moment and (end is None or end > then.moment)
             where = whereabouts(then, query.id) if is_open else ""
             took = None if end is None else end - query.received
-            yield Sentence(query.received, f"its handler asked {query}{where}, and goes on", took, took is None)
+            text = f"its handler asked {query}{where}, and goes on"
+            how = f"; it fails: {failure}" if end is not None and (failure := failure_told(query, end)) else ""
+            yield Sentence(query.received, text + how, took, took is None, how)
         elif fetched.start > query.received:  # it fetches the reply later
             later.append(_Asked(str(query), query.received, fetched.start))
     for some in _at_once(later):
@@ -199,8 +201,11 @@ def _wait(then: Then, wait: Wait) -> Sentence:
     if circle := past.deadlock(wait):
         told = _spanning(wait, text, f", and is refused: {circle}")
         return told._replace(seconds=None) if wait.end == wait.start else told
-    why = why_in_vain(past, wait)
-    return _spanning(wait, text, f", and gives up: {why}" if why else "")
+    if why := why_in_vain(past, wait):
+        return _spanning(wait, text, f", and gives up: {why}")
+    query = None if wait.moment or wait.end is None else past.messages.get(wait.awaited)
+    failure = "" if query is None or wait.end is None else failure_told(query, wait.end)
+    return _spanning(wait, text, f", which fails: {failure}" if failure else "")
 
 
 def _missing(then: Then, wait: Wait) -> str:
@@ -224,6 +229,8 @@ def _changes(past: Past, message: Message) -> Iterator[Sentence]:
     for name, say in _SAY.items():
         for time, new in message.became(name) if name in changed else ():
             if new and (said := say(new)):
+                if name == "dropped":
+                    said = answers_so_far(past, message, time) or said
                 who = raised.get((time, new), "") if name == "failure" else ""
                 yield Sentence(time, said + who)
 

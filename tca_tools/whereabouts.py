@@ -7,14 +7,18 @@ from collections.abc import Sequence
 from math import nextafter
 from typing import NamedTuple
 
+from tca_tools.data import data_text
 from tca_tools.past import Past
 from tca_tools.records import Claim, Handling, Message, Queueing, Wait
+from tca_tools.terminal import cut
 from tca_tools.then import TaskThen, Then
-from tca_wire.vocabulary import MessageClass
+from tca_wire.vocabulary import MessageClass, Outcome
 from tca_wire.wording import GAVE_UP, place
 
 NAMED = 3
 """How many of several are named."""
+_LONGEST_ANSWER = 40
+"""Columns of an answer that is told among others."""
 
 
 def kept_out(then: Then, module: str, resource: str, message: Message | TaskThen) -> Claim | list[Handling]:
@@ -171,16 +175,45 @@ def not_answered(then: Then, query: Message, *, is_over: bool = False) -> str:
     """
     if query.answered is not None and query.answered <= then.moment:
         return ""
-    runs, queueings = then.copies_of(query)
-    names = [place(run.module, run.resource) for run in runs]
-    for queueing in queueings:
-        why = kept_busy(then, queueing.module, queueing.resource, query)
-        names.append(f"{place(queueing.module, queueing.resource)} (queued{why and f', {why}'})")
+    names = _still_asked(then, query)
     if not names:
         return ""
     answered = sum(run.end is not None and run.end <= then.moment for run in query.handlings)
     rest = f" ({answered} of {answered + len(names)} {_has(answered, is_over)})" if answered else ""
     return f"{_together(names)} {_has(len(names), is_over)} not answered{' yet' * (not is_over)}{rest}"
+
+
+def _still_asked(then: Then, query: Message) -> list[str]:
+    """Who has a multi-query, or has it in a queue."""
+    runs, queueings = then.copies_of(query)
+    names = [place(run.module, run.resource) for run in runs]
+    for queueing in queueings:
+        why = kept_busy(then, queueing.module, queueing.resource, query)
+        names.append(f"{place(queueing.module, queueing.resource)} (queued{why and f', {why}'})")
+    return names
+
+
+def answers_so_far(past: Past, query: Message, given_up: float) -> str:
+    """What became of a multi-query that was given up when some had answered: its sender gets these answers. ``its
+    sender waits no longer: 1 of 3 answered in time: arm (7); legs had not, head had failed``; "" of others.
+    """
+    if query.message_class is not MessageClass.MULTI_QUERY or not (query.dropped or "").startswith(GAVE_UP):
+        return ""
+    then = Then(past, nextafter(given_up, 0.0))
+    late = _still_asked(then, query)
+    runs = [run for run in query.handlings if run.end is not None and run.end <= then.moment]
+    answers = [_answer(query, run) for run in runs if run.outcome is Outcome.DONE]
+    failed = [place(run.module, run.resource) for run in runs if run.outcome is not Outcome.DONE]
+    others = [f"{_together(some)} had {what}" for some, what in ((late, "not"), (failed, "failed")) if some]
+    rest = f"; {', '.join(others)}" if others else ""
+    number = f"{len(answers)} of {len(late) + len(runs)}"
+    return f"its sender waits no longer: {number} answered in time: {_together(answers)}{rest}" if answers else ""
+
+
+def _answer(query: Message, run: Handling) -> str:
+    """Who answered, and what."""
+    data = "" if run.end is None else data_text(query.was("result", run.end))
+    return place(run.module, run.resource) + (f" ({cut(data, _LONGEST_ANSWER)})" if data else "")
 
 
 def _has(number: int, is_over: bool) -> str:
@@ -210,6 +243,12 @@ def why_in_vain(past: Past, wait: Wait) -> str:
         return f"it was {_queued(then, queueing, query)}"
     run = then.handling_of(query)
     return f"{place(run.module, run.resource)} had it, and had not answered" if run else "there was no answer yet"
+
+
+def failure_told(query: Message, moment: float) -> str:
+    """With what a query had failed, in a line; "" if it had not. Of a question to many single failures say nothing."""
+    failure = query.was("failure", moment) if query.message_class is MessageClass.QUERY else ""
+    return str(failure).strip().partition("\n")[0]
 
 
 def listed(names: Sequence[str], number: int | None = None) -> str:

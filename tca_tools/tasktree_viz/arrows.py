@@ -1,5 +1,6 @@
 """The constraint arrows of a picture: one between two tasks, however many constraints, labelled by their kinds."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from tca_tools.analysis.words import seconds
@@ -38,11 +39,17 @@ class Arrows:
     """For each two tasks, the kinds of the constraints between them."""
     own: dict[int, list[str]] = field(default_factory=dict)
     """For each task, the kinds of those with itself that no arrow to it carries."""
+    unseen: dict[tuple[int, int], list[str]] = field(default_factory=dict)
+    """The same as *between*, of tasks that are not shown before one that is: folded up, or not in the part."""
 
     @property
     def kinds(self) -> set[str]:
         """All kinds there are, without delays."""
-        return {_plain(kind) for kinds in (*self.between.values(), *self.own.values()) for kind in kinds}
+        return {
+            _plain(kind)
+            for kinds in (*self.between.values(), *self.own.values(), *self.unseen.values())
+            for kind in kinds
+        }
 
 
 def arrows(then: Then, shown: set[int]) -> Arrows:
@@ -52,17 +59,26 @@ def arrows(then: Then, shown: set[int]) -> Arrows:
         task = then.tasks[task_id]
         incoming: dict[int, list[str]] = {}
         for constraint in task.constraints:
-            if constraint.before.task == task_id or constraint.before.task in shown:
+            if constraint.before.task in then.tasks:
                 _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
         if DELAYED in own and (sequence := _sequence(incoming)):
             own.remove(DELAYED)  # "after it, and not even planned before": one arrow, as the literature draws it
             _add(sequence, DELAYED)
-        found.between |= {(before, task_id): kinds for before, kinds in incoming.items()}
+        unseen = {before: kinds for before, kinds in incoming.items() if before not in shown}
+        found.between |= {(before, task_id): kinds for before, kinds in incoming.items() if before in shown}
+        known = _befores(then, incoming) if unseen else set()
+        found.unseen |= {(one, task_id): kinds for one, kinds in unseen.items() if kinds != [SEQ] or one not in known}
         if own:
             found.own[task_id] = own
     _leave_out_detours(found.between)
     return found
+
+
+def _befores(then: Then, tasks: Iterable[int]) -> set[int]:
+    """The tasks after which some others are achieved: who waits for those need not be said to wait for these."""
+    constraints = (one for task in tasks for one in then.tasks[task].constraints)
+    return {one.before.task for one in constraints if _plain(kind_of_arrow(one)) == SEQ}
 
 
 def _leave_out_detours(between: dict[tuple[int, int], list[str]]) -> None:

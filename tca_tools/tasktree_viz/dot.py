@@ -17,6 +17,7 @@ from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
 from tca_tools.then import TaskThen, Then
+from tca_tools.whereabouts import listed
 from tca_wire.lines import printable
 from tca_wire.points import Interval
 from tca_wire.vocabulary import Role
@@ -73,6 +74,8 @@ def _statements(then: Then, rows: list[Row], found: Arrows, with_data: bool) -> 
     for (before, after), kinds in found.between.items():
         if (f"t{before}", f"t{after}") not in beside:  # words on an arrow over others would lie on those
             far.setdefault(after, []).append(f"{' · '.join(kinds)}: after {then.describe(before)}")
+    for after, words_of in _unseen(then, found):
+        far.setdefault(after, []).append(words_of)
     for row in rows:
         said = [*_own(row, found), *far.get(row.task.id, ())] if row.task else []
         yield _node(then, row, said, with_data)
@@ -88,6 +91,14 @@ def _statements(then: Then, rows: list[Row], found: Arrows, with_data: bool) -> 
         names = list(map(_id, brothers))
         order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(names) if (a, b) not in joined)
         yield f"{{ rank=same; {'; '.join(names)}; {order} }}"
+
+
+def _unseen(then: Then, found: Arrows) -> Iterator[tuple[int, str]]:
+    """For tasks shown, after which ones they come that are not."""
+    names: dict[tuple[int, str], list[str]] = {}
+    for (before, after), kinds in found.unseen.items():
+        names.setdefault((after, " · ".join(kinds)), []).append(then.describe(before))
+    return ((after, f"{what}: after {listed(some)}") for (after, what), some in names.items())
 
 
 def _own(row: Row, found: Arrows) -> list[str]:

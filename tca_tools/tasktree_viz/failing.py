@@ -2,25 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf, nextafter
+from math import inf
 
-from tca_tools.ages import age
-from tca_tools.analysis.words import seconds
 from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
 from tca_tools.deciding import called_for, decider, is_planned
-from tca_tools.ends import last_of
 from tca_tools.past import Past
 from tca_tools.records import OVER, Message, State, Task
 from tca_tools.selection import lineage, subtree
 from tca_tools.story import exhausted, retried
+from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.then import Then
-from tca_tools.waiting import waits_how, why_waiting
-from tca_wire.failures import TIMEOUT
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome
 
-_FAR = 500
-"""Waits: what a task that ran out of time waited for beyond so many is not looked for."""
 _MOST_LINKS = 30
 """A failure goes through so many tasks at most before nobody reads on."""
 
@@ -90,9 +84,9 @@ def _raised(message: Message) -> list[tuple[float, str]]:
 
 
 def _steps_of(past: Past, message: Message, depth: int, moment: float) -> Iterator[tuple[int, Link]]:
-    for time, text in _raised(message):
-        if waited := _waited(past, message, time, text):
-            yield _ITSELF, Link(waited[0], depth, waited[1])
+    for time, text in [one for one in _raised(message) if one[0] <= moment]:
+        for since, is_others, led_to_it in out_of_time(past, message, time, text):
+            yield _ITSELF, Link(since, depth + is_others, led_to_it)
         yield _ITSELF, Link(time, depth, f"{message} failed: {text}")
     if isinstance(message, Task):
         yield from ((_CALLS, link) for link in _recoveries(Then(past, moment), message, depth))
@@ -102,23 +96,6 @@ def _steps_of(past: Past, message: Message, depth: int, moment: float) -> Iterat
             killed_or_over = message.written("killed", moment) if was_killed else _newest_state(message, moment)
             yield _END, Link(killed_or_over, depth, end)
             yield from ((_END, link) for link in _end_above(past, message, depth, moment))
-
-
-def _waited(past: Past, message: Message, failed: float, text: str) -> tuple[float, str] | None:
-    """What a task waited for when its time had run out, with since when; None if nothing is known, or it had not."""
-    has_deadline = any(one.moment is not None for one in past.ahead.get(message.id, ()))
-    if not has_deadline or text.partition(":")[0] != TIMEOUT:
-        return None
-    then = Then(past, nextafter(failed, 0.0))
-    task = then.tasks.get(TaskId(message.id))
-    if task is None or task.watches or not (reasons := why_waiting(then, task.id)):
-        return None
-    since, begun = age(then, task)
-    since = begun if since is None else since
-    how = waits_how(task).replace("waits", "waited", 1)
-    end = last_of(then, task, _FAR)
-    lasted = f", for {seconds(failed - since)}"
-    return since, f"{task} {how} {', and '.join(reasons)}{lasted}" + (f"; in the end {end}" if end else "")
 
 
 def _newest_state(task: Task, moment: float) -> float:

@@ -1,7 +1,8 @@
 """A wide tree as an SVG picture: one line a task, with guides, what it waits for, and bars of its times."""
 
+from collections import Counter
 from collections.abc import Iterator
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 from tca_tools.coping import STANDINGS
 from tca_tools.drawing import document, rectangle, text
@@ -11,7 +12,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
 from tca_tools.tasktree_viz.dot import FILLS, looks_of
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.tasktree_viz.plan import BOX, CHARACTER, LINE, Place, Plan, plan
+from tca_tools.tasktree_viz.plan import AFTER, BOX, CHARACTER, LANE, LINE, Place, Plan, plan
 from tca_tools.then import TaskThen, Then
 
 _MARGIN, _GAP = 24.0, 18.0
@@ -19,12 +20,16 @@ _TIMES = 460.0
 _BETWEEN = 13.0
 """Room between two meanings in a line."""
 _TICK_DISTANCE = 80.0
+_COMES, _ROUND = 4.5, 4.0
+"""Pixels from the top of a box to where a line comes to it, and of a turn."""
 _STYLE = """\
 .name { font-size: 12px; } .note { font-size: 10.5px; fill: #52606d; } .id { fill: #52606d; }
-.guide { stroke: #b8c0ca; fill: none; } .heavy { stroke: #0b4f8a; stroke-width: 2.6; fill: none; }
+.guide { stroke: #b8c0ca; fill: none; } .heavy { stroke: #0b4f8a; stroke-width: 2.2; fill: none; }
+.over { stroke: #ffffff; stroke-width: 5.2; fill: none; }
 .kind { font-size: 10.5px; fill: #0b4f8a; } .tip { fill: #0b4f8a; } .zebra { fill: #f7f8fa; }
 .planning { fill: #b9a6e8; } .outlined { stroke: #1f2933; }"""
 _SECOND = "planning"
+_JOINED = "; one that begins at several tasks: all of them before all that it leads to"
 _FOLDED = (
     "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
 )
@@ -35,12 +40,12 @@ def outline_svg(then: Then, rows: list[Row], title: str, *, with_data: bool = Fa
     found = arrows(then, {row.task.id for row in rows if row.task})
     laid = plan(then, rows, found, with_data=with_data)
     columns = _Columns(laid, then)
-    head, top = _head(rows, title, bool(laid.before), found.kinds, columns.right)
+    head, top = _head(rows, title, laid, found.kinds, columns.right)
     body = [*head, *columns.axis(top, top + 22 + laid.height)]
     top += 26
     for place in laid.places:
         body += columns.line(place, top)
-    body += _guides(laid, top)
+    body += [*_guides(laid, top), *_heavy(laid, top)]
     for place in laid.places:
         body += _box(then, place, top)
     return document(columns.right + _MARGIN, top + laid.height + _MARGIN, title, _STYLE, body)
@@ -98,18 +103,41 @@ def _last(task: TaskThen, now: float) -> float:
 
 
 def _guides(laid: Plan, top: float) -> Iterator[str]:
-    """Thin lines from a task to what is under it; heavy ones, over them, to who comes after a brother."""
+    """Thin lines from a task to what is under it."""
     for place in laid.places:
         if place.row.parent >= 0:
-            start = top + laid.places[place.row.parent].top + BOX
-            y, left = top + place.top + BOX / 2, _MARGIN + place.left
-            yield f'<path class="guide" d="M{left - laid.indent / 2:.1f} {start:.1f} V{y:.1f} H{left:.1f}"/>'
-    for number, before in laid.before.items():
-        place, brother = laid.places[number], laid.places[before]
-        tip, rail = _MARGIN + place.left, _MARGIN + place.left - laid.indent / 2
-        start, y = (top + one.top + BOX / 2 for one in (brother, place))
-        yield f'<path class="heavy" d="M{tip:.1f} {start:.1f} H{rail:.1f} V{y:.1f} H{tip - 5:.1f}"/>'
-        yield f'<path class="tip" d="M{tip:.1f} {y:.1f} l-8 -4 v8 z"/>'
+            above = laid.places[place.row.parent]
+            x, y = _MARGIN + above.left + laid.indent / 2, top + place.top + BOX / 2
+            yield f'<path class="guide" d="M{x:.1f} {top + above.top + BOX:.1f} V{y:.1f} H{_MARGIN + place.left:.1f}"/>'
+
+
+def _heavy(laid: Plan, top: float) -> Iterator[str]:
+    """Lines to those that come after their brothers: they leave boxes below where others come to them."""
+    all_leaving = Counter(source for line in laid.lines for source in line.sources)
+    leaving: Counter[int] = Counter()
+    tips: list[str] = []
+    for line in sorted(laid.lines, key=attrgetter("lane")):  # those further away cross the nearer, and lie over them
+        leaving.update(line.sources)
+        share = {source: 1 - leaving[source] / (all_leaving[source] + 1) for source in line.sources}
+        starts = [top + laid.places[one].top + _COMES + (BOX - _COMES) * part for one, part in share.items()]
+        ends = [top + laid.places[one].top + _COMES for one in line.to]
+        left = _MARGIN + laid.places[line.to[0]].left
+        x = left - laid.indent / 2 - line.lane * LANE
+        if line.lane:  # it crosses those that are nearer: there they are cut
+            across = " ".join(f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends))
+            yield f'<path class="over" d="{across}"/>'
+        yield f'<path class="heavy" d="{_path(x, left, starts, ends)}"/>'
+        tips += [f'<path class="tip" d="M{left:.1f} {y:.1f} l-8 -4 v8 z"/>' for y in ends]
+    yield from tips
+
+
+def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
+    """From boxes to a lane, down, and to boxes; where it turns it is round, so that a turn is no crossing."""
+    turn = x + _ROUND
+    parts = [f"M{left + 1:.1f} {y:.1f} H{turn:.1f} Q{x:.1f} {y:.1f} {x:.1f} {y + _ROUND:.1f}" for y in starts]
+    parts.append(f"M{x:.1f} {starts[0] + _ROUND:.1f} V{ends[-1] - _ROUND:.1f}")
+    parts += [f"M{x:.1f} {y - _ROUND:.1f} Q{x:.1f} {y:.1f} {turn:.1f} {y:.1f} H{left - 5:.1f}" for y in ends]
+    return " ".join(parts)
 
 
 def _box(then: Then, place: Place, top: float) -> Iterator[str]:
@@ -133,7 +161,7 @@ def _box(then: Then, place: Place, top: float) -> Iterator[str]:
         yield f'<text class="kind" x="{x:.1f}" y="{y + 13:.1f}">{text(place.after)}</text>'
 
 
-def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str], right: float) -> tuple[list[str], float]:
+def _head(rows: list[Row], title: str, laid: Plan, kinds: set[str], right: float) -> tuple[list[str], float]:
     """The title, what colours and lines mean (nothing of that beyond *right*), and where what follows may begin."""
     lines = [f'<text class="title" x="{_MARGIN:.0f}" y="{_MARGIN + 6:.0f}">{text(title)}</text>']
     states = {row.task.standing if row.task else row.state for row in rows}
@@ -153,7 +181,10 @@ def _head(rows: list[Row], title: str, has_heavy: bool, kinds: set[str], right: 
         lines.append(f'<text class="name" x="{x + 21:.1f}" y="{y + 10:.1f}">{words_of}</text>')
         x += needed
     y += 32
-    meanings = [("heavy lines", MEANINGS[SEQ])] * has_heavy
+    joined = _JOINED if any(len(line.sources) > 1 for line in laid.lines) else ""
+    says = [f'"{AFTER}"'] * any(part.startswith(AFTER) for place in laid.places for part in place.after.split("; "))
+    after = " and ".join(["heavy lines"] * bool(laid.lines) + says)
+    meanings = [(after, MEANINGS[SEQ] + joined)] * bool(after)
     meanings += [("dashed, with +", _FOLDED)] * any(row.folded for row in rows)
     meanings += [(kind, meaning) for kind, meaning in MEANINGS.items() if kind in kinds and kind != SEQ]
     for what, meaning in meanings:

@@ -9,14 +9,22 @@ from textwrap import wrap
 from tca_tools.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, Arrows
+from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut
 from tca_tools.then import TaskThen, Then
+from tca_tools.whereabouts import listed
 from tca_wire.lines import printable
 from tca_wire.points import Interval
 
 INDENT, DEEPEST = 22.0, 420.0
 """Pixels: of a level and, as many levels as there are, of all together."""
+LANE = 6.0
+"""Between two lanes; the nearest is half an indentation away from the boxes."""
+AFTER = "after"
+"""Said of a task that is achieved after another, where no line shows it."""
+_LEAST_INDENT = INDENT / 2
+"""Where a level has less room, lines of one would run into those of the next: all is said in words."""
 CHARACTER, LINE, BOX = 6.7, 15.0, 19.0
 _ROW, _NOTE_CHARACTER = 25.0, 5.6
 _LONGEST_NAME, _NOTE_COLUMNS, _NOTE_LINES = 44, 54, 3
@@ -53,26 +61,33 @@ class Plan:
     height: float
     notes_width: float
     indent: float
-    before: dict[int, int]
-    """For rows whose task comes after a brother's: the number of that one's row."""
+    lines: list[Line]
+    """From tasks to brothers that wait for them, in lanes."""
 
 
 def plan(then: Then, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
     """Where the rows stand. Names and notes are cut to fit."""
     indent = min(INDENT, DEEPEST / max(max((row.depth for row in rows), default=0), 1))
+    drawn = _lines(rows, found) if indent >= _LEAST_INDENT else []
+    shifts: dict[int, float] = {}
+    for line in drawn:
+        parent = rows[line.to[0]].parent
+        shifts[parent] = max(shifts.get(parent, 0.0), line.lane * LANE)
     places: list[Place] = []
     top = 0.0
     for row in rows:
         label = cut(printable(str(row.task)), _LONGEST_NAME) if row.task else words.folded(row)
-        place = Place(row, (row.depth + 1) * indent, top, columns_of(label) * CHARACTER + 14, label)
+        above = places[row.parent].left if row.parent >= 0 else 0.0
+        left = above + indent + shifts.get(row.parent, 0.0)
+        place = Place(row, left, top, columns_of(label) * CHARACTER + 14, label)
         if row.task:
             _tell(place, then, row.task, with_data)
         places.append(place)
         top += max(_ROW, len(place.notes) * LINE + 8)
-    before = _brothers(then, rows, places, found)
+    _say_the_rest(then, places, found, drawn)
     width = max((place.left + place.width + columns_of(place.after) * 5.5 + 12 for place in places), default=0.0)
     notes = max((columns_of(note) for place in places for note in place.notes), default=0)
-    return Plan(places, width, top, notes * _NOTE_CHARACTER, indent, before)
+    return Plan(places, width, top, notes * _NOTE_CHARACTER, indent, drawn)
 
 
 def _tell(place: Place, then: Then, task: TaskThen, with_data: bool) -> None:
@@ -98,21 +113,42 @@ def _state_and(note: str, task: TaskThen) -> str:
     return f"{task.state}, failed: {note}" if says_how else f"{task.state}, {note}"
 
 
-def _brothers(then: Then, rows: list[Row], places: list[Place], found: Arrows) -> dict[int, int]:
-    """The lines between brothers, and in words what they don't say."""
-    numbers = {int(row.task.id): row.number for row in rows if row.task}
-    before: dict[int, int] = {}
-    words_of: dict[int, list[str]] = {}
+def _lines(rows: list[Row], found: Arrows) -> list[Line]:
+    """The lines between brothers, family by family."""
+    numbers = _numbers(rows)
+    families: dict[int, list[tuple[int, int]]] = {}
     for (first, second), kinds in found.between.items():
         one, other = numbers[first], numbers[second]
-        is_drawn = rows[one].parent == rows[other].parent and one < other
-        if is_drawn:
-            before[other] = max(one, before.get(other, -1))
-        if not is_drawn or kinds != [SEQ]:
-            told = ", ".join(kind for kind in kinds if not (is_drawn and kind == SEQ))
-            words_of.setdefault(other, []).append(f"{told} ({'' if is_drawn else 'after '}{then.describe(first)})")
+        if SEQ in kinds and one < other and rows[one].parent == rows[other].parent:
+            families.setdefault(rows[one].parent, []).append((one, other))
+    return [line for pairs in families.values() for line in lines(pairs)]
+
+
+def _numbers(rows: list[Row]) -> dict[int, int]:
+    return {int(row.task.id): row.number for row in rows if row.task}
+
+
+def _say_the_rest(then: Then, places: list[Place], found: Arrows, drawn: list[Line]) -> None:
+    """In words, at the task that waits, all constraints that the lines don't show."""
+    numbers = _numbers([place.row for place in places])
+    has_line = {(source, to) for line in drawn for to in line.to for source in line.sources}
+    said: dict[int, dict[tuple[str, str], list[str]]] = {}  # for each row: what is said before and behind which names
+    for (first, second), kinds in (found.between | found.unseen).items():
+        to = numbers[second]
+        if around := _words_around(kinds, is_drawn=(numbers.get(first), to) in has_line):
+            said.setdefault(to, {}).setdefault(around, []).append(then.describe(first))
     for task, kinds in found.own.items():
-        words_of.setdefault(numbers[task], []).insert(0, ", ".join(kinds))
-    for number, said in words_of.items():
-        places[number].after = cut(printable("; ".join(said)), _LONGEST_AFTER)
-    return before
+        places[numbers[task]].after = ", ".join(kinds)
+    for number, names_by in said.items():
+        parts = [f"{before}{listed(names)}{behind}" for (before, behind), names in names_by.items()]
+        places[number].after = "; ".join([*filter(None, [places[number].after]), *parts])
+    for place in places:
+        place.after = cut(printable(place.after), _LONGEST_AFTER)
+
+
+def _words_around(kinds: list[str], *, is_drawn: bool) -> tuple[str, str] | None:
+    """``after ...``, ``plan ahead (after ...)``, or with a line that says the rest: ``plan ahead (...)``."""
+    if not is_drawn and kinds == [SEQ]:
+        return f"{AFTER} ", ""
+    told = ", ".join(kind for kind in kinds if not (is_drawn and kind == SEQ))
+    return (f"{told} ({'' if is_drawn else f'{AFTER} '}", ")") if told else None

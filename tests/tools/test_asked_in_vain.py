@@ -8,6 +8,7 @@ from tca_tools.past import Past
 from tca_tools.story import story as story_of
 from tca_wire import facts
 from tca_wire.points import Moment, TaskId
+from tca_wire.vocabulary import Outcome
 
 
 def asking() -> Past:
@@ -40,6 +41,26 @@ def test_the_story_says_where_each_question_was() -> None:
 def test_before_it_gave_up_nobody_knew_that_it_would() -> None:
     first = next(sentence for sentence in story_of(asking(), 1) if "where {2}" in sentence.text)
     assert first.known(0.25).text == "its handler waits for the reply to where {2}"
+
+
+def test_the_story_of_who_asked_says_that_the_answer_was_a_failure() -> None:
+    """Also where its handler copes: what it does next is done for that reason."""
+    tale = Story().module("legs", "act").module("map", "where")
+    act = tale.command("act", "user")
+    tale.delivered(act, "legs")
+    for is_awaited, took in ((True, 0.5), (False, 1.0)):
+        where = tale.received("where", QUERY, "legs", origin=act, blocking=is_awaited)
+        tale.delivered(where, "map").at(took).returned(where, Outcome.FAILED)
+        tale.say(facts.Failed(where, "dark", "no light\nat all"), facts.Answered(where)).at(took + 0.25)
+    told = story_of(tale.returned(act).reached(act, Moment.END_ACHIEVING).fold(), act)
+    waited, asked = (one for one in told if "where" in one.text)
+    assert (waited.text, waited.seconds) == (
+        "its handler waits for the reply to where {2}, which fails: dark: no light",
+        0.5,
+    )
+    assert asked.text == "its handler asked where {3}, and goes on; it fails: dark: no light"
+    assert waited.known(0.25).text == "its handler waits for the reply to where {2}"
+    assert asked.known(0.8).text == "its handler asked where {3}, and goes on"
 
 
 def test_the_longest_waits_say_that_they_were_in_vain() -> None:

@@ -89,3 +89,19 @@ def test_who_had_not_answered_when_it_was_given_up() -> None:
         text.endswith("and gives up: head and legs (queued, busy with walk {1}) had not answered (1 of 3 had)")
         for text in told
     ), told
+
+
+def test_the_story_of_a_question_that_was_given_up_tells_the_answers_there_were() -> None:
+    """Its sender gets them and goes on; only what nobody answered has come to nothing."""
+    player = asking(answers=1)
+    player.fail("head/1", "no power")
+    player.receive("guard/1", headers.GiveUp(player.numbers["guard/1"]))
+    told = [one.text for one in story(past_of(player), 3)]
+    assert (
+        "its sender waits no longer: 1 of 3 answered in time: arm (1);"
+        " legs (queued, busy with walk {1}) had not, head had failed"
+    ) in told
+    assert not [text for text in told if "came to nothing" in text]
+    player = asking()
+    player.receive("guard/1", headers.GiveUp(player.numbers["guard/1"]))
+    assert any(one.text.startswith("came to nothing: its sender gave up") for one in story(past_of(player), 3))

@@ -134,6 +134,22 @@ def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
     assert maps.count("elevation map") == len(maps.splitlines()) == 2
 
 
+def test_what_comes_of_copies_and_of_other_tries_is_told_of_a_message(tca: Tca, tmp_path: Path) -> None:
+    story = Story().module("guard").module("arm", "status").module("legs", "status")
+    status = story.received("status", MessageClass.MULTI_QUERY, "guard")
+    copies = [facts.Delivered(70, status, "arm", "arm"), facts.Queued(71, status, "legs", "legs")]
+    story.at(1.0).say(*copies, facts.Returned(70, Outcome.DONE, msgspec.msgpack.encode(1)), facts.Unqueued(71))
+    run = story.write(tmp_path / "run")
+    for task in ("1", "status"):
+        lines = tca("log", "show", run, "--task", task).stdout.splitlines()
+        assert [line.split()[1] for line in lines if line.startswith("     1")] == [
+            "delivered",
+            "queued",
+            "returned",
+            "unqueued",
+        ]
+
+
 @pytest.mark.parametrize("task", ["99999", "take stpes", ""])
 def test_a_task_that_is_not_there_is_an_error_as_elsewhere(tca: Tca, run: Path, task: str) -> None:
     result = tca("log", "show", run, "--task", task)

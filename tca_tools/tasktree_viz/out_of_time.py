@@ -1,0 +1,59 @@
+"""What a task waited for whose deadline ran out, who had that then, and how long it had been suspended. Pure."""
+
+from collections.abc import Iterator
+from math import nextafter
+
+from tca_tools.ages import age
+from tca_tools.analysis.words import seconds
+from tca_tools.ends import Ends, last_of
+from tca_tools.leads import Kind
+from tca_tools.past import Past
+from tca_tools.records import Message
+from tca_tools.then import TaskThen, Then
+from tca_tools.waiting import waits_how, why_waiting
+from tca_tools.whereabouts import NAMED
+from tca_wire.failures import TIMEOUT
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass
+from tca_wire.wording import by_whom, place
+
+_FAR = 500
+"""Waits: what a task that ran out of time waited for beyond so many is not looked for."""
+
+
+def out_of_time(past: Past, message: Message, failed: float, text: str) -> Iterator[tuple[float, bool, str]]:
+    """What led to the failure of a task whose deadline ran out: since when, whether that is of something else, and
+    what; nothing if nothing is known, or it failed of something else.
+    """
+    deadlines = [one.set_at for one in past.ahead.get(message.id, ()) if one.moment is not None]
+    then = Then(past, nextafter(failed, 0.0))
+    task = then.tasks.get(TaskId(message.id))
+    if not deadlines or text.partition(":")[0] != TIMEOUT or task is None or task.watches:
+        return
+    for one in past.tasks[task.id].suspensions[-NAMED:]:
+        if one.start >= deadlines[0] and one.end is not None and one.end < failed:
+            yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {seconds(one.end - one.start)}"
+    if reasons := why_waiting(then, task.id):
+        since, begun = age(then, task)
+        since = begun if since is None else since
+        how = waits_how(task).replace("waits", "waited", 1)
+        end = last_of(then, task, _FAR)
+        lasted = f", for {seconds(failed - since)}"
+        yield since, False, f"{task} {how} {', and '.join(reasons)}{lasted}" + (f"; in the end {end}" if end else "")
+    yield from _had_by(then, task, failed)
+
+
+def _had_by(then: Then, task: TaskThen, failed: float) -> Iterator[tuple[float, bool, str]]:
+    """Who handled what it waited for in the end when its time ran out, or kept it locked."""
+    ends = Ends.at(then).of(task.id, _FAR)
+    for number in [end.number for end in ends if end.kind is Kind.GOES_ON or end.number in then.past.claims][:NAMED]:
+        claim, message = then.past.claims.get(number), then.past.messages.get(number)
+        if claim is not None and claim.granted is not None and then.is_granted(claim):
+            since, what = claim.granted, f"{claim.sender} had the {claim}"
+        elif message is None or message.message_class is MessageClass.MULTI_QUERY:
+            continue
+        elif (run := then.handling_of(message)) is not None:
+            since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"
+        else:
+            continue
+        yield since, number != task.id, f"{what}, for {seconds(failed - since)} when time ran out"
