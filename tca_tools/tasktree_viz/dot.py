@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
-from textwrap import wrap
 
 from tca_tools.coping import HANDLED, STANDINGS, WATCHING
 from tca_tools.records import State
@@ -162,7 +161,7 @@ def _label_lines(then: Then, task: TaskThen, said: list[str], with_data: bool) -
 
 def _wrapped(text: str) -> list[str]:
     """A few lines as long as names may be."""
-    return wrap(text, _LONGEST_NAME, max_lines=_MOST_LINES, placeholder="…")
+    return words.lines_of(text, _LONGEST_NAME, _MOST_LINES)
 
 
 def _times(task: TaskThen) -> str:

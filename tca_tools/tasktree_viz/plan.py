@@ -92,7 +92,7 @@ def plan(then: Then, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan
 
 def _tell(place: Place, then: Then, task: TaskThen, with_data: bool) -> None:
     note = words.note(then, task)
-    place.notes = wrap(_state_and(note, task), _NOTE_COLUMNS, max_lines=_NOTE_LINES, placeholder="…")
+    place.notes = words.lines_of(_state_and(note, task), _NOTE_COLUMNS, _NOTE_LINES)
     if with_data and (data := words.data(task)):
         place.notes += wrap(cut(data, _LONGEST_DATA), _NOTE_COLUMNS)
     place.planning = words.span(task, Interval.PLANNING)

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterator
+from textwrap import wrap
 from typing import NamedTuple
 
 from tca_tools.ages import Age, age
@@ -32,6 +33,14 @@ _CAUSE = re.compile(r"^(?:(?:suspended by [^,]*|killed|asked),? )?[^,{]*(?:\{\d+
 """What of a reason names the cause."""
 _SHORTEST = 0.0005
 """Seconds: of a wait that has just begun nothing is said."""
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|µs|min|h)\b)")
+_STUCK = "\N{NO-BREAK SPACE}"
+
+
+def lines_of(text: str, columns: int, most: int) -> list[str]:
+    """A text of a picture in a few lines; a number stays with its unit."""
+    lines = wrap(_BEFORE_UNIT.sub(_STUCK, text), columns, max_lines=most, placeholder="…")
+    return [line.replace(_STUCK, " ") for line in lines]
 
 
 def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | None:

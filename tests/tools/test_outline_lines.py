@@ -13,6 +13,7 @@ from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
 from tca_tools.tasktree_viz.outline import Row, outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
+from tca_tools.tasktree_viz.words import lines_of
 from tca_tools.then import Then
 from tca_wire.constraints import Constraint, plan_ahead, sequential_achievement
 from tca_wire.points import TaskId
@@ -143,3 +144,10 @@ def test_lines_say_nothing_that_is_not_so(pairs: set[tuple[int, int]]) -> None:
         assert sum(row in line.sources for line in found) <= MOST_LEAVING
     if len(pairs) <= MOST_LEAVING:
         assert set(said) == pairs
+
+
+def test_in_a_picture_a_number_stays_with_its_unit() -> None:
+    text = "held, waits until compile {17} is achieved, for 1.87 s; in the end for page admin {38}"
+    found = [lines_of(text, columns, 9) for columns in range(20, 60)]
+    assert all(" ".join(lines) == text for lines in found)
+    assert not [line for lines in found for line in lines if line.endswith("1.87")]
