@@ -75,7 +75,7 @@ NUMBERS = """async (counts) => {
   const { drawLength } = await import("/page/lanes.js"), rectangles = [], texts = [];
   const context = { fillRect: (...place) => rectangles.push(place), fillText: (words, x) => texts.push([words, x]),
     measureText: () => ({ width: 60 }) };
-  drawLength(context, { count: (time) => counts[time] }, { left: 0, right: counts.length, y: 0, tall: 16,
+  drawLength(context, { most: (time) => counts[time] }, { left: 0, right: counts.length, y: 0, tall: 16,
     timeAt: (x) => x, ink: "", paper: "", how: "suspended" });
   return texts;
 }"""
