@@ -22,12 +22,12 @@ export function drawAxis(context, [from, to], { x, left, width, height }) {
 
 // `x`: where it is; what is behind it was not yet so.
 export function drawCursor(context, x, { left, width, height }) {
-  if (x < left - 1) return;
+  const veiled = Math.max(x, left);
   context.fillStyle = css("--paper");
   context.globalAlpha = 0.45;
-  if (x < width) context.fillRect(x, AXIS, width - x, height - AXIS);
+  if (veiled < width) context.fillRect(veiled, AXIS, width - veiled, height - AXIS);
   context.globalAlpha = 1;
-  if (x > width) return;
+  if (x < left - 1 || x > width) return;
   context.strokeStyle = css("--mark");
   context.lineWidth = 1.5;
   context.beginPath();
