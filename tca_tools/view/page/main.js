@@ -74,7 +74,7 @@ const slider = new Slider(store, callbacks);
 const details = new Details(store, callbacks);
 const messages = new Messages(store, callbacks);
 const causes = new Causes(store, callbacks);
-const search = new Search(store, { tree, choose, changed: draw });
+const search = new Search(store, { tree, choose, setTime, changed: draw });
 const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id !== null || search.input.value !== "" });
 
 // Draw all parts, once before the next picture however often it is asked for.
