@@ -125,6 +125,8 @@ class Log:
         """What is being followed, or was last."""
         self._damage = ""
         """Why nothing more can be read of the segment that was read last."""
+        self.lost: Place | None = None
+        """What was read, and is not there any more: until where it went."""
         self._has_entries = False
         self._time = 0.0
         """Of the last entry that was read."""
@@ -272,7 +274,8 @@ class Log:
             self._say(self._followed_by)
         also = "; ".join(self.losses.lines)
         if self._damage:
-            raise DamagedLog(f"{self._damage}; what comes before it is shown" + (f" ({also})" if also else ""))
+            shown = "what was read before" if self.lost else "what comes before it"
+            raise DamagedLog(f"{self._damage}; {shown} is shown" + (f" ({also})" if also else ""))
         if also:
             raise DamagedLog(also)
         if cut := self.cut:
@@ -300,8 +303,10 @@ class Log:
     def _check_is_whole(self, segment: Path, reader: JournalReader) -> None:
         """Raise JournalDamaged if a segment that is followed is gone, or has lost something that was read."""
         if not segment.exists():
+            self.lost = Place(segment, 0)  # another one may come in its place
             raise JournalDamaged(f"{segment}: has been removed")
         if reader.torn < 0:
+            self.lost = Place(segment, reader.offset)
             raise JournalDamaged(f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes")
 
     def _note_end(self, segment: Path, reader: JournalReader) -> None:
@@ -357,7 +362,7 @@ class Log:
             self.losses.ends.append(_cut_off(*self._torn))
         if self._damage:
             self.losses.ends.append(self._damage)
-        self._damage, self._torn = "", None
+        self._damage, self._torn, self.lost = "", None, None
 
     def _check_entries(self) -> None:
         """Raise UnusableLog if reading failed, and nothing was read."""

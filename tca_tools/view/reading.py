@@ -6,7 +6,6 @@ from bisect import bisect_right
 from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
-from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self
@@ -46,8 +45,8 @@ class Reading:
         """Whether central ended of its own will: nothing more comes."""
         self.problem = ""
         """Why nothing more can be read."""
-        self._gone: Path | None = None
-        """What was removed, so that nothing more can be read."""
+        self._lost: Place | None = None
+        """What was removed or cut short, so that nothing more can be read; until where it went."""
         self.cut = ""
         """What there is to say of a last entry that is not whole."""
         self.additions = 0
@@ -116,8 +115,11 @@ class Reading:
 
     @property
     def is_back(self) -> bool:
-        """Whether what was removed is there again: then all is to be read anew."""
-        return self._gone is not None and self._gone.exists()
+        """Whether what was removed or cut short is there again: then all is to be read anew."""
+        try:
+            return self._lost is not None and self._lost.segment.stat().st_size >= self._lost.offset
+        except OSError:
+            return False
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
         """Wait, inside of ``with``, until there are more than so many entries, the run stands otherwise, or the time is
@@ -207,8 +209,8 @@ class Reading:
     def _catch_up(self, problem: str = "") -> None:
         gc.freeze()
         gc.enable()
-        if problem and not self.log.segment.exists():
-            self._gone = self.log.segment
+        if problem:
+            self._lost = self.log.lost or (None if self.log.segment.exists() else Place(self.log.segment, 0))
         with self:
             last = self.feed.history.time
             self._known = monotonic(), self.log.present(last) or last

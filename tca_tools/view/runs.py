@@ -150,7 +150,7 @@ class Runs:
         return address
 
     def _is_read(self, kept: str) -> bool:
-        """Whether it is being read; not if its journal was removed and is there again."""
+        """Whether it is being read; not if its journal was removed or cut short, and is there again."""
         if kept not in self._shown:
             return False
         shown, _ = self._shown[kept]

@@ -134,6 +134,38 @@ def test_a_journal_that_is_there_again_is_read_anew(
     expect(page.locator(".row").last).to_contain_text("swim")
 
 
+def test_a_journal_that_was_cut_short_is_read_anew_when_it_is_whole(
+    look: Look, serve: Callable[[Path], str], tmp_path: Path
+) -> None:
+    run = walking().write(tmp_path / "run")
+    segment, address = run / "00000001.tcaj", serve(run)
+    whole, page = segment.read_bytes(), look(address)
+    expect(page.locator("#status")).to_have_text("not closed")
+    cut_short(run)
+    expect(page.locator("#problem")).to_contain_text("by 200 bytes; what was read before is shown")
+    asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
+    request = page.context.request
+    page.close()  # as above
+    segment.rename(tmp_path / "away")
+    assert request.get(asked).status == 200
+    (tmp_path / "away").rename(segment)
+    assert request.get(asked).status == 200
+    segment.write_bytes(whole)
+    assert request.get(asked).status == 410
+    expect(look(address).locator("#status")).to_have_text("not closed")
+
+
+def test_that_the_server_does_not_answer_is_told_soon_of_a_damaged_journal_too(look: Look, tmp_path: Path) -> None:
+    run = walking().write(tmp_path / "run")
+    page = look(run, clock=True)
+    cut_short(run)
+    expect(page.locator("#status")).to_have_text("damaged")
+    page.evaluate("() => { window.fetch = async () => { throw new Error('nobody is there'); }; }")
+    page.clock.run_for(2500)
+    expect(page.locator("#problem")).to_contain_text("The server does not answer (nobody is there)")
+    expect(page.locator("#status")).to_have_text("away")
+
+
 def test_of_another_run_in_its_place_the_page_says_nothing(
     look: Look, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:

@@ -1,13 +1,13 @@
 // The Gantt chart: what every resource did when. Bars too narrow to see are drawn as one; what is out of sight costs nothing.
 
-import { clipped, css, prepared, ticks } from "./format.js";
+import { AXIS, drawAxis, drawCursor } from "./axis.js";
+import { clipped, css, prepared } from "./format.js";
 import { ScrollBar } from "./scroll.js";
 import { drawLength } from "./lanes.js";
 import { BETWEEN, LANE, NAMED, THIN, inOrder, placed } from "./rows.js";
 import { describe, firstWith, isLight, share } from "./spans.js";
 import { wasHandled } from "./store.js";
 
-const AXIS = 20;
 const NARROW = 1.5; // pixels
 const HELD = "#d08a00";
 const ROOM = 0.01; // of the time that is seen, beside it
@@ -68,9 +68,15 @@ export class Chart {
   }
 
   get window() {
+    const [from, to] = this.#all;
+    return [this.from ?? from, this.to ?? to];
+  }
+
+  // The window of a reader who does not zoom.
+  get #all() {
     const { start, first, end } = this.store, from = first > end ? start : Math.max(first, start);
     const room = Math.max((end - from) * ROOM, 1e-6);
-    return [this.from ?? Math.max(from - room, this.#earliest), this.to ?? Math.max(end + room, from + this.#least)];
+    return [Math.max(from - room, this.#earliest), Math.max(end + room, from + this.#least)];
   }
 
   get #least() { return this.store.isLive || this.store.first > this.store.end ? LEAST : LEAST_DONE; }
@@ -101,14 +107,15 @@ export class Chart {
     context.font = "12px system-ui, Helvetica, Arial, sans-serif";
     context.textBaseline = "middle";
     this.#lay();
-    this.#drawAxis();
+    const place = { left: this.labels, width, height };
+    drawAxis(context, this.window, { ...place, x: (time) => this.#x(time) });
     context.save();
     context.beginPath();
     context.rect(0, AXIS, width, height - AXIS);
     context.clip();
-    for (const place of this.layout) if (place.bottom > AXIS && place.top < height) this.#drawRow(place);
+    for (const row of this.layout) if (row.bottom > AXIS && row.top < height) this.#drawRow(row);
     context.restore();
-    this.#drawCursor();
+    drawCursor(context, this.#x(Math.min(this.time, this.store.end)), place);
     this.bar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
   }
 
@@ -116,27 +123,13 @@ export class Chart {
   #lay() {
     const rows = inOrder(this.store), widths = rows.map((row) => this.context.measureText(row.label).width);
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
-    const { layout, tall } = placed(rows);
+    const [from, to] = this.#all;
+    const { layout, tall } = placed(rows, { scale: (this.width - this.labels) / (to - from), now: this.store.end });
     Object.assign(this, { layout, tall });
     this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(tall - (this.height - AXIS - 6), 0));
     for (const place of this.layout) {
       place.top += AXIS + 4 - this.scroll;
       place.bottom += AXIS + 4 - this.scroll;
-    }
-  }
-
-  #drawAxis() {
-    const { context, width, height } = this, [from, to] = this.window;
-    context.strokeStyle = css("--line");
-    context.fillStyle = css("--faint");
-    context.textAlign = "center";
-    for (const { time, label } of ticks(from, to, (width - this.labels) / 90)) {
-      const x = this.#x(time);
-      context.beginPath();
-      context.moveTo(x, AXIS - 4);
-      context.lineTo(x, height);
-      context.stroke();
-      if (x > this.labels) context.fillText(label, Math.min(x, width - context.measureText(label).width / 2 - 2), AXIS / 2);
     }
   }
 
@@ -264,7 +257,8 @@ export class Chart {
 
   // How many wait, behind those that are drawn.
   #drawCurve(row, y, tall) {
-    const where = { left: Math.ceil(this.labels), right: Math.min(this.#x(this.store.end), this.width), y, tall, timeAt: (x) => this.#timeAt(x) };
+    const { store: { end } } = this, [from, to] = this.window, timeAt = (x) => Math.min(Math.max(this.#timeAt(x), from), to, end);
+    const where = { left: Math.floor(this.labels), right: Math.min(this.#x(end), this.width), y, tall, timeAt };
     drawLength(this.context, row.queued, { ...where, ink: css("--ink"), paper: css("--paper"), how: row === this.store.suspended ? "suspended" : "queued" });
   }
 
@@ -290,23 +284,6 @@ export class Chart {
     this.context.lineTo(x + 4, y - 5);
     this.context.lineTo(x, y + 1);
     this.context.fill();
-  }
-
-  #drawCursor() {
-    const { context, height, width } = this, x = this.#x(Math.min(this.time, this.store.end));
-    if (x < this.labels - 1) return;
-    context.fillStyle = css("--paper");
-    context.globalAlpha = 0.45; // what was not yet so
-    if (x < width) context.fillRect(x, AXIS, width - x, height - AXIS);
-    context.globalAlpha = 1;
-    if (x > width) return;
-    context.strokeStyle = css("--mark");
-    context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(x, 0);
-    context.lineTo(x, height);
-    context.stroke();
-    context.lineWidth = 1;
   }
 
   // --- the mouse ---------------------------------------------------------------------------------------------------

@@ -1,12 +1,13 @@
 // Spans of time in lanes, in each of which nothing overlaps, as the other charts lay them (see gantt/bars.py). Of a run
 // that goes on many are open at a time, all that wait in a queue, and their ends come later.
 
+import { Counts } from "./counts.js";
+
 export class Lanes {
   constructor() {
     this.lists = []; // of spans, by lane
-    this.starts = []; // of all spans, in the order of time
-    this.ends = []; // the same, but for those that came with their ends
-    this.isInOrder = true; // the ends are
+    this.counts = new Counts();
+    this.changes = 0; // how often one began or ended
     this.room = 1; // lanes for which there are leaves: a power of two
     this.earliest = new Float64Array(2).fill(Infinity); // a tree: of each half of the lanes under a node the earliest end; the leaves are behind
   }
@@ -20,7 +21,7 @@ export class Lanes {
     if (span.lane === this.lists.length) this.lists.push([]);
     if (span.lane >= this.room) this.#grow();
     this.lists[span.lane].push(span);
-    this.starts.push(span.start);
+    this.#count(span.start, 1);
     this.ended(span);
   }
 
@@ -29,8 +30,7 @@ export class Lanes {
     const { end } = span;
     if (end < Infinity && !span.isCounted) {
       span.isCounted = true;
-      this.isInOrder &&= !(end < this.ends.at(-1));
-      this.ends.push(end);
+      this.#count(end, -1);
     }
     if (span !== this.lists[span.lane].at(-1)) return; // another one has begun behind it: that counts
     let node = this.room + span.lane;
@@ -40,11 +40,31 @@ export class Lanes {
     }
   }
 
+  #count(time, change) {
+    this.counts.add(time, change);
+    this.changes++;
+  }
+
   // How many go on at a time.
-  count(time) {
-    if (!this.isInOrder) this.ends.sort((one, other) => one - other);
-    this.isInOrder = true;
-    return upTo(this.starts, time) - upTo(this.ends, time);
+  count(time) { return this.counts.at(time); }
+
+  // The most that go on at a time between two.
+  most(from, until) { return this.counts.most(from, until); }
+
+  // Whether most of the time lies in spans that are shorter than `narrow`; what has not ended does at `now`.
+  areNarrow(narrow, now) {
+    const asked = [narrow, now, this.changes].join();
+    if (this.narrow?.asked === asked) return this.narrow.found;
+    let all = 0, short = 0;
+    for (const list of this.lists) {
+      for (const { start, end } of list) {
+        const length = Math.min(end, now) - start;
+        all += length;
+        if (length < narrow) short += length;
+      }
+    }
+    this.narrow = { asked, found: 2 * short > all };
+    return this.narrow.found;
   }
 
   #firstFree(time) {
@@ -63,19 +83,10 @@ export class Lanes {
   }
 }
 
-function upTo(times, time) {
-  let low = 0, high = times.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time) low = middle + 1;
-    else high = middle;
-  }
-  return low;
-}
-
-// How many wait in a long queue, of which not all lanes are drawn: a curve, and the most that wait at a time in sight.
+// How many wait, where not all bars are drawn or can be seen: a curve, in each column the most that waited at a time in it,
+// and the most of all that is in sight. `timeAt` tells no times that are not.
 export function drawLength(context, lanes, { left, right, y, tall, timeAt, ink, paper, how }) {
-  const counts = Array.from({ length: Math.max(Math.round(right - left), 0) }, (_, x) => lanes.count(timeAt(left + x)));
+  const counts = Array.from({ length: Math.max(Math.ceil(right - left), 0) }, (_, x) => lanes.most(timeAt(left + x), timeAt(left + x + 1)));
   const most = counts.reduce((one, other) => Math.max(one, other), 0);
   if (!most) return;
   context.fillStyle = ink;

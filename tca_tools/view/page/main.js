@@ -12,6 +12,7 @@ import { lastNotAfter, Store } from "./store.js";
 import { Tree } from "./tree.js";
 
 const BEAT = 250; // milliseconds between two pictures of time that goes on
+const AGAIN = 2000; // milliseconds until the server is asked again that does not answer, or can't read on
 const SLOW = 900; // milliseconds between two counts of how long waits have lasted
 
 const store = new Store();
@@ -73,7 +74,7 @@ const slider = new Slider(store, callbacks);
 const details = new Details(store, callbacks);
 const messages = new Messages(store, callbacks);
 const causes = new Causes(store, callbacks);
-const search = new Search(store, { tree, choose, changed: draw });
+const search = new Search(store, { tree, choose, setTime, changed: draw });
 const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id !== null || search.input.value !== "" });
 
 // Draw all parts, once before the next picture however often it is asked for.
@@ -194,12 +195,12 @@ async function follow() {
         recalled = true;
         recall();
       }
-      if (store.head.problem) await pause(5000);
+      if (store.head.state === "damaged") await pause(AGAIN); // the server has nothing to wait for
     } catch (error) {
       isAway = true;
       store.stand();
       showStatus(`The server does not answer (${error.message}); what was read before is shown. Start 'tca view' again.`);
-      await pause(2000);
+      await pause(AGAIN);
       if (error instanceof RangeError || error instanceof TypeError && !navigator.onLine) continue;
     }
   }

@@ -1,7 +1,7 @@
 // Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
 // failed. Several words must all fit, each somewhere. Tasks of that name come first, then those in that state, of that
 // module, and what failed so; each in the order in which they were sent. Other messages are found in the same way, if one
-// of the words is of their name: they come behind the tasks.
+// of the words is of their name: they come behind the tasks. What is sent only later is found by its name alone.
 
 import { lastNotAfter, wasHandled } from "./store.js";
 
@@ -9,10 +9,11 @@ const SHORTEST = 3; // letters: of fewer a state must be all
 const NOWHERE = 4;
 
 export class Search {
-  constructor(store, { tree, choose, changed }) {
-    Object.assign(this, { store, tree, choose, changed });
+  constructor(store, { tree, choose, setTime, changed }) {
+    Object.assign(this, { store, tree, choose, setTime, changed });
     this.input = document.getElementById("search");
     this.found = [];
+    this.later = []; // what is sent after the moment that is shown
     this.place = -1;
     this.input.addEventListener("input", () => this.update());
     this.input.addEventListener("keydown", (event) => {
@@ -37,8 +38,10 @@ export class Search {
     this.wanted = words.join(" ");
     this.found = this.#sorted(sent(store.tasks), sent(store.messages), words);
     this.place = this.found.indexOf(stood);
+    this.later = words.length ? this.#named([store.tasks, store.messages].flatMap((all) => all.slice(store.sentBy(all, time))), words) : [];
+    const later = this.later.length ? `, ${this.later.length} later` : "";
     this.tree.found = new Set(this.found);
-    this.#tell(words.length ? `${this.found.length} found${this.#others()}${this.#handled(words)}` : "");
+    this.#tell(words.length ? `${this.found.length} found${this.#others()}${this.#handled(words)}${later}` : "");
     this.changed();
   }
 
@@ -55,6 +58,11 @@ export class Search {
     return [...ranks, ...named].flat();
   }
 
+  // Those that all words name, the first one first.
+  #named(all, words) {
+    return all.filter((one) => words.every((word) => isNamed(one, word))).sort((one, other) => one.time - other.time);
+  }
+
   // The tree has a row for a task only.
   #others() {
     const number = this.found.filter(({ id }) => !this.store.byId.has(id)).length;
@@ -68,7 +76,12 @@ export class Search {
     return handled ? `, ${handled} handled` : "";
   }
 
+  // To another one; where there is none, to the first one that is sent later, when it is.
   next(step) {
+    if (!this.found.length && this.later.length) {
+      this.found = [this.later[0]];
+      this.setTime(this.found[0].time);
+    }
     if (!this.found.length) return;
     this.place = (this.place + step + this.found.length) % this.found.length;
     this.#tell();
@@ -78,7 +91,7 @@ export class Search {
   // Where a word fits: 0 the name or number, 1 the state, 2 the module, 3 the failure.
   #place(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
-    if (isIn(task.name) || String(task.id) === word || `{${task.id}}` === word) return 0;
+    if (isNamed(task, word)) return 0;
     const states = task.times ? store.looksOf(task, time).name.split(/[ ()]+/) : [], hasFailed = store.failuresOf.get(task.id)?.[0].time <= time;
     if ([...states, ...hasFailed ? ["failed"] : []].some((state) => state === word || (word.length >= SHORTEST && state.startsWith(word)))) return 1;
     if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
@@ -86,3 +99,5 @@ export class Search {
     return task.said.some((one) => one.time <= time && one.text.includes(word)) ? 3 : NOWHERE;
   }
 }
+
+function isNamed({ name, id }, word) { return name.toLowerCase().includes(word) || String(id) === word || `{${id}}` === word; }
