@@ -159,19 +159,17 @@ class Painter:
             yield _failed(bar, left, right, y, scale.finest)
         if bar.was_killed and bar.end <= scale.end:
             yield _killed(left, right, y, scale.finest)
-        yield from self._bar_label(
-            bar.labels, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4
-        )
+        yield from self._bar_label(bar, left, right, [(start, end) for start, end, _ in waits], y + height / 2 + 4)
 
     def _bar_label(
-        self, labels: tuple[str, ...], left: float, right: float, waits: list[tuple[float, float]], y: float
+        self, bar: Bar, left: float, right: float, waits: list[tuple[float, float]], y: float
     ) -> Iterator[str]:
-        """The first that has room in the widest part of the bar; or the last, if that will have room there."""
+        """The first label that has room in the widest part of the bar; or the last, if that will have room there."""
         edges = [left, *(edge for wait in sorted(waits) for edge in wait), right]
         parts = [(edges[i + 1] - edges[i], edges[i], i % 2) for i in range(len(edges) - 1)]
         width, start, is_light = max(parts)
-        name = next((one for one in labels if _wide(one) < width), labels[-1])
-        yield from self._words(name, "in" if is_light else "on", start, start + width, y)
+        name = next((one for one in bar.labels if _wide(one) < width), bar.labels[-1])
+        yield from self._words(name, "in" if is_light or bar.is_beside else "on", start, start + width, y)
 
     def _words(self, words: str, kind: str, left: float, right: float, y: float) -> Iterator[str]:
         """Words where they have room, or will have it."""

@@ -171,6 +171,8 @@ def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca:
     assert titled["move {2} handled by legs"] == "beside"  # had the legs
     assert titled["look {3} handled by eyes"] == "beside"  # had locked them
     assert "adjust {5} handled by legs" not in titled
+    written = {one.text: one.get("class", "").partition(" ")[0] for one in picture.iter(f"{SVG}text")}
+    assert written["look"] == "in"  # dark: white could not be read there
 
 
 def test_the_story_of_a_task_ends_with_it_though_others_go_on(tmp_path: Path, tca: Tca) -> None:

@@ -74,6 +74,7 @@ def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_roo
 NUMBERS = """async (counts) => {
   const { drawLength } = await import("/page/lanes.js"), rectangles = [], texts = [];
   const context = { fillRect: (...place) => rectangles.push(place), fillText: (words, x) => texts.push([words, x]),
+    strokeText: () => {},
     measureText: () => ({ width: 60 }) };
   drawLength(context, { most: (time) => counts[time] }, { left: 0, right: counts.length, y: 0, tall: 16,
     timeAt: (x) => x, ink: "", paper: "", how: "suspended" });
@@ -87,6 +88,7 @@ def test_the_number_of_a_curve_stands_beside_its_highest_place_and_in_the_row(lo
         "left": ([0] * 100 + [9] * 100, 34),
         "right": ([9] * 100 + [0] * 100, 106),
         "behind the slope": ([9] * 50 + [5] * 50 + [1] * 100, 106),
+        "before the slope": ([1] * 100 + [5] * 50 + [9] * 50, 34),
         "over it": ([9] * 200, 4),
     }
     for counts, x in places.values():
@@ -159,6 +161,7 @@ def test_the_axis_speaks_as_the_clock_does(look: Look, tmp_path: Path) -> None:
         "659.7, 660.2": ["10:59.8", "11:00.0", "11:00.2"],
         "0, 4": ["0 s", "2 s", "4 s"],
         "6600, 7200": ["1:50:00", "1:55:00", "2:00:00"],
+        "0, 720": ["0:00", "5:00", "10:00"],
     }.items():
         made = f"import('/page/format.js').then((format) => format.ticks({window}, 3).map(({{ label }}) => label))"
         assert page.evaluate(made) == labels

@@ -31,7 +31,7 @@ export function drawCursor(context, x, { left, width, height }) {
   context.strokeStyle = css("--mark");
   context.lineWidth = 1.5;
   context.beginPath();
-  context.moveTo(x, 0);
+  context.moveTo(x, AXIS - 5); // below the labels
   context.lineTo(x, height);
   context.stroke();
   context.lineWidth = 1;

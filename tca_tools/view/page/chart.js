@@ -109,14 +109,22 @@ export class Chart {
     this.#lay();
     const place = { left: this.labels, width, height };
     drawAxis(context, this.window, { ...place, x: (time) => this.#x(time) });
+    this.toCome = []; // what is drawn when that is paler
+    this.#within(() => this.layout.forEach((row) => row.bottom > AXIS && row.top < height && this.#drawRow(row)));
+    drawCursor(context, this.#x(Math.min(this.time, this.store.end)), place);
+    this.#within(() => this.toCome.forEach((draw) => draw()));
+    this.bar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
+  }
+
+  // Draws below the axis only.
+  #within(draw) {
+    const { context, width, height } = this;
     context.save();
     context.beginPath();
     context.rect(0, AXIS, width, height - AXIS);
     context.clip();
-    for (const row of this.layout) if (row.bottom > AXIS && row.top < height) this.#drawRow(row);
+    draw();
     context.restore();
-    drawCursor(context, this.#x(Math.min(this.time, this.store.end)), place);
-    this.bar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
   }
 
   // Where each row stands.
@@ -209,19 +217,26 @@ export class Chart {
       context.fillRect(x + wide - 3, y, 3, tall);
     }
     if (isChosen) this.#outline(x - 1, y - 1, wide + 2, tall + 2, css("--ink"), 2);
-    if (wide > 34) {
+    if (wide > 34) this.#drawName(span, x, y, wide, tall);
+  }
+
+  // On what is to come in dark letters, and when that has become paler.
+  #drawName(span, x, y, wide, tall) {
+    const { context } = this, begin = Math.max(x, this.labels) + 4, now = this.#x(Math.min(this.time, this.store.end));
+    const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - begin - 2);
+    const last = begin + context.measureText(words).width, write = (left, right, colour) => {
       context.save();
       context.beginPath();
-      context.rect(x, y, wide, tall);
+      context.rect(left, y, right - left, tall);
       context.clip();
-      const begin = Math.max(x, this.labels) + 4;
-      const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - begin - 2);
-      const last = begin + context.measureText(words).width;
-      context.fillStyle = isLight(span, this.#timeAt(begin), this.#timeAt(last)) ? "#111" : "#fff";
+      context.fillStyle = colour;
       context.textAlign = "left";
       context.fillText(words, begin, y + tall / 2 + 0.5);
       context.restore();
-    }
+    };
+    const ink = css("--ink"), known = span.kind === "waiting" ? ink : isLight(span, this.#timeAt(begin), this.#timeAt(last)) ? "#111" : "#fff";
+    if (now > begin) write(x, Math.min(x + wide, now), known);
+    if (last > now) this.toCome.push(() => write(Math.max(x, now), x + wide, ink));
   }
 
   // The moment at which a failure was raised beside the handler: a stroke across the bar, and a mark on it.

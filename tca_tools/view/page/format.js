@@ -132,16 +132,14 @@ export function ticks(start, end, most) {
     if (step === 50) step = 30;
   }
   const digits = step < 1 ? Math.min(9, Math.ceil(-Math.log10(step) - 1e-9)) : 0, found = [];
-  for (let number = Math.ceil(start / step - 1e-9); number * step <= end + step * 1e-9; number++) {
-    const time = number * step;
-    found.push({ time, label: onAxis(time, digits) });
-  }
-  return found;
+  for (let number = Math.ceil(start / step - 1e-9); number * step <= end + step * 1e-9; number++) found.push({ time: number * step });
+  const isLong = found.length > 0 && found.at(-1).time >= 600;
+  return found.map(({ time }) => ({ time, label: onAxis(time, digits, isLong) }));
 }
 
-// As the clock says it, as exactly as the axis needs.
-function onAxis(time, digits) {
-  if (Math.abs(time) < 600) return `${time.toFixed(digits)} s`;
+// As the clock says it, as exactly as the axis needs; all of one axis in seconds, or in minutes.
+function onAxis(time, digits, isLong) {
+  if (!isLong) return `${time.toFixed(digits)} s`;
   const minutes = Math.floor(Number(time.toFixed(digits)) / 60), hours = Math.floor(minutes / 60);
   const rest = Math.max(time - minutes * 60, 0).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
   return hours ? `${hours}:${String(minutes % 60).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;

@@ -95,17 +95,17 @@ export function drawLength(context, lanes, { left, right, y, tall, timeAt, ink, 
   context.globalAlpha = 1;
   const text = `up to ${most.toLocaleString("en")} ${how}`, wide = context.measureText(text).width;
   const begin = left + beside(counts, most, wide);
-  context.fillStyle = paper;
-  context.globalAlpha = 0.8;
-  context.fillRect(begin - 2, y + 1, wide + 4, tall - 2);
-  context.globalAlpha = 1;
-  context.fillStyle = ink;
   context.textAlign = "left";
+  context.lineJoin = "round";
+  context.lineWidth = 3;
+  context.strokeStyle = paper; // around the letters: the curve is seen between and behind them
+  context.strokeText(text, begin, y + tall / 2 + 0.5);
+  context.lineWidth = 1;
   context.fillText(text, begin, y + tall / 2 + 0.5);
 }
 
 // Where the number of a curve stands: left of the first highest place, or right of it the nearest place where the curve
-// is low, within the row; over the curve only where there is none.
+// is low, within the row, or left of it; over the curve only where there is none.
 function beside(counts, most, wide) {
   const peak = counts.indexOf(most), needed = wide + 12, last = counts.length - wide - 4;
   const isHigh = (count) => count > most / 4, left = peak - wide - 6;
@@ -113,6 +113,10 @@ function beside(counts, most, wide) {
   for (let x = peak, free = 0; x < counts.length; x++) {
     free = isHigh(counts[x]) ? 0 : free + 1;
     if (free >= needed) return x - needed + 7;
+  }
+  for (let x = peak - 1, free = 0; x >= 0; x--) {
+    free = isHigh(counts[x]) ? 0 : free + 1;
+    if (free >= needed) return x + 6;
   }
   return Math.max(Math.min(left, last), 4);
 }

@@ -193,6 +193,7 @@ async function follow() {
       draw();
       if (!recalled && store.head.caughtUp) {
         recalled = true;
+        if (!location.hash && store.head.state === "ended") tree.showTop();
         recall();
       }
       if (store.head.state === "damaged") await pause(AGAIN); // the server has nothing to wait for

@@ -13,6 +13,7 @@ export class Messages {
     Object.assign(this, { store, choose, setTime, ask });
     this.panel = document.getElementById("messages");
     this.place = null;
+    this.widest = 0; // of all times so far, in characters: columns stand still
     this.fetch = soon(() => this.#fetch(), 80);
   }
 
@@ -26,6 +27,7 @@ export class Messages {
     if (place < 0) return;
     const lines = await this.ask("messages", { place, before: BEFORE, after: AFTER });
     if (!lines || this.panel.hidden || place !== lastNotAfter(this.store.times, this.time)) return;
+    this.widest = lines.reduce((wide, { time }) => Math.max(wide, seconds(time).length), this.widest);
     const made = lines.map((line) => this.#line(line, place));
     this.panel.replaceChildren(...made);
     const now = made.findLast((line) => line.classList.contains("now"));
@@ -42,7 +44,7 @@ export class Messages {
     const kinds = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", this.#tint(line)];
     const text = (line.text + (line.data ? `  ${line.data}` : "")).slice(0, LONGEST);
     const made = element("div", { class: kinds.filter(Boolean).join(" "), title: text },
-      element("span", { class: "faint", text: `${seconds(line.time)}  ` }),
+      element("span", { class: "faint time", text: seconds(line.time).padStart(this.widest) }),
       element("span", { class: "kind", text: line.kind }), element("span", { text }));
     made.addEventListener("click", () => {
       this.setTime(line.time);

@@ -8,6 +8,8 @@ import { lasting, toldOf } from "./stale.js";
 const ROW = 24; // pixels, as in style.css
 const BESIDE = 150; // pixels of marks and numbers beside a name
 const BESIDE_KIND = 10;
+const BESIDE_ROLE = 110; // the same beside a name with a role, without its number and what the row is indented by
+const INDENT = 15; // as in style.css
 const DEEPEST = 18; // beyond that, a task's depth is written before its name
 const LONGEST = 600; // characters of a reason: more has no room
 const GOAL = 1, MONITOR = 2;
@@ -60,7 +62,8 @@ export class Tree {
     this.rows = this.outline.rows(time);
     this.spacer.style.height = `${Math.max(this.rows.length, 1) * ROW}px`;
     const deepest = this.rows.reduce((depth, row) => Math.max(depth, row.depth), 1); // deep trees leave room for names
-    this.spacer.style.setProperty("--deepest", Math.min(deepest, DEEPEST));
+    this.deepest = Math.min(deepest, DEEPEST);
+    this.spacer.style.setProperty("--deepest", this.deepest);
     this.#makeRoom();
     this.#stay(stood);
     if (this.keepsUp) this.#keepUp();
@@ -129,6 +132,12 @@ export class Tree {
   #scrollTo(place) {
     const top = place * ROW, { scrollTop, clientHeight } = this.scroller;
     if (top < scrollTop || top > scrollTop + clientHeight - 2 * ROW) this.scroller.scrollTop = top - clientHeight / 2;
+  }
+
+  // Of a run that is over the first task is what tells most.
+  showTop() {
+    this.keepsUp = false;
+    this.scroller.scrollTop = 0;
   }
 
   // Bring a task into sight, as it is at a time.
@@ -248,7 +257,6 @@ export class Tree {
       if (task.failedBelow <= this.time) cell.append(this.#hiddenFailure(task));
     }
     const mark = task.form === MONITOR ? "monitor" : ROLE_MARKS[task.role] ?? task.role;
-    if (mark) cell.append(element("span", { class: "role", text: mark }));
     const ended = this.store.ended(task, this.time);
     const when = `${seconds(task.time, 2)} – ${ended === null ? "" : seconds(ended, 2)}`;
     const { text: note, age, whole, end, alone } = this.#note(task) ?? NOTHING;
@@ -265,8 +273,16 @@ export class Tree {
     const hasRoom = lasted.reduce((sum, one) => sum + wide(one), this.widthOf(what + rest)) <= room;
     if (what && isNamed) why.append(...hasRoom ? lasted : [brief]); // what it waits for comes before for how long
     if (last) why.append(element("span", { class: "end", text: rest }));
+    if (mark) this.#placeRole(mark, row, cell, why, room - this.widthOf(why.textContent));
     line.append(cell, element("span", { class: "when", text: when }), why);
     line.title = `${task.name} {${task.id}}: ${name}`;
+  }
+
+  // Beside the name or, if that has no room there, behind what is told at the end of the row.
+  #placeRole(mark, { task, depth }, cell, why, left) {
+    const indent = Math.min(depth, DEEPEST) * Math.min(INDENT, 130 / this.deepest), wide = this.widthOf(mark);
+    const isCut = indent + BESIDE_ROLE + this.widthOf(`${task.name}${task.id}`) + wide > this.head.clientWidth;
+    (isCut && wide + BESIDE_KIND < left ? why : cell).append(element("span", { class: "role", text: mark, title: mark }));
   }
 
   #hiddenFailure(task) {

@@ -1,0 +1,125 @@
+"""Small things that a reader of the page sees at once: where it opens, columns that stand still, names that can be read."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from playwright.sync_api import Page, expect
+from tools.story import Story
+from view.conftest import Look, until
+
+from tca_wire import facts
+from tca_wire.vocabulary import Role
+
+pytestmark = pytest.mark.slow
+
+
+def long_run() -> Story:
+    """Forty moves one after the other, each of which takes a second."""
+    story = Story().module("legs", "move").at(1.0)
+    for _ in range(40):
+        story.acted(story.command("move", "user"), "legs", 1.0)
+    return story
+
+
+def day() -> Story:
+    """Six walks of eight moves."""
+    story = Story().module("planner", "walk").module("legs", "move").at(1.0)
+    for _ in range(6):
+        walk = story.goal("walk", "user")
+        story.delivered(walk, "planner").returned(walk)
+        for _ in range(8):
+            story.acted(story.command("move", "planner", walk), "legs", 1.0)
+    return story
+
+
+def test_a_run_that_has_ended_is_shown_from_its_first_task_on(look: Look, tmp_path: Path) -> None:
+    run, seen = day().say(facts.Closed("done")).write(tmp_path / "day"), ".row[data-task='{}']"
+    page = look(run)
+    expect(page.locator(seen.format(8))).to_be_in_viewport()
+    assert page.evaluate("[tca.tree.rows.length, tca.tree.scroller.scrollTop]") == [54, 0]
+    page.keyboard.press("End")  # who asks for the end sees it
+    for place, task in (("", 54), ("#task=54", 54), ("#t=47.5", 53)):
+        page = look(run, place) if place else page
+        expect(page.locator(seen.format(task))).to_be_in_viewport()
+    page = look(day().write(tmp_path / "killed"))  # here it stands
+    expect(page.locator(seen.format(54))).to_be_in_viewport()
+
+
+def test_columns_of_messages_stand_still(look: Look, tmp_path: Path) -> None:
+    page = look(long_run().write(tmp_path / "moves"), "#t=10.5")
+    page.locator("#tab-messages").click()
+    places = (
+        "[...document.querySelectorAll('#messages .kind')].map((one) => Math.round(one.getBoundingClientRect().left))"
+    )
+    until(page, f"{places}.length > 50")
+    told = page.locator("#messages .time").all_inner_texts()
+    assert {len(one.strip()) for one in told} == {7, 8}  # 9.000 s, 10.000 s
+    assert len(set(page.evaluate(places))) == 1
+
+
+def called(story: Story, name: str, parent: int) -> int:
+    """An exception handler."""
+    task = story.goal(name, "central", parent)
+    received = next(fact for fact in story.entries[-1].facts if isinstance(fact, facts.Received) and fact.id == task)
+    place = story.entries[-1].facts.index(received)
+    story.entries[-1].facts[place] = msgspec.structs.replace(received, role=Role.EXCEPTION)
+    return task
+
+
+def test_what_role_a_task_has_is_told_where_there_is_room(look: Look, tmp_path: Path) -> None:
+    story = Story().module("planner", "visit").at(1.0)
+    visit = story.goal("visit", "user")
+    mend = called(story, "mend the thing that is broken", visit)
+    page = look(story.write(tmp_path / "roles"))
+    role = page.locator(f".row[data-task='{mend}'] .role")
+    expect(role).to_have_text("for a failure")
+    uncut = (
+        "(role) => [role, role.parentElement].every((one) => one.scrollWidth <= one.clientWidth || !one.clientWidth)"
+    )
+    for width, cell in ((1400, "why"), (2600, "task")):
+        page.set_viewport_size({"width": width, "height": 860})
+        expect(page.locator(f".row[data-task='{mend}'] .{cell} .role")).to_have_count(1)
+        assert role.evaluate(uncut)
+
+
+def names(page: Page) -> list[list[str]]:
+    """What the chart writes, in which colours."""
+    told: list[list[str]] = page.evaluate(
+        """() => {
+          const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
+          context.fillText = (text, ...where) => { told.push([text, context.fillStyle]); fill.call(context, text, ...where); };
+          chart.draw();
+          delete context.fillText;
+          return told;
+        }"""
+    )
+    return told
+
+
+def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "walk", "turn").at(1.0)
+    for name in ("walk", "turn"):
+        story.acted(story.command(name, "user"), "legs", 10.0)
+    page = look(story.say(facts.Closed("done")).write(tmp_path / "walk"), "#t=10.9")
+    expect(page.locator("#clock")).to_have_text("10.900 s")
+    assert {(text, colour) for text, colour in names(page) if text in ("walk", "turn")} == {
+        ("walk", "#ffffff"),
+        ("turn", "#1f2933"),
+    }
+    page.evaluate("tca.slider.setTime(1.001)")
+    expect(page.locator("#clock")).to_have_text("1.001 s")
+    until(page, "tca.chart.time === 1.001")
+    assert ["walk", "#1f2933"] in names(page)
+
+
+def test_the_cursor_leaves_the_labels_of_the_axis_free(look: Look, tmp_path: Path) -> None:
+    page = look(long_run().write(tmp_path / "moves"), "#t=20")  # where a label is
+    expect(page.locator("#clock")).to_have_text("20.000 s")
+    blue = """(y) => {
+      const { chart } = tca, [from, to] = chart.window, scale = devicePixelRatio;
+      const x = chart.labels + (20 - from) / (to - from) * (chart.width - chart.labels);
+      const { data } = chart.context.getImageData((x - 1) * scale, y * scale, 3, 1);
+      return [0, 4, 8].some((at) => data[at + 3] > 200 && data[at + 2] - data[at] > 60);
+    }"""
+    assert [page.evaluate(blue, y) for y in (4, 10, 30)] == [False, False, True]
