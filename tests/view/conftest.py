@@ -25,6 +25,20 @@ def until(page: Page, holds: str, arg: object = None) -> None:
         assert time.monotonic() < end, holds
 
 
+def written(page: Page) -> list[tuple[str, str]]:
+    """What the chart writes when it is drawn, each with its colour."""
+    told: list[list[str]] = page.evaluate(
+        """() => {
+          const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
+          context.fillText = (text, ...where) => { told.push([text, context.fillStyle]); fill.call(context, text, ...where); };
+          chart.draw();
+          delete context.fillText;
+          return told;
+        }"""
+    )
+    return [(text, colour) for text, colour in told]
+
+
 @pytest.fixture
 def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str]]:
     """Serves journals, or without one the newest run, by real processes; gives each page's address."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story
-from view.conftest import Look, until
+from view.conftest import Look, until, written
 
 from tca_tools.gantt.bars import chart
 from tca_wire import facts
@@ -178,17 +178,10 @@ def test_names_are_legible_on_their_bars_and_say_that_they_are_cut(look: Look, t
         story.returned(task)
     page = look(story.write(tmp_path / "names"))
     expect(page.locator("#counts")).to_be_attached()
-    drawn = """() => {
-      const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
-      context.fillText = (text, ...where) => { told.push([text, context.fillStyle]); fill.call(context, text, ...where); };
-      chart.draw();
-      delete context.fillText;
-      return told;
-    }"""
-    told = dict(page.evaluate(drawn))
+    told = dict(written(page))
     assert (told["hold the arm"], told["ask the eyes"]) == ("#ffffff", "#111111")
     page.evaluate("Object.assign(tca.chart, { from: 0, to: 200 })")
-    assert any(text.startswith("hold") and text.endswith("…") for text, _ in page.evaluate(drawn))
+    assert any(text.startswith("hold") and text.endswith("…") for text, _ in written(page))
 
 
 @pytest.mark.parametrize("joined", [0.0, 5.399])

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from tools.story import Story
-from view.conftest import Look, until
+from view.conftest import Look, until, written
 
 from tca_wire import facts
 from tca_wire.vocabulary import Role
@@ -83,34 +83,20 @@ def test_what_role_a_task_has_is_told_where_there_is_room(look: Look, tmp_path: 
         assert role.evaluate(uncut)
 
 
-def names(page: Page) -> list[list[str]]:
-    """What the chart writes, in which colours."""
-    told: list[list[str]] = page.evaluate(
-        """() => {
-          const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
-          context.fillText = (text, ...where) => { told.push([text, context.fillStyle]); fill.call(context, text, ...where); };
-          chart.draw();
-          delete context.fillText;
-          return told;
-        }"""
-    )
-    return told
-
-
 def test_the_name_of_what_is_to_come_is_dark_on_its_pale_bar(look: Look, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "turn").at(1.0)
     for name in ("walk", "turn"):
         story.acted(story.command(name, "user"), "legs", 10.0)
     page = look(story.say(facts.Closed("done")).write(tmp_path / "walk"), "#t=10.9")
     expect(page.locator("#clock")).to_have_text("10.900 s")
-    assert {(text, colour) for text, colour in names(page) if text in ("walk", "turn")} == {
+    assert {(text, colour) for text, colour in written(page) if text in ("walk", "turn")} == {
         ("walk", "#ffffff"),
         ("turn", "#1f2933"),
     }
     page.evaluate("tca.slider.setTime(1.001)")
     expect(page.locator("#clock")).to_have_text("1.001 s")
     until(page, "tca.chart.time === 1.001")
-    assert ["walk", "#1f2933"] in names(page)
+    assert ("walk", "#1f2933") in written(page)
 
 
 def test_the_cursor_leaves_the_labels_of_the_axis_free(look: Look, tmp_path: Path) -> None:

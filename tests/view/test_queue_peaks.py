@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 from tools.story import Story, walking
-from view.conftest import Look, until
+from view.conftest import Look, until, written
 
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.blocks import _longest_queue
@@ -83,20 +83,14 @@ def bursts() -> Story:
     return story.at(1200.0).acted(story.command("note desk", "user"), "desk", 1201.0).say(facts.Closed("done"))
 
 
-TOLD = """() => {
-  const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
-  context.fillText = (text, ...where) => { told.push(text); fill.call(context, text, ...where); };
-  chart.draw();
-  delete context.fillText;
-  return told.filter((text) => text.startsWith("up to"));
-}"""
+def numbers(page: Page) -> list[str]:
+    return [text for text, _ in written(page) if text.startswith("up to")]
 
 
 def numbers_on(page: Page, width: int) -> list[str]:
     page.set_viewport_size({"width": width, "height": 1200})
     until(page, f"() => tca.chart.width > {width - 20} && tca.chart.width <= {width}")
-    told: list[str] = page.evaluate(TOLD)
-    return told
+    return numbers(page)
 
 
 def test_numbers_of_the_whole_run_are_those_of_tca_gantt_and_of_a_part_those_of_that(
@@ -110,4 +104,4 @@ def test_numbers_of_the_whole_run_are_those_of_tca_gantt_and_of_a_part_those_of_
     for width in (1400, 1391, 1000, 700):
         assert numbers_on(page, width) == picture
     page.evaluate("Object.assign(tca.chart, { from: 350, to: 800 })")
-    assert page.evaluate(TOLD) == ["up to 149 queued", "up to 14 queued"]
+    assert numbers(page) == ["up to 149 queued", "up to 14 queued"]
