@@ -1,8 +1,10 @@
 """The chain of a failure: where it began, who was called for it, and what became of it. Pure."""
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
 from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
 from tca_tools.deciding import called_for, decider, is_planned
@@ -34,38 +36,51 @@ def failure_chain(past: Past, number: TaskId, moment: float = inf) -> list[Link]
     """
     task = past.tasks[number]
     found: list[tuple[float, _Place, Link]] = []
-    waiting: list[tuple[Message, _Place, float]] = [(task, (), moment)]
+    waiting = [_Cause(task, (), moment, moment)]
     seen = {task.id}
     killed = _killed(task)
     if not _raised(task) and killed <= moment:
-        found.append((killed, (_ITSELF,), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
-        waiting = [(culprit, (_CAUSES, 0), killed) for culprit in _culprits(past, task)]
+        found.append((killed, (_END, 0), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
+        waiting = [_Cause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(past, task)]
     while waiting and len(found) < _MOST_LINKS:
-        message, place, until = waiting.pop()
-        if message.id in seen and place:
+        cause = waiting.pop()
+        if cause.message.id in seen and cause.place:
             continue
-        seen.add(message.id)
-        steps = _steps_of(past, message, len(place) // 2, until)
-        found += [(link.time, (*place, step), link) for step, link in steps if link.time <= until]
-        causes = list(enumerate(_causes(past, message, until)))
-        waiting += [(cause, (*place, step, one), time) for one, (step, cause, time) in reversed(causes)]
+        seen.add(cause.message.id)
+        steps = _steps_of(past, cause)
+        found += [(link.time, (*cause.place, *step), link) for step, link in steps if link.time <= cause.until]
+        waiting += reversed(list(_causes(past, cause)))
     found = [one for one in found if one[0] <= moment]
     return [link for _, _, link in sorted(found, key=_order)] if seen - {task.id} or _raised(task) else []
 
 
 _Place = tuple[int, ...]
 """Which step of a message it is, after the places of what that is a cause of: of two at one time the first."""
-_CAUSES, _ITSELF, _CALLS, _HELPERS, _AGAIN, _END = range(6)
-"""The steps of a message in order: what it failed of, that it failed, who was called, who of them failed, that it is to
-be handled again, its end.
+_CAUSES, _ITSELF, _CALLS, _AGAIN, _END = range(5)
+"""The steps of a message in order: what it failed of, that it failed, who was called and whether he failed, that it is
+to be handled again, its end.
 """
 
 
+class _Cause(NamedTuple):
+    """What failed first, or of what another one did."""
+
+    message: Message
+    place: _Place
+    until: float
+    """What happened later was no cause."""
+    known: float
+    """The moment as of which it is told what became of it."""
+
+
 def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
-    """By time; at one time all failures come before who is killed for them, from top to bottom."""
+    """By time; at one time all failures come before who is killed for them, from top to bottom, but for exception
+    handlers: what becomes of them decides what becomes of what they were called for.
+    """
     time, place, _ = found
-    is_end = place[-1] == _END
-    return time, len(place) if is_end else 0, place
+    *causes, step, _ = place
+    above = sum(1 if one == _CAUSES else -_MOST_LINKS for one in causes[::2])
+    return time, (_MOST_LINKS**2 + above) if step == _END else 0, place
 
 
 def _killed(task: Task) -> float:
@@ -83,39 +98,43 @@ def _raised(message: Message) -> list[tuple[float, str]]:
     return found
 
 
-def _steps_of(past: Past, message: Message, depth: int, moment: float) -> Iterator[tuple[int, Link]]:
-    for time, text in [one for one in _raised(message) if one[0] <= moment]:
+def _steps_of(past: Past, cause: _Cause) -> Iterator[tuple[_Place, Link]]:
+    message, place, until, known = cause
+    depth = len(place) // 2
+    for time, text in [one for one in _raised(message) if one[0] <= until]:
         for since, is_others, led_to_it in out_of_time(past, message, time, text):
-            yield _ITSELF, Link(since, depth + is_others, led_to_it)
-        yield _ITSELF, Link(time, depth, f"{message} failed: {text}")
+            yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
+        yield (_ITSELF, 0), Link(time, depth, f"{message} failed: {text}")
     if isinstance(message, Task):
-        yield from ((_CALLS, link) for link in _recoveries(Then(past, moment), message, depth))
-        yield from ((_AGAIN, link) for link in _retries(past, message, depth))
-        if end := _end(past, message, moment):
-            was_killed = message.was("killed", moment) is not None
-            killed_or_over = message.written("killed", moment) if was_killed else _newest_state(message, moment)
-            yield _END, Link(killed_or_over, depth, end)
-            yield from ((_END, link) for link in _end_above(past, message, depth, moment))
+        yield from (((_CALLS, one), link) for one, link in _recoveries(Then(past, known), message, depth))
+        yield from (((_AGAIN, 0), link) for link in _retries(past, message, depth))
+        if end := _end(past, message, known):
+            was_killed = message.was("killed", known) is not None
+            killed_or_over = message.written("killed", known) if was_killed else _newest_state(message, known)
+            yield (_END, 0), Link(killed_or_over, depth, end)
+            yield from (((_END, 0), link) for link in _end_above(past, message, depth, known))
 
 
 def _newest_state(task: Task, moment: float) -> float:
     return next((time for time, _ in reversed(task.states) if time <= moment), task.received)
 
 
-def _recoveries(then: Then, task: Task, depth: int) -> Iterator[Link]:
+def _recoveries(then: Then, task: Task, depth: int) -> Iterator[tuple[int, Link]]:
+    """Each with its place: between a call and the next one stands that the exception handler failed."""
     past = then.past
-    for number in task.caught_by:
+    for one, number in enumerate(task.caught_by):
         if (handler := then.tasks.get(number)) is not None:
             record = past.tasks[number]
             runs = [run for run in record.handlings if run.start <= then.moment]
             by = f", handled by {runs[-1].module}" if runs else ""
             is_said = handler.state in (State.HANDLING, State.ACHIEVED)
             how = "" if is_said else f": {handler.state}"
-            yield Link(record.received, depth, f"exception handler {handler} was called{by}{how}")
+            yield 2 * one, Link(record.received, depth, f"exception handler {handler} was called{by}{how}")
         if number in past.reissued:
-            yield Link(past.reissued[number], depth, f"{past.describe(number)} passed the failure on")
-    for one in past.exhausted.get(task.id, ()):
-        yield Link(one.time, depth, exhausted(one).replace(" has ", " had ", 1))
+            yield 2 * one + 1, Link(past.reissued[number], depth, f"{past.describe(number)} passed the failure on")
+    for spent in past.exhausted.get(task.id, ()):
+        later = bisect_left([past.tasks[number].received for number in task.caught_by], spent.time)
+        yield 2 * later, Link(spent.time, depth, exhausted(spent).replace(" has ", " had ", 1))
 
 
 def _retries(past: Past, task: Task, depth: int) -> Iterator[Link]:
@@ -160,23 +179,22 @@ def _has_tried_again(task: Task, moment: float) -> bool:
     return any(again <= run.start and run.end is not None and run.end <= moment for run in task.handlings)
 
 
-def _causes(past: Past, message: Message, moment: float) -> list[tuple[int, Message, float]]:
-    """What its handler had sent and waited for when that failed, with when its wait was over, newest first; then the
-    exception handlers that failed before it was decided; each with the step in which it stands. As it was known at
-    *moment*: what failed later is no cause.
+def _causes(past: Past, failed: _Cause) -> Iterator[_Cause]:
+    """What its handler had sent and waited for when that failed, until its wait was over; then the exception handlers
+    that failed before it was decided.
     """
-    failed = [run for run in message.handlings if run.outcome is Outcome.FAILED and (run.end or 0.0) <= moment]
-    found: list[tuple[int, Message, float]] = []
-    for wait, end in [(wait, run.end) for run in failed for wait in run.waits][-1:]:
+    message, place, moment, known = failed
+    runs = [run for run in message.handlings if run.outcome is Outcome.FAILED and (run.end or 0.0) <= moment]
+    for wait, end in [(wait, run.end) for run in runs for wait in run.waits][-1:]:
         until = min(moment if one is None else one for one in (wait.end, end))
         awaited = past.messages.get(wait.awaited)
         if awaited is not None and _is_named(past, awaited, until, message):
-            found.append((_CAUSES, awaited, until))
-    if isinstance(message, Task):
-        handlers = [past.tasks[number] for number in message.caught_by if number in past.tasks]
-        calls = [(one, min(moment, _decided(message, one.received))) for one in handlers]
-        found += [(_HELPERS, one, until) for one, until in calls if any(time <= until for time, _ in _raised(one))]
-    return found
+            yield _Cause(awaited, (*place, _CAUSES, 0), until, until)
+    for one, number in enumerate(message.caught_by if isinstance(message, Task) else ()):
+        if isinstance(message, Task) and (handler := past.tasks.get(number)) is not None:
+            until = min(moment, _decided(message, handler.received))
+            if any(time <= until for time, _ in _raised(handler)):
+                yield _Cause(handler, (*place, _CALLS, 2 * one + 1), until, known)
 
 
 def _decided(task: Task, failed: float) -> float:

@@ -14,17 +14,20 @@ from properties.test_blocked_is_told import Told, steps
 
 from tca_central.events import Effect, Record
 from tca_tools.analysis.failures import failures
-from tca_tools.coping import Failing, Fate, failing, fate, is_told, told_to, went_on
+from tca_tools.coping import UNDECIDED, Failing, Fate, failing, fate, is_told, told_to, went_on
 from tca_tools.past import Past
 from tca_tools.records import Handling, Message, Task
 from tca_tools.story import story
 from tca_tools.tasktree_viz.failing import Link, failure_chain
+from tca_tools.then import Then
 from tca_wire import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 
 _NUMBER = re.compile(r"\{(\d+)\}")
 _FAILED = re.compile(r"[^{]*\{(\d+)\} failed: ")
+_STANDS = re.compile(r"exception handler [^{]*\{(?P<number>\d+)\} was called[^{]*: (?P<state>[a-z]+)")
+_RECOVERED = re.compile(r"[^{]*\{(\d+)\} is being recovered")
 _KILLED_FOR = re.compile(r" was killed: failure '[^']*' of task (\d+)")
 
 
@@ -90,9 +93,10 @@ def assert_causes_come_first(past: Past, answers: Answers) -> None:
     for message in past.messages.values():
         _assert_story(past, message)
         if isinstance(message, Task):
-            _assert_chain(failure_chain(past, TaskId(message.id)))
-            for moment in past.times[:: max(len(past.times) // 5, 1)]:
-                _assert_chain(failure_chain(past, TaskId(message.id), moment))
+            for moment in (inf, *past.times[:: max(len(past.times) // 5, 1)]):
+                chain = failure_chain(past, TaskId(message.id), moment)
+                _assert_chain(chain)
+                _assert_known(Then(past, min(moment, past.time)), chain)
         elif message.message_class is MessageClass.QUERY:
             for time, failure in message.became("failure"):
                 if failure:
@@ -120,7 +124,8 @@ def _assert_told(past: Past, failed: Failing, time: float) -> None:
 
 def _assert_chain(links: list[Link]) -> None:
     """One comes after the other, and who is killed for a failure after that. What is deeper happened no later than the
-    last that is said of what is above it, unless that is not decided.
+    last that is said of what is above it, or above that (of an exception handler nothing is said of what became of it
+    later), unless that is not decided.
     """
     assert [one.time for one in links] == sorted(one.time for one in links), links
     last: dict[int, float] = {-1: inf}
@@ -128,10 +133,21 @@ def _assert_chain(links: list[Link]) -> None:
         last[one.depth] = inf if one.text.endswith(" is being recovered") else max(one.time, last.get(one.depth, 0.0))
     failed = [(place, int(found[1])) for place, one in enumerate(links) if (found := _FAILED.match(one.text))]
     for place, one in enumerate(links):
-        assert one.time <= last[one.depth - 1], f"{one} comes after what it led to: {links}"
+        assert one.time <= max(last.get(depth, 0.0) for depth in range(min(one.depth, 1) - 1, one.depth)), (
+            f"{one} comes after what it led to: {links}"
+        )
         killed_for = {int(number) for number in _KILLED_FOR.findall(one.text)}
         first = [other for other, number in failed if number in killed_for][:1]
         assert all(other < place for other in first), f"{one} comes before what it was killed for: {links}"
+
+
+def _assert_known(then: Then, links: list[Link]) -> None:
+    """What is said of how something stands, or goes on, is so at the moment as of which it is told."""
+    for one in links:
+        if (found := _STANDS.fullmatch(one.text)) is not None:
+            assert found["state"] == then.tasks[TaskId(int(found["number"]))].state, f"{one} at {then.moment}: {links}"
+        if (recovered := _RECOVERED.fullmatch(one.text)) is not None:
+            assert then.tasks[TaskId(int(recovered[1]))].state in UNDECIDED, f"{one} at {then.moment}: {links}"
 
 
 def _assert_story(past: Past, message: Message) -> None:

@@ -72,7 +72,7 @@ def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_fail
         "  treat {2} failed: allergy: rash",
         "  exception handler transfer {4} was called, handled by safety: recovering",
         "    transfer {4} failed: no bed: full",
-        "    exception handler give up {5} was called, handled by safety",
+        "    exception handler give up {5} was called, handled by safety: achieving",
     ]
 
 

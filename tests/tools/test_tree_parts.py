@@ -132,8 +132,8 @@ def test_a_failure_is_followed_to_where_it_began() -> None:
         "exception handler replan {3} was called, handled by expert: failed",
         "    where {4} failed: no map: it is dark",
         "  replan {3} failed: no map: 'where' failed: no map: it is dark",
-        "step {1} was killed: failure 'no map' was not handled",
         "  replan {3}: nobody dealt with its failure",
+        "step {1} was killed: failure 'no map' was not handled",
     ]
 
 

@@ -286,8 +286,10 @@ def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
         go_on.set()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         go_on.clear()
+        at_work = user.query_send(HEIGHT, 1.0)
+        until(lambda: 1.0 in handled, "the handler is at work")
         with pytest.raises(TimeoutError, match="was not answered within"):
-            user.query(HEIGHT, 1.0, timeout=0.05)
+            at_work.receive(0.05)
         user.query_send(HEIGHT, 2.0).cancel()
         go_on.set()
         assert user.query(HEIGHT, 3.0) == 3.0
