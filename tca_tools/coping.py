@@ -40,7 +40,7 @@ class Fate(StrEnum):
     RETRIED = "retried"  # itself; or a task above it, for which it was killed
     DEALT_WITH = "dealt with"
     REPLACED = "replaced"  # the task was killed, and the top-level task went on without it, or was achieved
-    KILLED = "killed"  # an exception handler was called, the task was killed, and the top-level task was not achieved
+    KILLED = "killed"  # the task was killed, and with it, or by its exception handler, the top-level task
     NOT_HANDLED = "not handled"  # no exception handler was found
     COPED = "told to the asker, who went on"  # of a query
     TOLD = "told to the asker"  # a program outside of handlers: with that nothing fails
@@ -123,7 +123,9 @@ def hinges(past: Past, failed: Failing, time: float) -> list[tuple[Task | Handli
         is_open = last.by is not None and last.by.end is None and is_told(past, last, when)
         return [(last.by, False)] if is_open and last.by is not None else []
     became, top = _of_task(past, last, when), past.tasks[last.top]
-    if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and top.state is State.ACHIEVED):
+    handler = _last_called(past, last, when, inf)
+    is_through = top.state is State.ACHIEVED or (handler is not None and Moment.END_ACHIEVING in handler.reached)
+    if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
         return []
     return [(last, False), (top, False)]
 
@@ -249,20 +251,39 @@ def _of_task(past: Past, task: Task, time: float, known: float = inf) -> Fate:
             return Fate.RETRIED
         if time not in past.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
             return Fate.DEALT_WITH
-    if begun_again_with(past, task, time, known) is not None:
-        return Fate.RETRIED
-    called = (past.tasks[one].received for one in reversed(task.caught_by) if one in past.tasks)
-    newest = next((when for when in called if when <= known), None)
-    was_called = newest is not None and newest >= time
-    if task.top != task.id and _goes_on(past.tasks[task.top], known, or_may=was_called):
+    return (
+        Fate.RETRIED if begun_again_with(past, task, time, known) is not None else _of_killed(past, task, time, known)
+    )
+
+
+def _of_killed(past: Past, task: Task, time: float, known: float) -> Fate:
+    """Of a task that was killed: whether the top-level task went on without it. What ends that when the exception
+    handler is through was not for this failure.
+    """
+    top, handler = past.tasks[task.top], _last_called(past, task, time, known)
+    if top is not task and _is_achieved(top, known):
         return Fate.REPLACED
-    return Fate.KILLED if was_called else Fate.NOT_HANDLED
+    if handler is None:
+        return Fate.NOT_HANDLED
+    through = min(handler.reached.get(Moment.END_ACHIEVING, inf), known)
+    is_left = time in past.unhandled.get(task.id, ())
+    return Fate.KILLED if top is task or is_left or not _goes_on(top, through) else Fate.REPLACED
 
 
-def _goes_on(top: Task, known: float, *, or_may: bool) -> bool:
-    """Whether a top-level task has been achieved, or still may be."""
-    state = top.states[_place(top, known)][1]
-    return state is State.ACHIEVED or (or_may and state not in OVER and top.was("killed", known) is None)
+def _last_called(past: Past, task: Task, time: float, known: float) -> Task | None:
+    """The exception handler that was called last, until a moment, for a failure of a task at *time* or a later one."""
+    called = (past.tasks[one] for one in reversed(task.caught_by) if one in past.tasks)
+    newest = next((one for one in called if one.received <= known), None)
+    return newest if newest is not None and newest.received >= time else None
+
+
+def _is_achieved(top: Task, moment: float) -> bool:
+    return top.states[_place(top, moment)][1] is State.ACHIEVED
+
+
+def _goes_on(top: Task, moment: float) -> bool:
+    """Whether a top-level task goes on at a moment."""
+    return top.states[_place(top, moment)][1] not in OVER and top.was("killed", moment) is None
 
 
 def _was_begun_again(task: Task, time: float, end: float) -> bool:

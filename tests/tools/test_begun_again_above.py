@@ -114,16 +114,32 @@ def test_of_a_task_that_is_retried_for_its_own_failure_nothing_is_said_twice() -
     assert "has move {3} handled again" in sentences(past, REDO)
 
 
+def killed() -> Story:
+    """It has the job killed."""
+    return jammed().say(*(facts.Killed(TaskId(task), "enough", "planner") for task in (JOB, MOVE))).at(3.1)
+
+
+def by_user(story: Story, by: str = "user") -> Story:
+    return story.say(facts.Killed(TaskId(DAY), f"by module '{by}'", by))
+
+
+def through(story: Story) -> Story:
+    return story.returned(REDO).reached(REDO, *Moment).reached(MOVE, *Moment).reached(JOB, *Moment).at(4.0)
+
+
 def test_what_its_exception_handler_kills_is_overcome_as_long_as_the_top_level_task_goes_on() -> None:
-    story = jammed().say(
-        facts.Killed(TaskId(JOB), "enough", "planner"), facts.Killed(TaskId(MOVE), "enough", "planner")
-    )
-    story.at(3.1).returned(REDO).reached(REDO, *Moment).reached(MOVE, *Moment).reached(JOB, *Moment).at(4.0)
-    past = story.fold()
+    past = killed().fold()
     assert fate(past, past.tasks[MOVE], 2.0) is Fate.REPLACED
+    assert hinges(past, past.tasks[MOVE], 2.0)
+    past = by_user(killed(), "planner").at(5.0).fold()  # the exception handler gives up
+    assert fate(past, past.tasks[MOVE], 2.0) is Fate.KILLED
+    assert fate(past, past.tasks[MOVE], 2.0, known=3.05) is Fate.REPLACED
+
+
+def test_it_stays_so_when_the_run_is_ended_later_for_another_reason() -> None:
+    past = through(killed()).fold()
+    assert hinges(past, past.tasks[MOVE], 2.0) == []
     assert "kills job {2}" in sentences(past, REDO)
     assert "kills move {3}" not in sentences(past, REDO)  # with that
-    assert hinges(past, past.tasks[MOVE], 2.0)
-    past = story.say(facts.Killed(TaskId(DAY), "by module 'user'", "user")).reached(DAY, *Moment).at(5.0).fold()
-    assert fate(past, past.tasks[MOVE], 2.0) is Fate.KILLED
-    assert fate(past, past.tasks[MOVE], 2.0, known=3.5) is Fate.REPLACED
+    past = by_user(through(killed())).reached(DAY, *Moment).at(5.0).fold()
+    assert fate(past, past.tasks[MOVE], 2.0) is Fate.REPLACED
