@@ -149,10 +149,12 @@ def test_an_end_that_is_far_is_told_when_the_reader_stays(look: Look, tmp_path: 
     end = "in the end for lift {1}, which arm handles"
     expect(page.locator("#task .lead.end")).to_have_text(end)
     expect(page.locator(f".row[data-task='{last}'] .why .end")).to_have_text(f"; {end}")
-    for what in ("notes", f"message/{last}"):
-        questions = [("within" in url) for url in asked if f"/api/{what}" in url and "at=1&" in url]
-        assert questions[0]  # first what is near
-        assert not all(questions)
+    questions = [
+        [("within" in url) for url in asked if f"/api/{what}" in url and "at=1&" in url]
+        for what in ("notes", f"message/{last}")
+    ]
+    assert all(one[0] for one in questions)  # first what is near
+    assert not all(map(all, questions))  # what one of them has found the other one may be told, too
 
 
 def test_no_cause_is_left_out_until_the_news_come(look: Look, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import uvicorn
 from integration.programs import central
 from playwright.sync_api import Browser, Locator, Page, expect
 from tools.story import Story, stumbling, walking
-from view.conftest import Look
+from view.conftest import Look, until
 
 from tca_module import Command, Goal, Module, Task, connect
 from tca_tools.logs import Log, Place
@@ -157,6 +157,21 @@ def test_the_chart_begins_with_the_first_message_and_has_modules_that_handled_no
     assert page.evaluate("tca.chart.window[0]") < 0
     page.keyboard.press("f")
     assert page.evaluate("tca.chart.window[0]") == start
+
+
+def test_the_chart_of_a_run_that_has_ended_ends_with_what_happened(look: Look, tmp_path: Path) -> None:
+    story = Story().module("legs", "move").at(1.0)
+    story.acted(story.command("move", "user"), "legs", 10.0).at(60.0).say(facts.ModuleLeft("legs", "gone"))
+    page = look(story.at(200.0).say(facts.Closed("done")).write(tmp_path / "idle"))
+    expect(page.locator("#status")).to_have_text("ended")
+    until(page, "tca.chart.window[1] < 12")
+    page.locator("#tree").focus()
+    page.keyboard.press("f")
+    assert page.evaluate("tca.chart.window[1]") > 200
+    page.keyboard.press("f")
+    assert page.evaluate("tca.chart.window[1]") < 12
+    page.evaluate("tca.slider.setTime(60)")
+    until(page, "tca.chart.window[1] > 200")
 
 
 def test_names_are_seen_on_a_narrow_screen_and_nothing_lies_over_them(look: Look, tmp_path: Path) -> None:

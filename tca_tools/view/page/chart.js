@@ -47,23 +47,24 @@ export class Chart {
   // Bring a moment into sight, if what is seen is a part of the run without it.
   reveal(time) {
     const [from, to] = this.window;
-    if (time < from || time > to) this.#moveTo(time, 0.5);
+    if (this.to === null && time > to && time < this.store.end) this.to = this.#latest;
+    else if (time < from || time > to) this.#moveTo(time, 0.5);
   }
 
   // What is seen is as long as before, with a moment at a share of it; nothing beyond the end of a run that has ended.
   #moveTo(time, share) {
     if (this.to === null || this.held) return;
-    const [from, to] = this.window, wide = to - from, { start, end, isLive } = this.store;
-    const first = time - wide * share, last = end + Math.max((end - start) * ROOM, 1e-6) - wide;
+    const [from, to] = this.window, wide = to - from, { isLive } = this.store;
+    const first = time - wide * share, last = this.#latest - wide;
     this.from = Math.max(isLive ? first : Math.min(first, last), this.#earliest);
     this.to = this.from + wide;
   }
 
-  // From the first message on; if that is what is seen, from the beginning of the run.
+  // From the first message to the last thing that happened; if that is what is seen, all of the run.
   showAll() {
     const isSeen = this.from === null && this.to === null;
     this.from = isSeen ? this.#earliest : null;
-    this.to = null;
+    this.to = isSeen && !this.store.isLive ? this.#latest : null;
     this.draw();
   }
 
@@ -74,7 +75,8 @@ export class Chart {
 
   // The window of a reader who does not zoom.
   get #all() {
-    const { start, first, end } = this.store, from = first > end ? start : Math.max(first, start);
+    const { start, first, lastly, isLive, goesOn } = this.store, from = first > this.store.end ? start : Math.max(first, start);
+    const end = isLive || goesOn || lastly < from ? this.store.end : lastly; // who is just connected makes it no longer (as in gantt/window.py)
     const room = Math.max((end - from) * ROOM, 1e-6);
     return [Math.max(from - room, this.#earliest), Math.max(end + room, from + this.#least)];
   }
@@ -84,6 +86,11 @@ export class Chart {
   get #earliest() {
     const { start, end } = this.store;
     return start - Math.max((end - start) * ROOM, 1e-6);
+  }
+
+  get #latest() {
+    const { start, end } = this.store;
+    return end + Math.max((end - start) * ROOM, 1e-6);
   }
 
   #x(time) {

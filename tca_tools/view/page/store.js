@@ -69,6 +69,8 @@ export class Store {
     this.verdicts = []; // the same by their rows, with those of what came directly
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
+    this.lastly = -Infinity; // when something began or ended last, other than a connection
+    this.open = 0; // spans and suspensions that have not ended, other than connections and locks
     this.end = 0; // of the run, as far as it has come
     this.heard = 0; // when the newest answer came, by the browser's clock
   }
@@ -149,6 +151,7 @@ export class Store {
     for (let i = 0; i < ids.length; i++) {
       const task = this.byId.get(ids[i]);
       task.times.push(columns["state.time"][i]);
+      this.lastly = Math.max(this.lastly, columns["state.time"][i]);
       task.states.push(columns["state.state"][i]);
       this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
       if (this.head.states[columns["state.state"][i]].name !== "failed") continue;
@@ -161,12 +164,14 @@ export class Store {
   #noteSuspension(task, state, time) {
     if (task.suspension) {
       task.suspension.end = time;
+      this.open--;
       task.suspension.lanes.ended(task.suspension);
       task.suspension = null;
     }
     if (this.head.states[state].name !== "suspended") return;
     task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [], lanes: null, by: "" };
     this.suspensions.push(task.suspension);
+    this.open++;
     this.suspended.queued.put(task.suspension);
   }
 
@@ -213,7 +218,7 @@ export class Store {
         message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
         end: Infinity, outcome: "", waits: [], failure: null, lanes: null,
       };
-      if (span.kind !== "connected") this.first = Math.min(this.first, span.start);
+      this.#happened(span, span.start, 1);
       this.spans.push(span);
       fresh.push(span);
     }
@@ -221,12 +226,24 @@ export class Store {
     for (let i = 0; i < ended.length; i++) {
       const span = this.spans[ended[i]];
       span.end = columns["end.time"][i];
+      this.#happened(span, span.end, -1);
       span.lanes?.ended(span);
       span.outcome = this.head.outcomes[columns["end.outcome"][i]];
       if (span.outcome === "failed") this.rows[span.row].failed.push(span);
     }
     for (const span of fresh) this.#place(span);
   }
+
+  // A span began or ended.
+  #happened({ kind }, time, change) {
+    if (kind === "connected") return;
+    this.first = Math.min(this.first, time);
+    this.lastly = Math.max(this.lastly, time);
+    if (kind !== "held") this.open += change; // a lock may stay for ever
+  }
+
+  // Whether something has a bar to the end.
+  get goesOn() { return this.open > 0; }
 
   // Put a span where the chart finds it.
   #place(span) {
