@@ -1,9 +1,14 @@
 """What fits a terminal: width, cutting, padding, and no control characters from foreign text."""
 
 import os
+import re
 import shutil
 import sys
 import unicodedata
+
+_NUMBER = re.compile(r" \{\d+\}")
+_LEAST_NAME = 6
+"""Columns that are left of a name before its number."""
 
 
 def line_width() -> int | None:
@@ -31,6 +36,18 @@ def cut(text: str, width: int | None) -> str:
             break
         kept.append(character)
     return "".join(kept) + "…" * (width > 0)
+
+
+def cut_name(text: str, width: int) -> str:
+    """The same of a task's name, of which the number stays: ``pour a very l… {24}``; and what is behind it, if that has
+    room.
+    """
+    *_, number = _NUMBER.finditer(text) if columns_of(text) > width else [None]
+    if number is None:
+        return cut(text, width)
+    ends = (text[number.start() :], number[0])
+    end = next((one for one in ends if columns_of(one) + _LEAST_NAME <= width), "")
+    return cut(text[: number.start()] if end else text, width - columns_of(end)) + end
 
 
 def padded(text: str, width: int) -> str:

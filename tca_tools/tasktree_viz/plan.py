@@ -11,7 +11,7 @@ from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, Arrows
 from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut
+from tca_tools.terminal import columns_of, cut, cut_name
 from tca_tools.then import TaskThen, Then
 from tca_tools.whereabouts import listed
 from tca_wire.lines import printable
@@ -76,7 +76,7 @@ def plan(then: Then, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan
     places: list[Place] = []
     top = 0.0
     for row in rows:
-        label = cut(printable(str(row.task)), _LONGEST_NAME) if row.task else words.folded(row)
+        label = cut_name(printable(str(row.task)), _LONGEST_NAME) if row.task else words.folded(row)
         above = places[row.parent].left if row.parent >= 0 else 0.0
         left = above + indent + shifts.get(row.parent, 0.0)
         place = Place(row, left, top, columns_of(label) * CHARACTER + 14, label)

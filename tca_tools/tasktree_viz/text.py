@@ -9,7 +9,7 @@ from tca_tools.coping import HANDLED, WATCHING
 from tca_tools.records import OVER, State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
-from tca_tools.terminal import columns_of, cut, padded
+from tca_tools.terminal import columns_of, cut, cut_name, padded
 from tca_tools.then import TaskThen, Then
 from tca_wire.points import Interval
 
@@ -77,8 +77,9 @@ def tree_lines(
     state_width = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
     widest = _widest(width, state_width)
     prefixes = _prefixes(rows, guides, *_levels(widest))
-    labels = [before + _name(row) for row, (before, _) in zip(rows, prefixes, strict=True)]
-    name_width = min(max(map(columns_of, labels)), widest)
+    names = [(before, _name(row)) for row, (before, _) in zip(rows, prefixes, strict=True)]
+    name_width = min(max(columns_of(before + name) for before, name in names), widest)
+    labels = [before + cut_name(name, name_width - columns_of(before)) for before, name in names]
     beside = name_width + state_width + 3 * _GAP + 2 * _TIMES_WIDTH
     goes_on = any(row.task and row.task.state not in OVER for row in rows)
     columns = _Columns(state_width, width is None or beside + _NOTE_WIDTH * goes_on <= width)
