@@ -116,18 +116,18 @@ def failing(past: Past, handling: Handling) -> Failing:
     return past.messages.get(handling.message_id) or handling
 
 
-def hinges(past: Past, failed: Failing, time: float) -> list[tuple[Task | Handling, bool]]:
-    """What may still change whether the run went on: when this changes or (True) is over. Nothing: that is settled."""
+def hinges(past: Past, failed: Failing, time: float) -> list[Task | Handling]:
+    """What may still change whether the run went on, when it changes. Nothing: that is settled."""
     *_, (last, when) = _passed_on(past, failed, time)
     if not isinstance(last, Task):
         is_open = last.by is not None and last.by.end is None and is_told(past, last, when)
-        return [(last.by, False)] if is_open and last.by is not None else []
+        return [last.by] if is_open and last.by is not None else []
     became, top = _of_task(past, last, when), past.tasks[last.top]
     handler = _last_called(past, last, when, inf)
     is_through = top.state is State.ACHIEVED or (handler is not None and Moment.END_ACHIEVING in handler.reached)
     if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
         return []
-    return [(last, False), (top, False)]
+    return [last, top]
 
 
 def begun_again_with(past: Past, task: Task, time: float, known: float = inf) -> Task | None:

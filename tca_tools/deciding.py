@@ -8,6 +8,7 @@ from math import inf
 from tca_tools.past import Past
 from tca_tools.records import Task
 from tca_tools.selection import lineage
+from tca_wire.lines import first_line
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Role
 
@@ -58,7 +59,9 @@ def retried_for(past: Past, task: Task, time: float, by: str) -> str:
     handler = decider(past, task, by, time)
     if handler is None or (failed := called_for(past, handler)) is task:
         return ""
-    return f"{handler}, called for {failed}, which had failed: {_line(failed.was('failure', handler.received) or '')}"
+    return (
+        f"{handler}, called for {failed}, which had failed: {first_line(failed.was('failure', handler.received) or '')}"
+    )
 
 
 def decisions(past: Past, handler: Task) -> Iterator[tuple[float, str]]:
@@ -79,7 +82,3 @@ def decisions(past: Past, handler: Task) -> Iterator[tuple[float, str]]:
                 if run.start < time <= end and at_work(past, run.module, time) is handler:
                     killed[time] = task  # and with it those under it
         yield from ((time, f"kills {task}") for time, task in killed.items())
-
-
-def _line(text: str) -> str:
-    return text.strip().partition("\n")[0]

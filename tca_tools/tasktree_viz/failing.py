@@ -190,8 +190,10 @@ def _causes(past: Past, failed: _Cause) -> Iterator[_Cause]:
         awaited = past.messages.get(wait.awaited)
         if awaited is not None and _is_named(past, awaited, until, message):
             yield _Cause(awaited, (*place, _CAUSES, 0), until, until)
-    for one, number in enumerate(message.caught_by if isinstance(message, Task) else ()):
-        if isinstance(message, Task) and (handler := past.tasks.get(number)) is not None:
+    if not isinstance(message, Task):
+        return
+    for one, number in enumerate(message.caught_by):
+        if (handler := past.tasks.get(number)) is not None:
             until = min(moment, _decided(message, handler.received))
             if any(time <= until for time, _ in _raised(handler)):
                 yield _Cause(handler, (*place, _CALLS, 2 * one + 1), until, known)

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 
 from tca_tools.coping import Failing, hinges, went_on
 from tca_tools.past import Past
-from tca_tools.records import OVER, Task
 
 
 class Verdicts:
@@ -18,8 +17,6 @@ class Verdicts:
         """Those of them after which the run went on, as it was told last."""
         self._on_change: dict[int, dict[int, None]] = {}
         """Which failures hinge on a record, by its identity."""
-        self._on_end: dict[int, dict[int, None]] = {}
-        """Which hinge on a task's end."""
         self._new: dict[int, None] = {}
 
     def follow(self, number: int, failed: Failing, time: float) -> None:
@@ -31,11 +28,8 @@ class Verdicts:
         """The failures of which it is otherwise than it was, now that so many records have changed."""
         again, self._new = self._new, {}
         for record in news:
-            key = id(record)
-            if key in self._on_change:
-                again |= self._on_change.pop(key)
-            if key in self._on_end and isinstance(record, Task) and record.state in OVER:
-                again |= self._on_end.pop(key)
+            if id(record) in self._on_change:
+                again |= self._on_change.pop(id(record))
         for number in again:
             if number in self._failures:
                 yield from self._look_at(number, *self._failures[number])
@@ -46,8 +40,8 @@ class Verdicts:
             yield number, is_good
         (self._good.add if is_good else self._good.discard)(number)
         open_still = hinges(self._past, failed, time)
-        for record, at_end in open_still:
-            (self._on_end if at_end else self._on_change).setdefault(id(record), {})[number] = None
+        for record in open_still:
+            self._on_change.setdefault(id(record), {})[number] = None
         if not open_still:
             del self._failures[number]
             self._good.discard(number)
