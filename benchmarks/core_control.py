@@ -16,9 +16,9 @@ from typing import Any
 
 from benchmarks.core_events import SLOT, USER, Bench
 from tca_central.events import ConnectionId, Tick
-from tca_wire import headers
 from tca_wire.constraints import Flags
-from tca_wire.parts import Attachment, HandlerFormat, MessageFormat
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass
 

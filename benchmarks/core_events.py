@@ -15,10 +15,10 @@ from typing import Any
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Received
-from tca_wire import headers
 from tca_wire.constraints import Flags
-from tca_wire.headers import PROTOCOL_VERSION
-from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.packets import headers
+from tca_wire.packets.headers import PROTOCOL_VERSION
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 

@@ -19,12 +19,12 @@ from typing import Any, BinaryIO
 
 from benchmarks.core_events import BODY, SLOT, USER, Bench
 from tca_central.events import ConnectionId, Received, Record
-from tca_tools.history import History
-from tca_tools.logs import open_log
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 from tca_tools.view.feed import Feed
-from tca_wire import headers
-from tca_wire.facts import JOURNAL_VERSION, Entry, Opened
-from tca_wire.journal import record
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry, Opened
+from tca_wire.journal.records import record
+from tca_wire.packets import headers
 
 
 class Writer(Bench):

@@ -22,8 +22,8 @@ from pathlib import Path
 import zmq
 
 from tca_module import Goal, Module, Query, Task, connect
-from tca_wire import codec, headers
-from tca_wire.parts import HandlerFormat
+from tca_wire.packets import codec, headers
+from tca_wire.packets.parts import HandlerFormat
 
 PING = Query("ping", bytes, reply=bytes)
 WALK = Goal("walk", bytes)

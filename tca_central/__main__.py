@@ -13,8 +13,8 @@ import click
 
 from tca_central.core import Central
 from tca_central.errors import CentralError
-from tca_central.journal_writer import JournalWriter, Sync
-from tca_central.server import LOST_AFTER, Server
+from tca_central.shell.journal_writer import JournalWriter, Sync
+from tca_central.shell.server import LOST_AFTER, Server
 from tca_wire.endpoint import VARIABLE, default_endpoint, default_journals, journal_link
 
 LONGEST_PATH = 100

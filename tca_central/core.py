@@ -13,33 +13,29 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from tca_central import (
-    attaching,
-    availability,
-    claims,
-    control,
-    deadlocks,
-    direct,
-    failures,
-    giving_up,
-    joining,
-    keeping,
-    monitors,
-    requests,
-    sharing,
-    taking,
-    taps,
-    waits,
-)
-from tca_central.clock import Due
+from tca_central.control import keeping, monitors
+from tca_central.control import kills_and_suspension as control
+from tca_central.control import revoking as taking
+from tca_central.deadlock import resolve as deadlocks
 from tca_central.errors import RequestError
 from tca_central.events import BadBytes, ConnectionLost, Effect, Event, Received, Record, Transmit
-from tca_central.registry import Connection
+from tca_central.failing import attaching, failures
+from tca_central.locks import claims
+from tca_central.model.clock import Due
+from tca_central.model.registry import Connection
+from tca_central.model.task_tree import Task
+from tca_central.outgoing import availability
+from tca_central.outgoing import direct_routes as direct
+from tca_central.requests import giving_up, joining
+from tca_central.requests import sending as requests
+from tca_central.requests import variables as sharing
+from tca_central.requests import waiting as waits
 from tca_central.state import State
-from tca_central.task_tree import Task
-from tca_wire import facts, headers
-from tca_wire.headers import Accepted, Refused
-from tca_wire.routes import Noted, WatchEntrance
+from tca_central.watching import taps
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted, Refused
+from tca_wire.packets.routes import Noted, WatchEntrance
 from tca_wire.vocabulary import Outcome, Refusal, Role
 
 REMEMBERED_OUTCOMES = 10_000

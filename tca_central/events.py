@@ -4,8 +4,8 @@ from typing import NewType
 
 import msgspec
 
-from tca_wire.facts import Entry
-from tca_wire.headers import ToCentral, ToModule
+from tca_wire.journal.facts import Entry
+from tca_wire.packets.headers import ToCentral, ToModule
 
 ConnectionId = NewType("ConnectionId", bytes)
 

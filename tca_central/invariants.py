@@ -6,16 +6,16 @@ the scan contradicts itself (a child's constraints inside its parent's) we take 
 
 from collections import Counter
 
-from tca_central.availability import HandledWait
-from tca_central.clock import Due
-from tca_central.control import Ending
-from tca_central.direct import route_of
-from tca_central.holds import Release, held_counts, is_held
-from tca_central.intervals import MUST_FOLLOW_IN_COMMAND, MUST_FOLLOW_IN_GOAL, delivered_at
-from tca_central.registry import Delivery, ModuleResource
+from tca_central.control.kills_and_suspension import Ending
+from tca_central.model.clock import Due
+from tca_central.model.intervals import MUST_FOLLOW_IN_COMMAND, MUST_FOLLOW_IN_GOAL, delivered_at
+from tca_central.model.registry import Delivery, ModuleResource
+from tca_central.model.task_tree import Task, first_moments, to_be_fired
+from tca_central.order.holds import Release, held_counts, is_held
+from tca_central.outgoing.availability import HandledWait
+from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import State
-from tca_central.task_tree import Task, first_moments, to_be_fired
-from tca_central.watching import Watch
+from tca_central.watching.watches import Watch
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,

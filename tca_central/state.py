@@ -3,18 +3,19 @@
 from collections import deque
 from typing import Any, NamedTuple
 
-from tca_central.agenda import Agenda
-from tca_central.clock import Clock, Timer
-from tca_central.dispatcher import Dispatcher
 from tca_central.events import Effect, Transmit
-from tca_central.intervals import DELIVERED
-from tca_central.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
-from tca_central.resources import Claim
-from tca_central.task_tree import Kept, Task, TaskTree, taps_of
-from tca_central.variables import Variables
-from tca_wire import facts, headers
-from tca_wire.headers import Answer, ToModule
-from tca_wire.parts import Involved, MessageFormat, Trouble
+from tca_central.model.clock import Clock, Timer
+from tca_central.model.intervals import DELIVERED
+from tca_central.model.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
+from tca_central.model.resources import Claim
+from tca_central.model.task_tree import Kept, Task, TaskTree, taps_of
+from tca_central.model.variables import Variables
+from tca_central.order.agenda import Agenda
+from tca_central.order.dispatcher import Dispatcher
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer, ToModule
+from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

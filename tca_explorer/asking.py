@@ -5,8 +5,8 @@ from typing import Any
 
 import msgspec
 
-from tca_wire import headers
 from tca_wire.constraints import Constraint
+from tca_wire.packets import headers
 from tca_wire.points import ROOT, THIS, Point, describe_moments
 from tca_wire.vocabulary import MessageClass, Scope
 

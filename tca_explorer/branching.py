@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from tca_central.clock import Timer
+from tca_central.model.clock import Timer
 from tca_explorer.play import Action, Kind, Play
 
 _MOST_NAMED = 4

@@ -17,11 +17,11 @@ from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Ask, Await, Fail, Given, GiveUp, Got, Hang, Know, Return
 from tca_explorer.under_way import Taken
 from tca_module.errors import NIL
-from tca_wire import headers
-from tca_wire.controls import Monitor
-from tca_wire.facts import Fact, Ignored, RequestRefused
-from tca_wire.facts import Received as Birth
-from tca_wire.failures import MODULE_LOST
+from tca_wire.journal.facts import Fact, Ignored, RequestRefused
+from tca_wire.journal.facts import Received as Birth
+from tca_wire.messages.controls import Monitor
+from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.packets import headers
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 

@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from tca_central.registry import MessageType
+from tca_central.model.registry import MessageType
 from tca_explorer.actors import Actor
 from tca_explorer.exchange import connection_of
 from tca_explorer.marks import Mark

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from tca_explorer import promises
 from tca_explorer.under_way import Situation, Tracked
-from tca_wire import facts
 from tca_wire.constraints import Constraint
+from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role
 

@@ -14,11 +14,11 @@ from typing import Any, NoReturn
 
 from tca_explorer.errors import ScenarioError
 from tca_explorer.steps import Ask, Await, GiveUp, Got, Hang, History, Know, Step
-from tca_module.connection import ACKNOWLEDGED_WITHIN
 from tca_module.errors import FormatRefused, Refused, Stopped, TaskKilled
-from tca_module.replies import QUERY_TIMEOUT
-from tca_wire import headers
-from tca_wire.declarations import Message
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN
+from tca_module.sending.replies import QUERY_TIMEOUT
+from tca_wire.messages.declarations import Message
+from tca_wire.packets import headers
 from tca_wire.vocabulary import Refusal
 
 CHOOSE, CANCELLED, SUSPENDED = "choose", "cancelled", "suspended"
@@ -158,7 +158,7 @@ class Link:
         if self._caught > MOST_CAUGHT and self._on_caught is not None:
             self._on_caught(self.error)
 
-    # --- what the module library calls: see tca_module/connection.py -------------------------------------------------
+    # --- what the module library calls: see tca_module/link/connection.py ----------------------------------------------
 
     def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
         """Central must know these."""

@@ -19,8 +19,8 @@ from tca_explorer.exchange import Exchange, connection_of
 from tca_explorer.scenario import Scenario
 from tca_explorer.steps import Await, Given, Got
 from tca_explorer.under_way import Tracked
-from tca_wire import headers
-from tca_wire.headers import PROTOCOL_VERSION
+from tca_wire.packets import headers
+from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
 
 SOMEBODY = "somebody"

@@ -6,7 +6,7 @@ others have locked or reserved the resource; no task is handled twice at once, o
 """
 
 from tca_explorer.under_way import Situation, Tracked
-from tca_wire.facts import Delivered
+from tca_wire.journal.facts import Delivered
 from tca_wire.points import Moment, Point, TaskId
 
 _STARTS = int(Moment.START_PLANNING | Moment.START_ACHIEVING)

@@ -13,7 +13,7 @@ from tca_explorer.asking import CALLS
 from tca_explorer.checks import checked_name, checked_number, nearest
 from tca_explorer.errors import ScenarioError
 from tca_explorer.world import Seen, World, shown
-from tca_wire.declarations import Message
+from tca_wire.messages.declarations import Message
 from tca_wire.vocabulary import LONGEST_TIME
 
 Predicate = Callable[[World], object]

@@ -8,10 +8,10 @@ from tca_explorer.checks import MOST, checked_flag, checked_name, checked_number
 from tca_explorer.errors import ScenarioError
 from tca_explorer.properties import Property, checked_properties
 from tca_explorer.script import Program
-from tca_module.sender import Sender
-from tca_wire.controls import Monitor
-from tca_wire.declarations import Message
-from tca_wire.parts import HandlerFormat
+from tca_module.sending.sender import Sender
+from tca_wire.messages.controls import Monitor
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.parts import HandlerFormat
 
 Function = Callable[..., Any]
 

@@ -16,7 +16,7 @@ from tca_explorer.play import Play
 from tca_explorer.scenario import Scenario, ScenarioModule
 from tca_explorer.script import Program
 from tca_explorer.steps import Branch, Life
-from tca_wire.declarations import Message
+from tca_wire.messages.declarations import Message
 
 _SHARED = (Scenario, ScenarioModule, Program, Life, Branch, Message, CodeType, FunctionType)
 

@@ -9,9 +9,9 @@ from zlib import crc32
 
 import msgspec
 
-from tca_wire import headers
-from tca_wire.declarations import Message
-from tca_wire.parts import Tapped, Trouble, Watching
+from tca_wire.messages.declarations import Message
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Tapped, Trouble, Watching
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Refusal
 

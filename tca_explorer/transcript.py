@@ -6,8 +6,8 @@ from tca_explorer.errors import CentralFault
 from tca_explorer.play import Play
 from tca_explorer.states import Result, Violation
 from tca_explorer.words import describe
-from tca_wire.facts import Fact, FormatDefined, kind_of
-from tca_wire.wording import Wording
+from tca_wire.journal.facts import Fact, FormatDefined, kind_of
+from tca_wire.text.facts_in_words import Wording
 
 
 def report(result: Result) -> str:

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point
 from tca_wire.vocabulary import MessageClass, Role
 

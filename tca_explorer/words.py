@@ -11,7 +11,7 @@ from tca_explorer.play import Action, Kind, Play
 from tca_explorer.steps import Ask, Await, Fail, GiveUp, Hang, History, Know, Return, Step
 from tca_explorer.under_way import Tracked
 from tca_explorer.waiting import Waiting
-from tca_wire import headers
+from tca_wire.packets import headers
 from tca_wire.points import Point, describe_moments
 
 

@@ -1,11 +1,6 @@
 """The library that a robot module imports: declare messages, handle them, send them."""
 
-from tca_module.callbacks import Callback
-from tca_module.claim import Claim
 from tca_module.client import Client, connect
-from tca_module.constraints import this
-from tca_module.context import Heard, MonitorHandle, Trouble
-from tca_module.control import MonitorOptions
 from tca_module.errors import (
     BadData,
     CentralLost,
@@ -23,18 +18,24 @@ from tca_module.errors import (
     Timeout,
     VariableNotSet,
 )
-from tca_module.later import Later
 from tca_module.module import Module
-from tca_module.options import TaskOptions
-from tca_module.presence import HandlerInfo, ModuleInfo, ResourceInfo
-from tca_module.replies import Notification, PendingReplies, PendingReply
-from tca_module.sender import Sender
-from tca_module.task import Task
-from tca_module.task_handle import Attached, TaskHandle, TaskInfo
-from tca_module.task_ref import TaskRef
+from tca_module.sending.claim import Claim
+from tca_module.sending.constraints import this
+from tca_module.sending.context import Heard, MonitorHandle, Trouble
+from tca_module.sending.control import MonitorOptions
+from tca_module.sending.directory import HandlerInfo, ModuleInfo, ResourceInfo
+from tca_module.sending.options import TaskOptions
+from tca_module.sending.replies import Notification, PendingReplies, PendingReply
+from tca_module.sending.sender import Sender
+from tca_module.sending.task import Task
+from tca_module.sending.task_handle import Attached, TaskHandle, TaskInfo
+from tca_module.sending.task_ref import TaskRef
+from tca_module.serving.callbacks import Callback
+from tca_module.serving.later import Later
 from tca_wire.constraints import Constraint
-from tca_wire.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
-from tca_wire.declarations import (
+from tca_wire.errors import BadFormat
+from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
+from tca_wire.messages.declarations import (
     Broadcast,
     Command,
     Failure,
@@ -46,8 +47,7 @@ from tca_wire.declarations import (
     Query,
     Variable,
 )
-from tca_wire.errors import BadFormat
-from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
+from tca_wire.messages.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, HandlerCount
 from tca_wire.points import Edge, Interval, Moment, Point
 from tca_wire.vocabulary import Condition, Outcome, Scope
 

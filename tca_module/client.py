@@ -10,17 +10,17 @@ from typing import Any, Literal, Protocol, Self, get_args
 
 import msgspec
 
-from tca_module.arguments import check_central, check_patience, check_topic, checked_name
-from tca_module.attachments import Attachments
-from tca_module.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
-from tca_module.direct import Direct, Door
+from tca_module.direct.exchange import Direct, Door
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
-from tca_module.sender import Sender
-from tca_module.session import Session
-from tca_module.transport import DealerTransport, Transport
-from tca_wire.declarations import Message
+from tca_module.link.attachments import Attachments
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
+from tca_module.link.session import Session
+from tca_module.link.transport import DealerTransport, Transport
+from tca_module.sending.arguments import check_central, check_patience, check_topic, checked_name
+from tca_module.sending.sender import Sender
 from tca_wire.endpoint import default_endpoint
-from tca_wire.headers import PROTOCOL_VERSION, Ask, Hello
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Hello
 
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 

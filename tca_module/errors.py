@@ -19,9 +19,9 @@ BadData              data does not fit the format of its message (from tca_wire)
 
 from typing import Any
 
-from tca_wire.declarations import D, Failure
 from tca_wire.errors import BadData
-from tca_wire.formats import decode_untyped
+from tca_wire.messages.declarations import D, Failure
+from tca_wire.messages.formats import decode_untyped
 from tca_wire.vocabulary import Refusal
 
 

@@ -9,7 +9,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
-from tca_module.arguments import (
+from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
+from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
+from tca_module.link.attachments import Attachments
+from tca_module.link.connection import PATIENCE, Connection
+from tca_module.link.keepalive import TEND_PERIOD, Keeper
+from tca_module.sending.arguments import (
     check_central,
     check_flags,
     check_function,
@@ -18,18 +23,13 @@ from tca_module.arguments import (
     is_whole,
     name_or_none,
 )
-from tca_module.attachments import Attachments
-from tca_module.callbacks import Callback, Callbacks, HasFileno
-from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
-from tca_module.connection import PATIENCE, Connection
-from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
-from tca_module.handlers import Declare, DeclareWithoutData, Handler
-from tca_module.keeper import TEND_PERIOD, Keeper
-from tca_module.knowledge import wait_until_handled
-from tca_module.sender import Sender
-from tca_module.slot import Slot
-from tca_module.slots import CALLBACKS, Slots
-from tca_wire.declarations import D, Message, R
+from tca_module.sending.knowledge import wait_until_handled
+from tca_module.sending.sender import Sender
+from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
+from tca_module.serving.handlers import Declare, DeclareWithoutData, Handler
+from tca_module.serving.slot import Slot
+from tca_module.serving.slots import CALLBACKS, Slots
+from tca_wire.messages.declarations import D, Message, R
 
 _WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
 

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 
 from tca_wire.errors import BadData
-from tca_wire.formats import decode_untyped
-from tca_wire.lines import printable
+from tca_wire.messages.formats import decode_untyped
+from tca_wire.text.printable import printable
 
 _LONGEST_TEXT = 2000
 _DEEPEST = 100

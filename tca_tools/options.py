@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from tca_tools.output import check_free
-from tca_wire.facts import LONGEST_TIME
-from tca_wire.lines import printable
+from tca_wire.journal.facts import LONGEST_TIME
+from tca_wire.text.printable import printable
 
 
 class _Moment(click.ParamType):  # type: ignore[type-arg]

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tca_tools.errors import ToolError
-from tca_wire.journal import SEGMENT_SUFFIX
-from tca_wire.lines import printable
+from tca_wire.journal.records import SEGMENT_SUFFIX
+from tca_wire.text.printable import printable
 
 _MARK = b"made by tca"
 _TAIL = 100

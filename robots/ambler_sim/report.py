@@ -4,8 +4,8 @@ from collections import Counter
 from pathlib import Path
 
 from robots.ambler_sim.reactions import FOOTFALL_CHECK, STABILITY_CHECK
-from tca_tools.history import History
-from tca_tools.logs import open_log
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 from tca_wire.vocabulary import Role
 
 

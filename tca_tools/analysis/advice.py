@@ -19,9 +19,9 @@ from tca_tools.analysis.spans import Cover, Span
 from tca_tools.analysis.summary import span_of
 from tca_tools.analysis.words import listed, moment, seconds
 from tca_tools.analysis.words import times as say_times
-from tca_tools.coping import GOOD_FATES
-from tca_tools.past import Past
-from tca_wire.wording import by_whom, place
+from tca_tools.run.past import Past
+from tca_tools.why.coping import GOOD_FATES
+from tca_wire.text.facts_in_words import by_whom, place
 
 _NOTHING = 1e-9
 """What saves less is no advice."""

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Message, Queueing, Suspension, Task, Wait
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Handling, Message, Queueing, Suspension, Task, Wait
 from tca_wire.points import ROOT, Moment
 from tca_wire.vocabulary import Role
 

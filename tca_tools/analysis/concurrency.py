@@ -18,10 +18,10 @@ from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.spans import Cover
-from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Task, Wait
-from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.why.waiting import why_waiting
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 

@@ -13,14 +13,14 @@ from tca_tools.analysis.releases import released, released_by
 from tca_tools.analysis.standing import going_on
 from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.analysis.words import moment, seconds
-from tca_tools.past import UNKNOWN, Past
-from tca_tools.records import Message, Queueing, Suspension, Task, Wait
-from tca_tools.story import awaited
-from tca_tools.then import Then
-from tca_tools.waiting import of_blocker, why_waiting
-from tca_tools.whereabouts import kept_busy, why_in_vain
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import UNKNOWN, Past
+from tca_tools.run.records import Message, Queueing, Suspension, Task, Wait
+from tca_tools.why.story import awaited
+from tca_tools.why.waiting import of_blocker, why_waiting
+from tca_tools.why.whereabouts import kept_busy, why_in_vain
 from tca_wire.points import ROOT, Moment, TaskId
-from tca_wire.wording import by_whom, place
+from tca_wire.text.facts_in_words import by_whom, place
 
 
 @dataclass(slots=True)

@@ -11,14 +11,14 @@ from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
-from tca_tools.coping import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
-from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Task, Wait
-from tca_tools.story import awaited, exhausted
-from tca_wire.failures import BAD_DATA, DEADLOCK, HANDLER_ERROR, NOT_BY_CHOICE
+from tca_tools.run.past import Past
+from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.why.coping import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
+from tca_tools.why.story import awaited, exhausted
+from tca_wire.messages.failures import BAD_DATA, DEADLOCK, HANDLER_ERROR, NOT_BY_CHOICE
 from tca_wire.points import Moment
+from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import by_whom, place
 
 _RECEIVED, _START = attrgetter("received"), attrgetter("start")
 _OF_CENTRAL = NOT_BY_CHOICE - {HANDLER_ERROR, BAD_DATA}

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from tca_tools.analysis.words import moment
-from tca_tools.past import Past
-from tca_tools.records import Handling, Message
-from tca_tools.then import Then
-from tca_wire.wording import GAVE_UP, place
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Handling, Message
+from tca_wire.text.facts_in_words import GAVE_UP, place
 
 
 def still_handled(then: Then, message_id: int, until: float) -> str:

@@ -16,10 +16,10 @@ from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.locks import Locks
 from tca_tools.analysis.spans import Cover, Span
-from tca_tools.past import Past
-from tca_tools.records import Claim, Queueing, Wait
-from tca_tools.whereabouts import why_in_vain
-from tca_wire.wording import called, place
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Queueing, Wait
+from tca_tools.why.whereabouts import why_in_vain
+from tca_wire.text.facts_in_words import called, place
 
 
 class Reason(StrEnum):

@@ -10,9 +10,9 @@ from itertools import accumulate
 from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
-from tca_tools.past import Past
-from tca_tools.records import Claim
-from tca_wire.wording import called
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim
+from tca_wire.text.facts_in_words import called
 
 
 @dataclass(slots=True)

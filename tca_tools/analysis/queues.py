@@ -11,8 +11,8 @@ from math import ceil, sqrt
 
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.spans import levels
-from tca_tools.past import Past
-from tca_tools.records import Queueing
+from tca_tools.run.past import Past
+from tca_tools.run.records import Queueing
 
 _LENGTH = 5
 """A shorter queue is no sign."""

@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from math import nextafter
 
-from tca_tools.past import Past
-from tca_tools.records import Hold, Task
-from tca_tools.then import Then
-from tca_tools.waiting import blockers, of_blocker
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Hold, Task
+from tca_tools.why.waiting import blockers, of_blocker
 from tca_wire.points import Moment, TaskId
-from tca_wire.wording import kill_reason
+from tca_wire.text.facts_in_words import kill_reason
 
 _LINKS = 6
 """How many are told."""

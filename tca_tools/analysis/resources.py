@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tca_tools.analysis.spans import Cover, Span, levels
-from tca_tools.past import Past
-from tca_tools.records import Handling, Queueing
-from tca_wire.wording import place
+from tca_tools.run.past import Past
+from tca_tools.run.records import Handling, Queueing
+from tca_wire.text.facts_in_words import place
 
 Key = tuple[str, str]
 """A module and one of its resources."""

@@ -13,10 +13,10 @@ from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Span
 from tca_tools.analysis.words import moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
-from tca_tools.past import Past
-from tca_tools.story import awaited
-from tca_tools.then import Then
-from tca_tools.whereabouts import why_in_vain
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.why.story import awaited
+from tca_tools.why.whereabouts import why_in_vain
 
 
 def on_waits(

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tca_tools.analysis.causes import Doing, Step, delay_of
-from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Hold, Message, Task, Wait
-from tca_tools.story import awaited
-from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import blockers, of_blocker
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Handling, Hold, Message, Task, Wait
+from tca_tools.why.story import awaited
+from tca_tools.why.waiting import blockers, of_blocker
 from tca_wire.points import Moment
 
 

@@ -7,10 +7,10 @@ from operator import attrgetter
 from typing import Any
 
 from tca_tools.analysis.words import counted, moment
-from tca_tools.coping import STANDINGS, standing
-from tca_tools.past import Past
-from tca_tools.records import OVER, Message, State, Task
-from tca_wire.lines import first_line
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, Message, State, Task
+from tca_tools.why.coping import STANDINGS, standing
+from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL
 
 ENDED_BADLY = (State.FAILED, State.KILLED)

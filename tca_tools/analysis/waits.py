@@ -9,12 +9,12 @@ from itertools import pairwise
 from operator import attrgetter
 
 from tca_tools.analysis.words import moment, seconds
-from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
-from tca_tools.story import awaited
-from tca_tools.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
-from tca_tools.whereabouts import why_in_vain
-from tca_wire.wording import by_whom, place
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
+from tca_tools.why.story import awaited
+from tca_tools.why.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
+from tca_tools.why.whereabouts import why_in_vain
+from tca_wire.text.facts_in_words import by_whom, place
 
 _NAMED = 3
 """Causes of one wait that are named."""

@@ -16,12 +16,12 @@ from tca_tools.check.records import Item
 from tca_tools.check.report import violation_lines
 from tca_tools.check.rules import RULES, Violation
 from tca_tools.check.world import World
-from tca_tools.history import History
-from tca_tools.logs import Log, open_log
-from tca_tools.losses import Losses
+from tca_tools.run.fold import History
+from tca_tools.run.journals import Log, open_log
+from tca_tools.run.losses import Losses
 from tca_tools.terminal import line_width
-from tca_wire.facts import Entry
-from tca_wire.lines import printable
+from tca_wire.journal.facts import Entry
+from tca_wire.text.printable import printable
 
 _MOST_GAPS = 5
 _MOST_SHOWN = 100

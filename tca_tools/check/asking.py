@@ -3,7 +3,7 @@
 from tca_tools.check.records import Item
 from tca_tools.check.rules import ANSWERED, WAITS
 from tca_tools.check.world import World
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import TaskId, describe_moments
 from tca_wire.vocabulary import MessageClass, Role
 

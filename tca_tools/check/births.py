@@ -6,8 +6,8 @@ from tca_tools.check.records import FAN_OUT, Hold, Item
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
 from tca_tools.check.taps import check_sent
 from tca_tools.check.world import World
-from tca_wire import facts
 from tca_wire.constraints import Constraint
+from tca_wire.journal import facts
 from tca_wire.points import END_PLANNING, ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
 from tca_wire.vocabulary import MessageClass, Role
 

@@ -7,8 +7,8 @@ from tca_tools.check import asking, births, failing, handling, kills, moments, p
 from tca_tools.check.rules import CLOCK, Violation
 from tca_tools.check.settled import check_settled
 from tca_tools.check.world import World
-from tca_tools.history import History
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_wire.journal import facts
 
 Report = Callable[[Violation], None]
 

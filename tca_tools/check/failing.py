@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from tca_tools.check.records import Item
 from tca_tools.check.rules import CAUGHT, HANDLER, NUMBERS, RECOVERED
 from tca_tools.check.world import World
-from tca_wire import facts
-from tca_wire.failures import NOT_BY_CHOICE
+from tca_wire.journal import facts
+from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.points import ROOT
 from tca_wire.vocabulary import MessageClass, Role
 

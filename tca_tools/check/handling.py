@@ -25,7 +25,7 @@ from tca_tools.check.rules import (
 from tca_tools.check.taps import answered as condition_answered
 from tca_tools.check.taps import check_fired
 from tca_tools.check.world import World, said
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 

@@ -4,7 +4,7 @@ from tca_tools.check.failing import deals_no_more
 from tca_tools.check.records import Item
 from tca_tools.check.rules import CAUGHT, KILLED, QUEUED, SUSPENDED
 from tca_tools.check.world import World
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import START_HANDLING
 from tca_wire.vocabulary import Role
 

@@ -20,7 +20,7 @@ from tca_tools.check.rules import (
 )
 from tca_tools.check.taps import check_fired, forget_task
 from tca_tools.check.world import World
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import (
     ALL_MOMENTS,
     END_ACHIEVING,

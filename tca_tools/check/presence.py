@@ -3,7 +3,7 @@
 from tca_tools.check.records import Item, Place
 from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, NUMBERS, PRESENT
 from tca_tools.check.world import World, said
-from tca_wire import facts
+from tca_wire.journal import facts
 
 
 def joined(world: World, fact: facts.ModuleJoined) -> None:

@@ -6,9 +6,9 @@ property can be asked of a scenario and of a journal.
 
 from typing import Any
 
-from tca_wire import facts
 from tca_wire.constraints import Constraint
-from tca_wire.formats import decode_untyped
+from tca_wire.journal import facts
+from tca_wire.messages.formats import decode_untyped
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_PLANNING, START_ACHIEVING
 from tca_wire.vocabulary import MessageClass, Role
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import click
 
 from tca_tools.check.rules import Violation
-from tca_tools.past import Past
-from tca_tools.story import story
+from tca_tools.run.past import Past
 from tca_tools.terminal import cut
-from tca_wire.lines import printable
+from tca_tools.why.story import story
+from tca_wire.text.printable import printable
 
 _LONGEST_STORY = 40
 """Sentences of one story that are shown."""

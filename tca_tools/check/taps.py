@@ -3,8 +3,8 @@
 from tca_tools.check.records import Hold, Item
 from tca_tools.check.rules import MONITOR, NUMBERS, TAPPED
 from tca_tools.check.world import World
-from tca_wire import facts
 from tca_wire.constraints import Constraint
+from tca_wire.journal import facts
 from tca_wire.points import (
     END_ACHIEVING,
     END_HANDLING,

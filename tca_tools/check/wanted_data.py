@@ -12,7 +12,7 @@ from typing import Any
 from tca_tools.check.errors import BadProperty
 from tca_tools.check.records import Item
 from tca_tools.data import plain_data
-from tca_wire.plain_data import Bare, PlainFormat, field_misfit, knows_field
+from tca_wire.text.plain_data import Bare, PlainFormat, field_misfit, knows_field
 
 QUOTED = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*\"""")
 _WHOLE = ["data"]

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from tca_tools.check.records import FAN_OUT, Claims, Item, Place
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
-from tca_tools.past import Past
-from tca_tools.then import Then
-from tca_wire import facts
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_wire.journal import facts
 from tca_wire.points import ROOT, TaskId
+from tca_wire.text.facts_in_words import called
+from tca_wire.text.facts_in_words import place as words_of_place
 from tca_wire.vocabulary import MessageClass
-from tca_wire.wording import called
-from tca_wire.wording import place as words_of_place
 
 
 class Gone(NamedTuple):

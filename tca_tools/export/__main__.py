@@ -9,14 +9,14 @@ import click
 
 from tca_tools.errors import ToolError
 from tca_tools.export.tables import TABLES, Table
-from tca_tools.folding import folded
-from tca_tools.logs import Log, open_log
 from tca_tools.options import force_option
 from tca_tools.output import check_free, made_for, make_folder, new_file
-from tca_tools.past import Past
-from tca_wire.facts import Entry
-from tca_wire.journal import SEGMENT_SUFFIX
-from tca_wire.lines import printable
+from tca_tools.run.folding import folded
+from tca_tools.run.journals import Log, open_log
+from tca_tools.run.past import Past
+from tca_wire.journal.facts import Entry
+from tca_wire.journal.records import SEGMENT_SUFFIX
+from tca_wire.text.printable import printable
 
 
 class Format(NamedTuple):

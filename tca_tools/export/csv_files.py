@@ -5,7 +5,7 @@ import io
 from typing import BinaryIO
 
 from tca_tools.export.tables import Kind, Row, Table, batches
-from tca_tools.past import Past
+from tca_tools.run.past import Past
 
 _ROWS_AT_ONCE = 1 << 12
 

@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterable
 from typing import BinaryIO
 
-from tca_tools.fact_rows import fact_row
-from tca_wire.facts import Entry
+from tca_tools.log.fact_rows import fact_row
+from tca_wire.journal.facts import Entry
 
 
 def write_json_lines(entries: Iterable[Entry], stream: BinaryIO) -> None:

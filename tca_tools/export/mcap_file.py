@@ -10,17 +10,17 @@ from typing import Any, BinaryIO, NamedTuple
 import msgspec
 from mcap.writer import Writer
 
-from tca_tools.coping import went_on
 from tca_tools.data import plain_data
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
-from tca_tools.fact_rows import fact_row
-from tca_tools.past import Past
-from tca_tools.then import TaskThen
-from tca_wire import facts
-from tca_wire.facts import Entry, Fact, kind_of
+from tca_tools.log.fact_rows import fact_row
+from tca_tools.run.at_time import TaskThen
+from tca_tools.run.past import Past
+from tca_tools.why.coping import went_on
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry, Fact, kind_of
+from tca_wire.text.facts_in_words import Wording, place
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import Wording, place
 
 _SECOND = 1_000_000_000
 _INFO, _WARNING, _ERROR = 2, 3, 4

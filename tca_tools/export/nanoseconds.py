@@ -4,7 +4,7 @@ from array import array
 from bisect import bisect_left
 from math import isfinite
 
-from tca_tools.past import Past
+from tca_tools.run.past import Past
 
 _LATEST = 4e9
 """More than a century, in seconds: what is written later than that is no time."""

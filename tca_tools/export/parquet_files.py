@@ -6,7 +6,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from tca_tools.export.tables import Kind, Table, batches
-from tca_tools.past import Past
+from tca_tools.run.past import Past
 
 _ROWS_IN_A_GROUP = 1 << 16
 

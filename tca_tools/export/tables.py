@@ -10,10 +10,10 @@ from itertools import chain, pairwise
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from tca_tools.coping import fate, has_coped, went_on
 from tca_tools.data import plain_data
-from tca_tools.past import Past
-from tca_tools.records import Message, Wait
+from tca_tools.run.past import Past
+from tca_tools.run.records import Message, Wait
+from tca_tools.why.coping import fate, has_coped, went_on
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.vocabulary import CENTRAL, Outcome
 

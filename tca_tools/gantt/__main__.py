@@ -4,20 +4,20 @@ from pathlib import Path
 
 import click
 
-from tca_tools.folding import folded
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
 from tca_tools.gantt.window import ROOM, Pick
-from tca_tools.garbage import no_garbage
-from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
-from tca_tools.past import Past
-from tca_tools.records import OVER, Task
-from tca_tools.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
+from tca_tools.run.folding import folded
+from tca_tools.run.garbage import no_garbage
+from tca_tools.run.journals import open_log
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, Task
+from tca_tools.run.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
 from tca_tools.terminal import can_show, cut, line_width
-from tca_wire.lines import printable
 from tca_wire.points import Moment
+from tca_wire.text.printable import printable
 
 
 @click.command()

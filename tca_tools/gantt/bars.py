@@ -8,15 +8,15 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.coping import has_coped, went_on
 from tca_tools.gantt import titles
 from tca_tools.gantt.parts import Bar, Chart, Held, Mark, Part, Row
 from tca_tools.gantt.window import ALL, Pick, span_of
-from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
-from tca_tools.stretches import in_state
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.why.coping import has_coped, went_on
+from tca_tools.why.stretches import in_state
+from tca_wire.text.facts_in_words import place
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import place
 
 NO_HANDLER = "(no handler)"
 """The row of what waits for a module that handles it."""

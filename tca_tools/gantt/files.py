@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
+from tca_tools.drawing.page import wide_page
+from tca_tools.drawing.pictures import converted
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import MARGIN, STYLE
 from tca_tools.gantt.svg import pieces_of, svg_text
 from tca_tools.gantt.text import Blocks, chart_lines
 from tca_tools.output import write_output
-from tca_tools.page import wide_page
-from tca_tools.pictures import converted
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
 WIDTH_OF_TEXT = 120

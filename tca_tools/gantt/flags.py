@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from tca_tools.drawing import lines
+from tca_tools.drawing.svg import lines
 from tca_tools.gantt.parts import Row
 from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.shapes import COPED, FAILED

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from html import escape
 
-from tca_tools.drawing import width_of
+from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.colours import dark
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.queues import CURVE, is_curve
 from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.shapes import COPED, FAILED, KILLED, LONGEST_LABEL, MARGIN
 from tca_tools.terminal import cut
-from tca_wire.lines import printable
+from tca_wire.text.printable import printable
 
 _LINE = 24.0
 _MOST_NAMES = 40

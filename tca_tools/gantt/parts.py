@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from math import inf
 
 from tca_tools.terminal import cut
-from tca_wire.lines import printable
+from tca_wire.text.printable import printable
 
 _FEWEST = 8
 """Columns of a reason."""

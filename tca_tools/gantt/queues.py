@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from tca_tools.drawing import rectangle, width_of
+from tca_tools.drawing.svg import rectangle, width_of
 from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.gantt.parts import Row
 from tca_tools.gantt.scale import Scale

@@ -4,7 +4,7 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from operator import attrgetter
 
-from tca_tools.drawing import rectangle, text
+from tca_tools.drawing.svg import rectangle, text
 from tca_tools.gantt.blocks import Block, in_blocks
 from tca_tools.gantt.colours import dark, light
 from tca_tools.gantt.flags import flags
@@ -13,7 +13,7 @@ from tca_tools.gantt.queues import MOST_QUEUE_LANES, QUEUE_LANE, curve, is_curve
 from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.shapes import CHARACTER, COPED, FAILED, KILLED, row_label
 from tca_tools.terminal import columns_of
-from tca_wire.lines import printable
+from tca_wire.text.printable import printable
 
 _LANE = 24.0
 _MOST_LANES = 12

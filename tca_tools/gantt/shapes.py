@@ -1,9 +1,9 @@
 """What the parts of a chart's SVG have in common: sizes, looks and labels."""
 
-from tca_tools import drawing
+from tca_tools.drawing import svg as drawing
 from tca_tools.gantt.parts import Row
 from tca_tools.terminal import cut
-from tca_wire.lines import printable
+from tca_wire.text.printable import printable
 
 MARGIN = 24.0
 CHARACTER = 6.5

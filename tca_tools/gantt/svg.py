@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median
 
-from tca_tools.drawing import document, text, width_of
+from tca_tools.drawing.svg import document, text, width_of
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.legend import legend, meanings, patterns
 from tca_tools.gantt.parts import Chart

@@ -10,7 +10,7 @@ from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import queue_lengths
 from tca_tools.gantt.parts import Bar, Chart, Row
 from tca_tools.terminal import columns_of, cut, padded
-from tca_wire.lines import printable
+from tca_wire.text.printable import printable
 
 _WIDEST_LABEL = 32
 _MOST_LANES = 8

@@ -2,13 +2,13 @@
 
 from math import inf
 
-from tca_tools.coping import failing, told_to
-from tca_tools.past import Past
-from tca_tools.records import Claim, Handling, Queueing, Raised, Task, Wait
-from tca_tools.stretches import Stretch
-from tca_tools.whereabouts import for_whom
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Handling, Queueing, Raised, Task, Wait
+from tca_tools.why.coping import failing, told_to
+from tca_tools.why.stretches import Stretch
+from tca_tools.why.whereabouts import for_whom
+from tca_wire.text.facts_in_words import by_whom, place, raised_by
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import by_whom, place, raised_by
 
 NEWLINE = "\n"
 

@@ -3,10 +3,10 @@
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from tca_tools.coping import watches
 from tca_tools.gantt.parts import Row
-from tca_tools.past import Past
-from tca_tools.records import OVER, Task
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, Task
+from tca_tools.why.coping import watches
 
 ROOM = 0.02
 """Beside the bars, of the time that they take."""

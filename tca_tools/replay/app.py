@@ -9,9 +9,9 @@ from textual.containers import Horizontal, Vertical
 from tca_tools.replay.panes import Keys, MessagesPane, Question, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Outline
-from tca_wire.facts import Failed
-from tca_wire.lines import printable
-from tca_wire.wording import subject_of
+from tca_wire.journal.facts import Failed
+from tca_wire.text.facts_in_words import subject_of
+from tca_wire.text.printable import printable
 
 FRAMES = 15
 """How often the screen is drawn in a second while time passes."""

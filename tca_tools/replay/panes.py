@@ -14,21 +14,21 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Footer, Input
 
-from tca_tools.ages import age
-from tca_tools.coping import coped_with
 from tca_tools.data import data_text
-from tca_tools.ends import in_the_end
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
-from tca_tools.story import Sentence, story
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut
-from tca_tools.then import Then
-from tca_tools.waiting import coming, waits_how, why_waiting
-from tca_wire.facts import kind_of
-from tca_wire.lines import printable
+from tca_tools.why.ages import age
+from tca_tools.why.coping import coped_with
+from tca_tools.why.ends import in_the_end
+from tca_tools.why.story import Sentence, story
+from tca_tools.why.waiting import coming, waits_how, why_waiting
+from tca_wire.journal.facts import kind_of
 from tca_wire.points import TaskId
+from tca_wire.text.printable import printable
 
 _STATE_WIDTH = 11
 _SHORTEST_NOTE = 8

@@ -4,15 +4,15 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from math import inf
 
-from tca_tools.coping import went_on
-from tca_tools.history import History
-from tca_tools.log import BAD_NEWS
-from tca_tools.past import Past
-from tca_tools.then import Then
-from tca_wire import facts
-from tca_wire.facts import kind_of
+from tca_tools.log.__main__ import BAD_NEWS
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.past import Past
+from tca_tools.why.coping import went_on
+from tca_wire.journal import facts
+from tca_wire.journal.facts import kind_of
 from tca_wire.points import ROOT, Moment
-from tca_wire.wording import Wording
+from tca_wire.text.facts_in_words import Wording
 
 
 class Recording:

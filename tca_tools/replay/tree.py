@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from tca_tools.replay.recording import Living, Recording
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST
-from tca_tools.then import Then
 from tca_wire.points import ROOT, TaskId
 
 MOST_ROWS = 3000

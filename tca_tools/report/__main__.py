@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from tca_tools.errors import DamagedLog, ToolError
-from tca_tools.folding import folded
-from tca_tools.logs import Log, open_log
 from tca_tools.options import check_output, force_option
 from tca_tools.output import write_output
+from tca_tools.run.folding import folded
+from tca_tools.run.journals import Log, open_log
 
 
 @click.command()

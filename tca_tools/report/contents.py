@@ -20,8 +20,8 @@ from tca_tools.analysis.failures import Kind, failures
 from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.analysis.waits import Waits, waits
-from tca_tools.past import Past
-from tca_tools.story import Sentence, story
+from tca_tools.run.past import Past
+from tca_tools.why.story import Sentence, story
 
 _WORTH_SAYING = 0.005
 """Advice must bear on this share of the run."""

@@ -10,12 +10,12 @@ from markupsafe import Markup
 from tca_tools.analysis import words
 from tca_tools.analysis.causes import Doing
 from tca_tools.analysis.failures import Kind
-from tca_tools.coping import GOOD_FATES, HANDLED
 from tca_tools.report.contents import Contents
 from tca_tools.report.pictures import Gantt, Strip
 from tca_tools.report.tree import Tree
 from tca_tools.terminal import cut
-from tca_wire.lines import first_line, printable
+from tca_tools.why.coping import GOOD_FATES, HANDLED
+from tca_wire.text.printable import first_line, printable
 
 _HERE = Path(__file__).parent
 _LONGEST_TEXT = 300

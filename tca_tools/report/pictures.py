@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from math import ceil
 
 from tca_tools.analysis.spans import Cover
-from tca_tools.coping import GOOD_FATES
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.legend import patterns
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.shapes import STYLE
 from tca_tools.gantt.svg import pieces_of
-from tca_tools.history import History
 from tca_tools.report.contents import Contents
+from tca_tools.run.fold import History
+from tca_tools.why.coping import GOOD_FATES
 
 _BARS_AT_MOST = 2500
 """A chart of more is of a part of the run."""

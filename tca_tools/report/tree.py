@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from tca_tools.analysis.summary import is_over
-from tca_tools.coping import STANDINGS, standing
-from tca_tools.past import Past
-from tca_tools.records import State, Task
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import State, Task
 from tca_tools.tasktree_viz import words
-from tca_tools.then import TaskThen, Then
+from tca_tools.why.coping import STANDINGS, standing
 from tca_wire.points import ROOT, Interval, TaskId
 
 SHOWN_AT_MOST = 800

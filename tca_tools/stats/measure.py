@@ -10,8 +10,8 @@ from operator import itemgetter
 from tca_tools.analysis.resources import Busy, Key, busy
 from tca_tools.analysis.spans import Span
 from tca_tools.analysis.summary import span_of
-from tca_tools.past import Past
-from tca_tools.records import OVER, Handling, Message, State, Task
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, Handling, Message, State, Task
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 

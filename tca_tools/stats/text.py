@@ -6,8 +6,8 @@ from itertools import accumulate, compress
 from tca_tools.analysis.words import counted, seconds
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
 from tca_tools.terminal import columns_of, cut, padded
-from tca_wire.lines import printable
-from tca_wire.wording import place
+from tca_wire.text.facts_in_words import place
+from tca_wire.text.printable import printable
 
 _NO_HANDLER = "(no handler)"
 _WIDTH = 100

@@ -4,20 +4,20 @@ from pathlib import Path
 
 import click
 
-from tca_tools.folding import folded
-from tca_tools.history import History
-from tca_tools.logs import open_log
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output
-from tca_tools.selection import Forest, check_modules, one_message, part_of, tasks_called
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.folding import folded
+from tca_tools.run.journals import open_log
+from tca_tools.run.selection import Forest, check_modules, one_message, part_of, tasks_called
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.files import KINDS, LAYOUTS, write_tree
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, cut_off, outline, whole_outline
 from tca_tools.tasktree_viz.text import ASCII, UNICODE, tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.terminal import can_show, cut, line_width
-from tca_tools.then import Then
-from tca_wire.lines import printable
+from tca_wire.text.printable import printable
 
 _DRAWN, _MOST_DRAWN = 120, 300
 """A picture of a large tree shows so many tasks if that can be chosen, and never more rows than the second."""

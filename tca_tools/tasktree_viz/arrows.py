@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from tca_tools.analysis.words import seconds
-from tca_tools.then import Then
+from tca_tools.run.at_time import Then
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
 

@@ -9,16 +9,16 @@ from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
 
-from tca_tools.coping import HANDLED, STANDINGS, WATCHING
-from tca_tools.records import State
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import cut
-from tca_tools.then import TaskThen, Then
-from tca_tools.whereabouts import listed
-from tca_wire.lines import printable
+from tca_tools.why.coping import HANDLED, STANDINGS, WATCHING
+from tca_tools.why.whereabouts import listed
 from tca_wire.points import Interval
+from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Role
 
 FILLS: dict[str, str] = {

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-from tca_tools.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
-from tca_tools.deciding import called_for, decider, is_planned
-from tca_tools.past import Past
-from tca_tools.records import OVER, Message, State, Task
-from tca_tools.selection import lineage, subtree
-from tca_tools.story import exhausted, retried
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, Message, State, Task
+from tca_tools.run.selection import lineage, subtree
 from tca_tools.tasktree_viz.out_of_time import out_of_time
-from tca_tools.then import Then
+from tca_tools.why.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
+from tca_tools.why.deciding import called_for, decider, is_planned
+from tca_tools.why.story import exhausted, retried
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import CENTRAL, Outcome
 

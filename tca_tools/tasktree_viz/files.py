@@ -5,16 +5,16 @@ from pathlib import Path
 
 import click
 
+from tca_tools.drawing.page import zoomed_page
+from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
 from tca_tools.output import made_for, write_output
-from tca_tools.page import zoomed_page
-from tca_tools.pictures import converted
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.picture import drawn
 from tca_tools.tasktree_viz.text import Guides, tree_lines
-from tca_tools.then import Then
 
 KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 LAYOUTS = ("auto", "figure", "outline")

@@ -3,19 +3,19 @@
 from collections.abc import Iterator
 from math import nextafter
 
-from tca_tools.ages import age
 from tca_tools.analysis.words import seconds
-from tca_tools.ends import Ends, last_of
-from tca_tools.leads import Kind
-from tca_tools.past import Past
-from tca_tools.records import Message
-from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import waits_how, why_waiting
-from tca_tools.whereabouts import NAMED
-from tca_wire.failures import TIMEOUT
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Message
+from tca_tools.why.ages import age
+from tca_tools.why.ends import Ends, last_of
+from tca_tools.why.leads import Kind
+from tca_tools.why.waiting import waits_how, why_waiting
+from tca_tools.why.whereabouts import NAMED
+from tca_wire.messages.failures import TIMEOUT
 from tca_wire.points import TaskId
+from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.vocabulary import MessageClass
-from tca_wire.wording import by_whom, place
 
 _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
-from tca_tools.records import State
-from tca_tools.selection import Forest
-from tca_tools.then import TaskThen
+from tca_tools.run.at_time import TaskThen
+from tca_tools.run.records import State
+from tca_tools.run.selection import Forest
 from tca_wire.points import ROOT, TaskId
 
 SHOWN_AT_MOST = 300

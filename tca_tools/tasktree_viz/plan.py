@@ -6,16 +6,16 @@ For trees that are too wide to be drawn as a figure: this one grows downwards on
 from dataclasses import dataclass, field
 from textwrap import wrap
 
-from tca_tools.records import State
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, Arrows
 from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
-from tca_tools.then import TaskThen, Then
-from tca_tools.whereabouts import listed
-from tca_wire.lines import printable
+from tca_tools.why.whereabouts import listed
 from tca_wire.points import Interval
+from tca_wire.text.printable import printable
 
 INDENT, DEEPEST = 22.0, 420.0
 """Pixels: of a level and, as many levels as there are, of all together."""

@@ -5,19 +5,19 @@ from textwrap import wrap
 
 import click
 
-from tca_tools.coping import standing
-from tca_tools.ends import in_the_end
-from tca_tools.past import Past
-from tca_tools.records import Message, Task
-from tca_tools.selection import lineage
-from tca_tools.story import story
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Message, Task
+from tca_tools.run.selection import lineage
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
 from tca_tools.terminal import columns_of, cut
-from tca_tools.then import Then
-from tca_wire.lines import printable
+from tca_tools.why.coping import standing
+from tca_tools.why.ends import in_the_end
+from tca_tools.why.story import story
 from tca_wire.points import TaskId
+from tca_wire.text.printable import printable
 
 _WIDTH_OF_FILE = 120
 _NARROWEST, _NARROW = 20, 50

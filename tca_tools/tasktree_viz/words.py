@@ -6,20 +6,20 @@ from collections.abc import Iterator
 from textwrap import wrap
 from typing import NamedTuple
 
-from tca_tools.ages import Age, age
 from tca_tools.analysis.words import seconds
-from tca_tools.coping import STANDINGS
 from tca_tools.data import data_text
-from tca_tools.ends import last_of
-from tca_tools.records import OVER, State
-from tca_tools.selection import Forest
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.records import OVER, State
+from tca_tools.run.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut
-from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import coming, dealing, waits_how, why_waiting
-from tca_wire.lines import printable
+from tca_tools.why.ages import Age, age
+from tca_tools.why.coping import STANDINGS
+from tca_tools.why.ends import last_of
+from tca_tools.why.waiting import coming, dealing, waits_how, why_waiting
 from tca_wire.points import Edge, Interval, TaskId, moment_of
-from tca_wire.wording import by_whom
+from tca_wire.text.facts_in_words import by_whom
+from tca_wire.text.printable import printable
 
 _LONGEST_FAILURE = 200
 _WAITS, _THEN, _IN_THE_END = "waits ", "; ", "in the end "

@@ -9,7 +9,7 @@ from types import FrameType
 import click
 
 from tca_tools.errors import ToolError
-from tca_tools.logs import open_log
+from tca_tools.run.journals import open_log
 
 _LOCAL = "127.0.0.1"
 

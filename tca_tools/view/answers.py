@@ -5,25 +5,25 @@ from dataclasses import asdict
 from time import monotonic, sleep
 from typing import Any
 
-from tca_tools.ages import age
 from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
-from tca_tools.coping import Fate, coped_with, fate, told_to
 from tca_tools.data import data_text
-from tca_tools.ends import Count, Ends, in_the_end
-from tca_tools.past import Past
-from tca_tools.records import OVER, Hold, Message, State, Task
-from tca_tools.story import Sentence, sender_of, story
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, Hold, Message, State, Task
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_tools.then import TaskThen, Then
 from tca_tools.view.reading import Reading
-from tca_tools.waiting import coming, held_above, waits_how, why_waiting
-from tca_wire.facts import kind_of
-from tca_wire.lines import printable_lines
+from tca_tools.why.ages import age
+from tca_tools.why.coping import Fate, coped_with, fate, told_to
+from tca_tools.why.ends import Count, Ends, in_the_end
+from tca_tools.why.story import Sentence, sender_of, story
+from tca_tools.why.waiting import coming, held_above, waits_how, why_waiting
+from tca_wire.journal.facts import kind_of
 from tca_wire.points import Interval, TaskId, describe_moments
-from tca_wire.wording import Wording, subject_of
+from tca_wire.text.facts_in_words import Wording, subject_of
+from tca_wire.text.printable import printable_lines
 
 _MOST_LINES = 200
 _MOST_NOTES = 500

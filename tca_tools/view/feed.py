@@ -9,17 +9,17 @@ from enum import IntEnum, IntFlag
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.coping import WATCHING, Failing, failing, watches
 from tca_tools.gantt.bars import NO_HANDLER
 from tca_tools.gantt.colours import dark
-from tca_tools.history import History
-from tca_tools.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.run.fold import History
+from tca_tools.run.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
-from tca_wire.facts import Entry, Failed, Killed, Received
+from tca_tools.why.coping import WATCHING, Failing, failing, watches
+from tca_wire.journal.facts import Entry, Failed, Killed, Received
+from tca_wire.text.facts_in_words import by_whom, kill_reason, place
 from tca_wire.vocabulary import Outcome, Role
-from tca_wire.wording import by_whom, kill_reason, place
 
 _LONGEST_SAID = 300
 STATES: list[str] = [*State, WATCHING]

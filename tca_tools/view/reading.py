@@ -11,12 +11,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from tca_tools.errors import ToolError, UnusableLog
-from tca_tools.logs import Log, Place
-from tca_tools.then import Then
+from tca_tools.run.at_time import Then
+from tca_tools.run.journals import Log, Place
 from tca_tools.view.feed import Feed
 from tca_wire.errors import JournalDamaged
-from tca_wire.facts import Closed, Entry
-from tca_wire.journal import JournalReader
+from tca_wire.journal.facts import Closed, Entry
+from tca_wire.journal.records import JournalReader
 
 _AT_ONCE = 2000
 """Entries that are taken in while nobody can look."""

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
-from tca_tools.coping import Failing, hinges, went_on
-from tca_tools.past import Past
+from tca_tools.run.past import Past
+from tca_tools.why.coping import Failing, hinges, went_on
 
 
 class Verdicts:

@@ -25,8 +25,8 @@ from robots.ambler_sim.task_manager import make_module as make_task_manager
 from robots.ambler_sim.vocabulary import BodyMove, Readings
 from tca_module import Client, TaskFailed, connect
 from tca_module.testing import LocalCentral
-from tca_tools.history import History
-from tca_wire.facts import Received
+from tca_tools.run.fold import History
+from tca_wire.journal.facts import Received
 
 WALKERS = (
     "task_manager",

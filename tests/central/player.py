@@ -7,13 +7,13 @@ import msgspec
 from tca_central.core import Central
 from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Received, Record, Tick, Transmit
 from tca_central.invariants import check_invariants
-from tca_wire import headers
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.facts import Entry
-from tca_wire.notices import NOTICES
-from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.journal.facts import Entry
+from tca_wire.messages.notices import NOTICES
+from tca_wire.packets import headers
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.routes import Entrance
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.routes import Entrance
 from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'

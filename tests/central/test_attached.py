@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 from central.transcript import Transcript
 
-from tca_central import status
-from tca_wire import facts, headers
-from tca_wire.parts import WatchOptions
+from tca_central.status import topics as status
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import TaskId
 
 

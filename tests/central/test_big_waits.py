@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from central.player import Player, point
 
-from tca_central import deadlocks
+from tca_central.deadlock import resolve as deadlocks
+from tca_central.deadlock.search import Search
 from tca_central.events import Effect
-from tca_central.stuck import Search
-from tca_wire import headers
 from tca_wire.constraints import Flags
-from tca_wire.facts import RequestRefused
+from tca_wire.journal.facts import RequestRefused
+from tca_wire.packets import headers
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 

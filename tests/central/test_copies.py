@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tools.runs import OPENED, checked
 
-from tca_wire import facts, headers
 from tca_wire.constraints import Flags
-from tca_wire.parts import HandlerFormat
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.parts import HandlerFormat
 
 
 @pytest.fixture

@@ -4,11 +4,11 @@ import pytest
 from central.player import Player, point
 from central.test_load import resource, waits
 
-from tca_central.load import load
-from tca_wire import headers
+from tca_central.status.load import load
 from tca_wire.constraints import Flags
-from tca_wire.facts import Awaited, Dropped, RequestRefused
-from tca_wire.headers import Answer
+from tca_wire.journal.facts import Awaited, Dropped, RequestRefused
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer
 from tca_wire.points import Moment, TaskId
 
 

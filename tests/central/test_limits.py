@@ -3,13 +3,16 @@
 import pytest
 from central.player import ANY, Player, before, point
 
-from tca_central import claims, dispatcher, keeping, registry
-from tca_central.failures import LONGEST_TEXT
+from tca_central.control import keeping
+from tca_central.failing.failures import LONGEST_TEXT
 from tca_central.invariants import check_invariants
-from tca_wire import headers
+from tca_central.locks import claims
+from tca_central.model import registry
+from tca_central.order import dispatcher
 from tca_wire.constraints import Flags
-from tca_wire.facts import Killed
-from tca_wire.parts import Attachment, HandlerFormat, MessageFormat
+from tca_wire.journal.facts import Killed
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Limit, MessageClass, Refusal, Scope
 

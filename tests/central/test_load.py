@@ -4,11 +4,11 @@ from typing import Any
 
 from central.player import Player
 
-from tca_central.load import SHOWN_WAITS, load
-from tca_wire import headers
+from tca_central.status.load import SHOWN_WAITS, load
 from tca_wire.constraints import Constraint, Flags
+from tca_wire.packets import headers
+from tca_wire.packets.routes import Note, Noted
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.routes import Note, Noted
 from tca_wire.vocabulary import Outcome
 
 

@@ -3,10 +3,10 @@
 import pytest
 from central.player import ANY, Player
 
-from tca_wire import headers
-from tca_wire.headers import Refused
-from tca_wire.notices import MODULE_LEFT, NOTICES
-from tca_wire.parts import MessageFormat
+from tca_wire.messages.notices import MODULE_LEFT, NOTICES
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Refused
+from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass
 
 

@@ -6,9 +6,9 @@ import pytest
 from central.player import Player
 
 from tca_central.events import ConnectionId
-from tca_central.pulses import LATE, Pulses
-from tca_central.registry import Connection, Module
-from tca_wire.headers import PROTOCOL_VERSION, Hello, Refused
+from tca_central.model.registry import Connection, Module
+from tca_central.shell.pulses import LATE, Pulses
+from tca_wire.packets.headers import PROTOCOL_VERSION, Hello, Refused
 from tca_wire.vocabulary import Limit, Refusal
 
 NUMBERS = count(1)

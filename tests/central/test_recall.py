@@ -2,8 +2,8 @@
 
 from central.player import Player
 
-from tca_wire import facts
-from tca_wire.headers import Accepted, Kill
+from tca_wire.journal import facts
+from tca_wire.packets.headers import Accepted, Kill
 from tca_wire.points import ROOT
 
 

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from central.player import Player
 
-from tca_wire import headers
-from tca_wire.facts import HandledDirectly, LostDirectly
-from tca_wire.parts import HandlerFormat
-from tca_wire.routes import Entrance, EntranceGone, Loss, Note, Noted, Route, WatchEntrance
+from tca_wire.journal.facts import HandledDirectly, LostDirectly
+from tca_wire.packets import headers
+from tca_wire.packets.parts import HandlerFormat
+from tca_wire.packets.routes import Entrance, EntranceGone, Loss, Note, Noted, Route, WatchEntrance
 from tca_wire.vocabulary import Condition, Outcome, Refusal
 
 

@@ -2,7 +2,7 @@
 
 from central.player import Player
 
-from tca_wire import headers
+from tca_wire.packets import headers
 from tca_wire.points import TaskId
 
 

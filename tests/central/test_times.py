@@ -3,10 +3,10 @@
 import pytest
 from central.player import Player
 
-from tca_central.clock import Due
 from tca_central.events import Tick
-from tca_wire.headers import Register
-from tca_wire.parts import MessageFormat, WatchOptions
+from tca_central.model.clock import Due
+from tca_wire.packets.headers import Register
+from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.vocabulary import MessageClass
 
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import pytest
 from central.player import Player
 
-from tca_wire import headers
-from tca_wire.facts import Ignored, RequestRefused
-from tca_wire.headers import PROTOCOL_VERSION
+from tca_wire.journal.facts import Ignored, RequestRefused
+from tca_wire.packets import headers
+from tca_wire.packets.headers import PROTOCOL_VERSION
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Refusal
 

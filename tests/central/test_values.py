@@ -4,11 +4,11 @@ import msgspec
 import pytest
 from central.player import Player
 
-from tca_central import variables
-from tca_wire import headers
-from tca_wire.facts import Dropped
-from tca_wire.headers import Answer
-from tca_wire.parts import MessageFormat
+from tca_central.model import variables
+from tca_wire.journal.facts import Dropped
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer
+from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import MessageClass, Refusal
 
 

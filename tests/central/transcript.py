@@ -38,10 +38,10 @@ from central.transcript_words import (
     read_watch,
 )
 
-from tca_central.holds import held_counts
-from tca_wire import headers
+from tca_central.order.holds import held_counts
 from tca_wire.constraints import Flags
-from tca_wire.parts import MessageFormat
+from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import TaskId, describe_moments
 from tca_wire.vocabulary import Condition, MessageClass, Scope
 

@@ -5,14 +5,14 @@ from typing import Any
 
 import msgspec
 
-from tca_wire import facts
 from tca_wire.constraints import Constraint
-from tca_wire.facts import kind_of
-from tca_wire.notices import NOTICES
-from tca_wire.parts import Attachment, WatchOptions
+from tca_wire.journal import facts
+from tca_wire.journal.facts import kind_of
+from tca_wire.messages.notices import NOTICES
+from tca_wire.packets.parts import Attachment, WatchOptions
 from tca_wire.points import ROOT, THIS, Moment, Point, TaskId, describe_moments
+from tca_wire.text.facts_in_words import fields_of
 from tca_wire.vocabulary import CENTRAL
-from tca_wire.wording import fields_of
 
 
 def read_point(text: str) -> Point:

@@ -20,8 +20,8 @@ from tca_explorer import (
     report,
 )
 from tca_module import ExceptionHandler
-from tca_module.task_handle import TaskHandle
-from tca_wire.declarations import Message
+from tca_module.sending.task_handle import TaskHandle
+from tca_wire.messages.declarations import Message
 
 HELP: ExceptionHandler[None] = ExceptionHandler("help")
 

@@ -5,8 +5,8 @@ from typing import Any
 from explorer.scenarios import REST, SLIPPED, STEP, WALK
 
 from tca_explorer import Property, Scenario, Script, Task
-from tca_wire.controls import ExceptionHandler, PollingMonitor
-from tca_wire.declarations import Command, Query
+from tca_wire.messages.controls import ExceptionHandler, PollingMonitor
+from tca_wire.messages.declarations import Command, Query
 from tca_wire.vocabulary import Condition
 
 HIGHER, REPLAN = ExceptionHandler("higher"), ExceptionHandler("replan")

@@ -3,7 +3,7 @@
 from typing import Any
 
 from tca_explorer import Property, Scenario, Script, Task
-from tca_wire.declarations import Command, Failure, Goal, Inform, MultiQuery, Query
+from tca_wire.messages.declarations import Command, Failure, Goal, Inform, MultiQuery, Query
 
 WALK: Goal[Any] = Goal("walk", Any)
 REST: Goal[Any] = Goal("rest", Any)

@@ -15,7 +15,7 @@ from tca_explorer import Result, World, achieved, always, at_most, before, begun
 from tca_explorer.fold import Fold
 from tca_module import connect
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Received
+from tca_wire.journal.facts import Received
 from tca_wire.points import Moment
 
 Orders = set[tuple[str, str, tuple[Any, ...]]]

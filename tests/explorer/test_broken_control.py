@@ -21,13 +21,18 @@ from explorer.scenarios import REST, SLIPPED, STEP, WALK
 from explorer.test_steering import parting, retried_while_running, walk_is_over
 from msgspec.structs import replace
 
-from tca_central import control, failures, joining, monitors, taps, waits
-from tca_central.agenda import Agenda
-from tca_central.clock import Clock
+from tca_central.control import kills_and_suspension as control
+from tca_central.control import monitors
 from tca_central.core import HANDLERS
-from tca_central.holds import Holds
+from tca_central.failing import failures
+from tca_central.model.clock import Clock
+from tca_central.order.agenda import Agenda
+from tca_central.order.holds import Holds
+from tca_central.requests import joining
+from tca_central.requests import waiting as waits
 from tca_central.state import Recovery
-from tca_central.watching import Watch
+from tca_central.watching import taps
+from tca_central.watching.watches import Watch
 from tca_explorer import (
     Result,
     Scenario,
@@ -50,8 +55,8 @@ from tca_explorer import (
     sent,
 )
 from tca_module import Condition
-from tca_wire.headers import Send
-from tca_wire.parts import WatchOptions
+from tca_wire.packets.headers import Send
+from tca_wire.packets.parts import WatchOptions
 
 Patch = pytest.MonkeyPatch
 

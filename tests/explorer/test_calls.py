@@ -27,8 +27,8 @@ from tca_explorer import (
 )
 from tca_module import Condition, Refused, TaskFailed, TaskKilled, Timeout, this
 from tca_module import Task as ModuleTask
-from tca_wire.controls import DemonMonitor, PointMonitor
-from tca_wire.declarations import Command, Variable
+from tca_wire.messages.controls import DemonMonitor, PointMonitor
+from tca_wire.messages.declarations import Command, Variable
 from tca_wire.vocabulary import Outcome, Scope
 
 ROCKS = DemonMonitor("rocks", set_up=LIFT, action=NOTE)

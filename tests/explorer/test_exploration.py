@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from explorer.scenarios import NOTE, REST, STEP, WALK, WHERE, walking
 
-from tca_central.resources import Queue
+from tca_central.model.resources import Queue
 from tca_explorer import (
     Property,
     Scenario,
@@ -27,7 +27,7 @@ from tca_explorer import (
 from tca_explorer.play import Play
 from tca_explorer.snapshot import Snapshots
 from tca_module import TaskFailed, TaskKilled
-from tca_wire.declarations import Command
+from tca_wire.messages.declarations import Command
 
 
 def strangers(*properties: Property, names: tuple[str, str] = ("one", "other")) -> Scenario:

@@ -22,24 +22,24 @@ from explorer.recoveries import (
 from explorer.scenarios import HEIGHTS, NOTE, SLIPPED, STEP, WALK, WHERE, walking
 from sampling import one_in
 
-from tca_central.clock import Due
-from tca_central.control import Ending
+from tca_central.control.kills_and_suspension import Ending
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.holds import Release
-from tca_central.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
-from tca_central.resources import Claim
+from tca_central.model.clock import Due
+from tca_central.model.registry import Connection, Delivery, MessageType, Module, ModuleResource, Registry
+from tca_central.model.resources import Claim
+from tca_central.model.task_tree import Rare, Siblings, TaskTree
+from tca_central.order.holds import Release
 from tca_central.state import Recovery
-from tca_central.task_tree import Rare, Siblings, TaskTree
-from tca_central.watching import Watch
+from tca_central.watching.watches import Watch
 from tca_explorer import Scenario, Script, Task
 from tca_explorer.fingerprint import IGNORED, SPECIAL, Detail, fingerprint, recognised
 from tca_explorer.play import Action, Kind, Play
 from tca_explorer.snapshot import Snapshots
 from tca_explorer.world import Name, World
 from tca_module import Condition, QueryFailed, Refused, Timeout, this
-from tca_wire.declarations import Variable
-from tca_wire.parts import WatchOptions
+from tca_wire.messages.declarations import Variable
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.vocabulary import Scope
 
 Path = tuple[Action, ...]

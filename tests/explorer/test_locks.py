@@ -3,7 +3,7 @@
 import pytest
 from explorer.scenarios import REST, STEP, WALK
 
-from tca_central.resources import Resource
+from tca_central.model.resources import Resource
 from tca_explorer import (
     Property,
     Result,
@@ -18,7 +18,7 @@ from tca_explorer import (
     never_stuck,
     report,
 )
-from tca_wire.declarations import Command
+from tca_wire.messages.declarations import Command
 
 GRIP = Command("grip")
 

@@ -30,7 +30,7 @@ from tca_explorer import (
     within,
 )
 from tca_module import Condition, Module, Variable
-from tca_wire.declarations import Command
+from tca_wire.messages.declarations import Command
 
 POSITION: Variable[int] = Variable("position", int)
 

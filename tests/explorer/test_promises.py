@@ -6,7 +6,7 @@ import pytest
 
 from tca_explorer.fold import Fold
 from tca_wire.constraints import Constraint
-from tca_wire.facts import (
+from tca_wire.journal.facts import (
     Claimed,
     ClaimEnded,
     Constrained,

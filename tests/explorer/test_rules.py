@@ -8,11 +8,11 @@ import pytest
 from explorer.recoveries import HIGHER, helped
 from explorer.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, walking
 
-from tca_central.agenda import Agenda
-from tca_central.dispatcher import Dispatcher
-from tca_central.holds import Holds
-from tca_central.registry import ModuleResource
-from tca_central.task_tree import Task as LiveTask
+from tca_central.model.registry import ModuleResource
+from tca_central.model.task_tree import Task as LiveTask
+from tca_central.order.agenda import Agenda
+from tca_central.order.dispatcher import Dispatcher
+from tca_central.order.holds import Holds
 from tca_explorer import (
     Result,
     Scenario,
@@ -272,7 +272,7 @@ def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over() -
 
 
 def test_an_exception_handler_that_is_not_passed_over_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_central.failures.pass_over", lambda _central, _handler: None)
+    monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
     result = explore(helped(*ALL_ENDS))
     assert result.violation is not None
     assert "nobody handles 'higher', and the search does not go on" in result.violation.why

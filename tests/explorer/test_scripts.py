@@ -26,7 +26,7 @@ from tca_explorer import (
 from tca_explorer.link import Link
 from tca_module import QueryFailed, Refused
 from tca_wire.constraints import sequential_achievement
-from tca_wire.declarations import Command, Goal
+from tca_wire.messages.declarations import Command, Goal
 from tca_wire.points import THIS
 from tca_wire.vocabulary import Refusal
 

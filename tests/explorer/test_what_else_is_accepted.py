@@ -32,7 +32,7 @@ from tca_explorer import (
     within,
 )
 from tca_module import Condition, this
-from tca_wire.controls import DemonMonitor, PointMonitor
+from tca_wire.messages.controls import DemonMonitor, PointMonitor
 from tca_wire.points import Moment
 
 ROCKS = DemonMonitor("rocks", set_up=REST, action=NOTE)

@@ -16,7 +16,7 @@ from sampling import one_in
 
 from tca_explorer import Scenario, Script, Seen, Task, World, accepted, before, begun, within
 from tca_module import Scope
-from tca_module.task_handle import TaskHandle
+from tca_module.sending.task_handle import TaskHandle
 
 
 class Request(NamedTuple):

@@ -27,7 +27,7 @@ from tca_explorer import (
     within,
 )
 from tca_module import QueryFailed, Refused, Timeout
-from tca_wire.declarations import Broadcast, Variable
+from tca_wire.messages.declarations import Broadcast, Variable
 
 ALARM: Broadcast[Any] = Broadcast("alarm", Any)
 POSITION: Variable[int] = Variable("position", int)

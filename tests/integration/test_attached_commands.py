@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MOVE, SAY_MOVE, SOON, WALK, tca
 
-from tca_central.status import SHOWN_TASKS
+from tca_central.status.topics import SHOWN_TASKS
+from tca_live.questions import attached
+from tca_live.tasks import detach
 from tca_module import Client, Condition, Refused, connect
-from tca_module.commands import attached
-from tca_module.task_commands import detach
-from tca_tools.logs import open_log
-from tca_wire import facts
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 

@@ -27,10 +27,11 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_tools.history import History
-from tca_tools.logs import open_log
-from tca_wire import codec, facts, headers
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 from tca_wire.endpoint import default_journals
+from tca_wire.journal import facts
+from tca_wire.packets import codec, headers
 
 pytestmark = pytest.mark.slow
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from integration.commanded import FELL, FIX, LATER, LOOK, MODE, POSE, SILENT, SOON, TICK, WALK, WHERE, Pose, tca
 
+from tca_live.messages import get_variable, query, send, set_variable
+from tca_live.questions import modules, status
+from tca_live.tasks import kill, raise_failure, resume, suspend, unlock
 from tca_module import Client, MultiQuery, Outcome, connect
-from tca_module.commands import modules, status
-from tca_module.message_commands import get_variable, query, send, set_variable
-from tca_module.task_commands import kill, raise_failure, resume, suspend, unlock
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
@@ -278,7 +278,7 @@ def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
 def test_without_central_each_says_so_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nowhere = f"ipc://{tmp_path}/nowhere.sock"
     monkeypatch.setenv("TCA_CENTRAL", nowhere)
-    monkeypatch.setattr("tca_module.command_parts._PATIENCE", 0.2)
+    monkeypatch.setattr("tca_live.shared._PATIENCE", 0.2)
     advice = "start it with 'tca central', or set $TCA_CENTRAL to where it listens\n"
     for command in (send, query, get_variable, set_variable, kill, suspend, resume):
         assert tca(command, "x") == (1, "", f"central at {nowhere} does not answer: {advice}")

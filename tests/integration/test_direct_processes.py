@@ -9,8 +9,8 @@ import pytest
 from integration.programs import Central, central, program, tca
 
 from tca_module import CentralLost, Client, PendingReply, Query, QueryFailed, connect
-from tca_tools.history import History
-from tca_tools.logs import open_log
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 
 pytestmark = pytest.mark.slow
 

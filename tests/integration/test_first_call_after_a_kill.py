@@ -9,8 +9,8 @@ import pytest
 from integration.programs import central
 
 from tca_module import CentralLost, Client, Command, Query, Variable, connect
-from tca_tools.logs import open_log
-from tca_wire import facts
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
 
 WORK, UNHEARD = Command("work", int), Command("unheard of", int)
 LEVEL, WHERE = Variable("level", int), Query("where", reply=int)

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from integration.programs import Central
 
-from tca_central import journal_writer
 from tca_central.errors import CentralError
-from tca_central.journal_writer import JournalWriter, Sync
+from tca_central.shell import journal_writer
+from tca_central.shell.journal_writer import JournalWriter, Sync
 from tca_module import Client, Inform, TcaError, connect
-from tca_tools.logs import open_log
-from tca_wire.facts import Closed, Dropped, Entry, Opened
+from tca_tools.run.journals import open_log
+from tca_wire.journal.facts import Closed, Dropped, Entry, Opened
 
 NOTE = Inform("note", bytes)
 

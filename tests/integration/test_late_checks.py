@@ -9,8 +9,8 @@ from integration.programs import Central, central, program
 from tools.runs import checked
 
 from tca_module import CentralLost, Command, Outcome, connect
-from tca_tools.logs import open_log
-from tca_wire import facts
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
 
 MOVE = Command("move", int)
 CHECK = Command("check", int)

@@ -7,9 +7,10 @@ import pytest
 from integration.programs import central, program
 
 from tca_module import CentralLost, Client, Command, Goal, Outcome, Query, TaskRef, connect
-from tca_tools.logs import open_log
-from tca_wire import facts, headers
+from tca_tools.run.journals import open_log
 from tca_wire.constraints import Flags
+from tca_wire.journal import facts
+from tca_wire.packets import headers
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import pytest
 from integration.programs import central
 
 from tca_tools.errors import UnusableLog
-from tca_tools.logs import newest_journal
+from tca_tools.run.journals import newest_journal
 
 
 def test_tools_find_the_newest_run_wherever_its_journal_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,8 @@ import pytest
 from integration.programs import central
 
 from tca_module import CentralLost, Client, Command, Condition, Inform, TaskRef, connect
-from tca_tools.logs import open_log
-from tca_wire import facts, facts_of_watching
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts, facts_of_watching
 
 WORK, NOTE = Command("work", int), Inform("note")
 

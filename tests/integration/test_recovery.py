@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import pytest
 
-from tca_tools.history import History
-from tca_tools.logs import open_log
-from tca_tools.records import State, Task
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
+from tca_tools.run.records import State, Task
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome, Role
 

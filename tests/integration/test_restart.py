@@ -11,8 +11,8 @@ import pytest
 from integration.programs import Central, central, program
 
 from tca_module import CentralLost, Client, Command, Outcome, connect
-from tca_tools.logs import open_log
-from tca_wire import facts
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
 
 MOVE = Command("move", int)
 CHECK = Command("check", int)

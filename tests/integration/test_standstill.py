@@ -7,8 +7,8 @@ import pytest
 from integration.programs import central
 
 from tca_module import CentralLost, Command, Outcome, Variable, connect
-from tca_tools.logs import open_log
-from tca_wire import facts
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
 
 pytestmark = pytest.mark.slow
 

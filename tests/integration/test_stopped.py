@@ -14,8 +14,9 @@ from integration.programs import Central, central, program, run
 from module.real_central import until
 
 from tca_module import CentralLost, Command, Module, MultiQuery, Outcome, Query, TaskFailed, Timeout, connect
-from tca_tools.logs import open_log
-from tca_wire import codec, facts, headers
+from tca_tools.run.journals import open_log
+from tca_wire.journal import facts
+from tca_wire.packets import codec, headers
 
 STEP, LOOK, LOAD = Command("step"), Query("look", reply=str), Command("load", float)
 VIEWS = MultiQuery("views", reply=str)

@@ -46,7 +46,7 @@ class Terminal:
         self.slave = slave
         self.seen = ""
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "tca_module.top", *(("--central", address) if address else ()), *options],
+            [sys.executable, "-m", "tca_live.top", *(("--central", address) if address else ()), *options],
             stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
             env={**os.environ, "TERM": "xterm-256color"} | dict.fromkeys(("COLUMNS", "LINES"), ""),
         )  # fmt: skip
@@ -135,10 +135,10 @@ def test_the_address_that_was_tried_is_named(tmp_path: Path, monkeypatch: pytest
 
 
 def test_one_frame_for_scripts(address: str) -> None:
-    told = json.loads(run("tca_module.top", "--once", "--json", TCA_CENTRAL=address).stdout)
+    told = json.loads(run("tca_live.top", "--once", "--json", TCA_CENTRAL=address).stdout)
     assert {line["module"] for line in told["resources"]} == {"legs", "map"}
     assert {line["message"] for line in told["messages"]} == {"step", "where"}
-    shown = run("tca_module.top", "--once", TCA_CENTRAL=address, COLUMNS="100")
+    shown = run("tca_live.top", "--once", TCA_CENTRAL=address, COLUMNS="100")
     assert shown.returncode == 0
     assert "rates of the whole run" in shown.stdout
     assert "\x1b" not in shown.stdout
@@ -151,6 +151,6 @@ def test_wrong_usage_is_one_line(address: str, tmp_path: Path) -> None:
         ((), 2, "tca top needs a terminal: ask for --once"),
         (("--once", "--central", f"ipc://{tmp_path}/nobody"), 1, "does not answer"),
     ):
-        ended = run("tca_module.top", *options, TCA_CENTRAL=address)
+        ended = run("tca_live.top", *options, TCA_CENTRAL=address)
         assert ended.returncode == code
         assert why in ended.stderr

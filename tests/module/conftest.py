@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import pytest
 from module.robot import Robot
 
-from tca_module import Client, Module, connect, connection, keeper, module, session
+from tca_module import Client, Module, connect, module
+from tca_module.link import connection, session
+from tca_module.link import keepalive as keeper
 from tca_module.testing import LocalCentral
 
 

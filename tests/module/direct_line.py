@@ -3,12 +3,12 @@
 import logging
 from collections import deque
 
-from tca_module.direct_inbox import Inbox
-from tca_module.direct_path import Path
-from tca_module.notes import Notes
-from tca_module.request import Request
-from tca_wire.headers import Reply, Send
-from tca_wire.routes import Entrance
+from tca_module.direct.inbox import Inbox
+from tca_module.direct.notes import Notes
+from tca_module.direct.path import Path
+from tca_module.link.request import Request
+from tca_wire.packets.headers import Reply, Send
+from tca_wire.packets.routes import Entrance
 
 KEY = "key"
 

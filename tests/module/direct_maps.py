@@ -10,7 +10,7 @@ from tca_module import (
     Module,
     Query,
 )
-from tca_wire.facts import Delivered, HandledDirectly, LostDirectly
+from tca_wire.journal.facts import Delivered, HandledDirectly, LostDirectly
 
 HEIGHT = Query("height", float, reply=float)
 DEPTH = Query("depth", float, reply=float)

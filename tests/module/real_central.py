@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from tca_central.core import Central
 from tca_central.events import Effect, Event, Record
-from tca_central.server import Server
+from tca_central.shell.server import Server
 
 SOON = 10.0
 

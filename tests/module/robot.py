@@ -7,7 +7,7 @@ from module.gait_messages import MOVE_LEG, Footfall
 
 from tca_module import Module, Task
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Reached, Received
+from tca_wire.journal.facts import Reached, Received
 from tca_wire.points import Moment
 
 

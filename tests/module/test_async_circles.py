@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from module.real_central import RealCentral, until
 
-from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed, awaiting, connect
+from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed, connect
+from tca_module.serving import awaiting
 from tca_module.testing import LocalCentral
-from tca_wire.facts import RequestRefused
+from tca_wire.journal.facts import RequestRefused
 
 DRAW, MAP = Command("draw"), Command("map")
 LOOK, WHERE = Query("look", reply=int), Query("where", reply=int)

@@ -11,7 +11,7 @@ from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, STOP
 
 from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, Task, TaskFailed, TaskKilled
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Failed, Received, Returned
+from tca_wire.journal.facts import Failed, Received, Returned
 
 SOON = 5.0
 

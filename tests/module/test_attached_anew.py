@@ -21,10 +21,10 @@ from tca_module import (
     Refused,
     Task,
     connect,
-    renewal,
 )
+from tca_module.link import renewal
 from tca_module.testing import LocalCentral
-from tca_wire import facts
+from tca_wire.journal import facts
 
 pytestmark = pytest.mark.usefixtures("attentive")
 

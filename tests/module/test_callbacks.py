@@ -9,10 +9,10 @@ import pytest
 from module.gait_messages import MOVE_LEG, STANCE, TEMPERATURE, Footfall
 
 from tca_module import Callback, Client, MisuseError, Module, Task
-from tca_module.callbacks import Callbacks
-from tca_module.connection import Connection
+from tca_module.link.connection import Connection
+from tca_module.serving.callbacks import Callbacks
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Received
+from tca_wire.journal.facts import Received
 
 SOON = 5.0
 

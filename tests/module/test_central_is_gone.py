@@ -4,10 +4,10 @@ import pytest
 from module.test_connection import connected, friendly
 
 from tca_module.errors import CentralLost, Timeout
-from tca_module.session import QUIET
-from tca_module.task_handle import TaskHandle
-from tca_wire import headers
-from tca_wire.headers import (
+from tca_module.link.session import QUIET
+from tca_module.sending.task_handle import TaskHandle
+from tca_wire.packets import headers
+from tca_wire.packets.headers import (
     Deliver,
     Hello,
     Register,

@@ -19,7 +19,7 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral
-from tca_wire import facts
+from tca_wire.journal import facts
 
 MOVE = Command("move", int)
 WHERE = Query("where", reply=int)

@@ -7,7 +7,7 @@ from module.real_central import RealCentral, until
 
 from tca_module import Client, Command, ExceptionHandler, Failure, Module, PollingMonitor, Query, Task, connect
 from tca_module.testing import LocalCentral
-from tca_wire.facts import MonitorTested
+from tca_wire.journal.facts import MonitorTested
 
 pytestmark = pytest.mark.usefixtures("attentive")
 

@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 import pytest
 
-from tca_module.connection import Connection
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
-from tca_module.session import Session
-from tca_module.transport import Waker
-from tca_wire import headers
-from tca_wire.codec import pack, unpack_to_central
-from tca_wire.declarations import Goal
-from tca_wire.headers import (
+from tca_module.link.connection import Connection
+from tca_module.link.session import Session
+from tca_module.link.transport import Waker
+from tca_wire.messages.declarations import Goal
+from tca_wire.packets import headers
+from tca_wire.packets.codec import pack, unpack_to_central
+from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
     Accepted,
     Answer,
@@ -31,7 +31,7 @@ from tca_wire.headers import (
     Unregister,
     Welcome,
 )
-from tca_wire.parts import HandlerFormat
+from tca_wire.packets.parts import HandlerFormat
 from tca_wire.vocabulary import Limit, Refusal
 
 WELCOME = Welcome(1, 1, "legs", "one")

@@ -29,7 +29,7 @@ from tca_module import (
     this,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.facts import TapFired
+from tca_wire.journal.facts import TapFired
 
 MOVE, REST = Command("move", float, result=float), Command("rest")
 WALK = Goal("walk", float)

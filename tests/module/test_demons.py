@@ -6,7 +6,7 @@ import pytest
 
 from tca_module import Client, Command, DemonMonitor, Goal, MisuseError, Module, Outcome, Task, this
 from tca_module.testing import LocalCentral
-from tca_wire.facts import MonitorEnded
+from tca_wire.journal.facts import MonitorEnded
 
 SOON = 5.0
 GO, WATCH, FETCH, OTHER = Goal("go"), Command("watch"), Command("fetch", str), Command("other", int)

@@ -18,10 +18,10 @@ from module.gait_messages import (
 )
 
 from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, TaskRef
-from tca_module.session import Session
+from tca_module.link.session import Session
 from tca_module.testing import LocalCentral
-from tca_wire import headers
-from tca_wire.facts import Received
+from tca_wire.journal.facts import Received
+from tca_wire.packets import headers
 
 SOON = 5.0
 

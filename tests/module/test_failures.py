@@ -21,7 +21,7 @@ from tca_module import (
     TaskFailed,
     TaskKilled,
 )
-from tca_wire.facts import Delivered, Failed
+from tca_wire.journal.facts import Delivered, Failed
 
 SOON = 5.0
 HEIGHT = Query("height", int, reply=float)

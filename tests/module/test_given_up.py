@@ -5,8 +5,19 @@ from typing import Any
 import pytest
 
 from tca_module import Command, Inform, PointMonitor, Query
-from tca_module.session import Session
-from tca_wire.headers import PROTOCOL_VERSION, Accepted, GiveUp, Hello, Kill, Register, Send, ToModule, Unknown, Welcome
+from tca_module.link.session import Session
+from tca_wire.packets.headers import (
+    PROTOCOL_VERSION,
+    Accepted,
+    GiveUp,
+    Hello,
+    Kill,
+    Register,
+    Send,
+    ToModule,
+    Unknown,
+    Welcome,
+)
 from tca_wire.points import ROOT
 
 REST, SAY, IS_FREE = Command("rest"), Inform("say", str), Query("is the way free", reply=bool)

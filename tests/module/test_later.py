@@ -9,7 +9,7 @@ from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMP
 
 from tca_module import BadData, Client, Later, MisuseError, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Delivered, Failed, Returned
+from tca_wire.journal.facts import Delivered, Failed, Returned
 
 pytestmark = pytest.mark.usefixtures("attentive")
 

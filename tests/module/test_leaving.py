@@ -23,7 +23,7 @@ from tca_module import (
 )
 from tca_module.errors import NoCentral
 from tca_module.testing import LocalCentral
-from tca_wire.facts import HandlerRemoved
+from tca_wire.journal.facts import HandlerRemoved
 
 SOON = 5.0
 
@@ -143,7 +143,7 @@ def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that does not look: what went wrong is said while it is waited for."""
-    monkeypatch.setattr("tca_module.slots._PATIENCE", 0.1)
+    monkeypatch.setattr("tca_module.serving.slots._PATIENCE", 0.1)
     begun, go_on = threading.Event(), threading.Event()
 
     @legs.handles(STANCE)

@@ -23,7 +23,7 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral, LocalTransport
-from tca_wire.facts import HandlerAdded, ModuleLeft, Queued, Received, TapAdded
+from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Queued, Received, TapAdded
 
 pytestmark = pytest.mark.usefixtures("attentive")
 

@@ -9,7 +9,7 @@ import pytest
 from module.real_central import until
 
 from tca_module import Client, Command, Module, Query, Task
-from tca_module.later import Later
+from tca_module.serving.later import Later
 from tca_module.testing import LocalCentral
 
 pytestmark = pytest.mark.usefixtures("attentive")

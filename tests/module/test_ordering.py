@@ -3,7 +3,7 @@
 import pytest
 
 from tca_module.errors import MisuseError
-from tca_module.ordering import Ordering
+from tca_module.sending.ordering import Ordering
 from tca_wire.constraints import Flags
 from tca_wire.points import ROOT, THIS, TaskId
 

@@ -9,7 +9,7 @@ from module.gait_messages import MOVE_LEG, POSITION, STANCE, Arc, Footfall
 
 from tca_module import Client, MisuseError, Module, QueryFailed, TaskKilled
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Dropped
+from tca_wire.journal.facts import Dropped
 
 SOON = 5.0
 

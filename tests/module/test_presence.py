@@ -29,10 +29,10 @@ from tca_module import (
     connect,
     module,
 )
-from tca_module.session import Session
+from tca_module.link.session import Session
 from tca_module.testing import LocalCentral
-from tca_wire import headers
-from tca_wire.facts import ModuleLeft, Received
+from tca_wire.journal.facts import ModuleLeft, Received
+from tca_wire.packets import headers
 
 SOON = 5.0
 

@@ -21,7 +21,7 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Dropped, Received
+from tca_wire.journal.facts import Dropped, Received
 
 SOON = 5.0
 

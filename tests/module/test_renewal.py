@@ -3,11 +3,11 @@
 import pytest
 from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
 
-from tca_module.attachments import Attachments, Standing
-from tca_module.numbers import Given, given
-from tca_module.renewal import AGAIN, PATIENCE
-from tca_module.session import Session
-from tca_wire.headers import (
+from tca_module.link.attachments import Attachments, Standing
+from tca_module.link.numbers import Given, given
+from tca_module.link.renewal import AGAIN, PATIENCE
+from tca_module.link.session import Session
+from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
     Accepted,
     Answer,
@@ -21,8 +21,8 @@ from tca_wire.headers import (
     Tap,
     Unknown,
 )
-from tca_wire.headers import WaitUntilHandled as Wait
-from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.packets.headers import WaitUntilHandled as Wait
+from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Refusal
 

@@ -10,8 +10,8 @@ from module.test_connection import ScriptedCentral, connected  # a scripted cent
 
 from tca_module import CentralLost, Client, MisuseError, Module, QueryFailed, Sender, Task, Timeout
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Dropped, Received
-from tca_wire.headers import Beat
+from tca_wire.journal.facts import Dropped, Received
+from tca_wire.packets.headers import Beat
 
 SOON = 5.0
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tca_module.session import HELLO_NUMBER, QUIET, Session
-from tca_wire import headers
-from tca_wire.headers import (
+from tca_module.link.session import HELLO_NUMBER, QUIET, Session
+from tca_wire.packets import headers
+from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
     Accepted,
     Answer,
@@ -26,7 +26,7 @@ from tca_wire.headers import (
     WaitFor,
     Welcome,
 )
-from tca_wire.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal
 

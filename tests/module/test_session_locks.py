@@ -3,9 +3,9 @@
 import pytest
 from module.test_session import HELLO, hear, said, welcome, welcomed
 
-from tca_module.request import Request
-from tca_module.session import Session
-from tca_wire.headers import (
+from tca_module.link.request import Request
+from tca_module.link.session import Session
+from tca_wire.packets.headers import (
     Accepted,
     Answer,
     Lock,

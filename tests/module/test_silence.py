@@ -3,8 +3,8 @@
 import pytest
 from module.test_connection import connected
 
-from tca_module.session import QUIET
-from tca_wire.headers import Beat, Send
+from tca_module.link.session import QUIET
+from tca_wire.packets.headers import Beat, Send
 
 
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])

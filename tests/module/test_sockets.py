@@ -16,6 +16,7 @@ from click.testing import CliRunner
 from module.gait_messages import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 from module.real_central import RealCentral, until
 
+from tca_live import questions as commands
 from tca_module import (
     Callback,
     CentralLost,
@@ -27,10 +28,9 @@ from tca_module import (
     Task,
     Timeout,
     Variable,
-    commands,
     connect,
 )
-from tca_module.transport import DealerTransport
+from tca_module.link.transport import DealerTransport
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
@@ -242,7 +242,7 @@ def test_values_that_json_cannot_say(central: str) -> None:
 
 
 def test_without_central_the_answer_is_one_line(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_module.command_parts._PATIENCE", 0.2)
+    monkeypatch.setattr("tca_live.shared._PATIENCE", 0.2)
     code, text = ask(commands.status, "--central", address)
     assert code == 1
     assert text.splitlines() == [

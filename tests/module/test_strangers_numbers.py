@@ -36,12 +36,12 @@ from tca_module import (
     connect,
     this,
 )
-from tca_module.context import MonitorHandle
-from tca_module.numbers import given
-from tca_module.task_handle import Attached
+from tca_module.link.numbers import given
+from tca_module.sending.context import MonitorHandle
+from tca_module.sending.task_handle import Attached
 from tca_module.testing import LocalCentral
-from tca_wire import headers
-from tca_wire.headers import Register, Send, Unknown, Welcome
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Register, Send, Unknown, Welcome
 from tca_wire.points import Moment, Point, TaskId
 
 SOON = 10.0

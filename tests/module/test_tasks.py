@@ -18,7 +18,7 @@ from tca_module import (
     Timeout,
     this,
 )
-from tca_wire.facts import WaitBegan, WaitEnded
+from tca_wire.journal.facts import WaitBegan, WaitEnded
 from tca_wire.points import Moment, Point
 
 SOON = 5.0

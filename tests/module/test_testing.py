@@ -7,7 +7,7 @@ from module.gait_messages import REST
 
 from tca_module import CentralLost, Client, connect
 from tca_module.testing import LocalCentral
-from tca_wire.facts import kind_of
+from tca_wire.journal.facts import kind_of
 
 
 def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_wanted(

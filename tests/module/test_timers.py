@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tca_module.timers import Timers
+from tca_module.serving.timers import Timers
 
 
 @pytest.fixture

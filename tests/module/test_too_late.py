@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from module.real_central import RealCentral
 
+from tca_live import tasks as task_commands
 from tca_module import (
     Client,
     Command,
@@ -23,9 +24,8 @@ from tca_module import (
     Task,
     TaskHandle,
     connect,
-    task_commands,
 )
-from tca_wire.facts import Ignored, Retried
+from tca_wire.journal.facts import Ignored, Retried
 
 SOON = 10.0
 REST, WALK, SHRUG = Command("rest"), Goal("walk"), ExceptionHandler("shrug")

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from tca_module.top_frame import frame, plain_frame
+from tca_live.top_frame import frame, plain_frame
 
 pytest.importorskip("rich")
 
 from rich.console import Console
 
-from tca_module.top_screen import screen
+from tca_live.top_screen import screen
 
 
 def resource(name: str = "legs", delivered: int = 10, busy: float = 4.0, **more: Any) -> dict[str, Any]:

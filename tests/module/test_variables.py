@@ -8,11 +8,11 @@ import pytest
 from module.gait_messages import POSITION, Arc
 
 from tca_module import BadData, Client, MisuseError, Module, Task, Variable, VariableNotSet, connect
-from tca_module.request import refers_to_tasks
-from tca_module.session import Session
+from tca_module.link.request import refers_to_tasks
+from tca_module.link.session import Session
 from tca_module.testing import LocalCentral
-from tca_wire import headers
-from tca_wire.facts import Received
+from tca_wire.journal.facts import Received
+from tca_wire.packets import headers
 from tca_wire.vocabulary import Refusal
 
 SOON = 5.0

@@ -11,8 +11,8 @@ from module.real_central import RealCentral
 
 from tca_module import Client, Command, Module, Query, Task, Timeout, connect
 from tca_module.testing import LocalCentral
-from tca_tools.history import History
-from tca_wire.facts import Awaited, Dropped, Received
+from tca_tools.run.fold import History
+from tca_wire.journal.facts import Awaited, Dropped, Received
 
 SOON = 10.0
 ASK = Command("ask")

@@ -24,7 +24,7 @@ from tca_module import (
     TaskKilled,
     connect,
 )
-from tca_wire.facts import Dropped, Failed, WaitEnded
+from tca_wire.journal.facts import Dropped, Failed, WaitEnded
 
 pytestmark = pytest.mark.usefixtures("attentive")
 

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId
-from tca_central.registry import Delivery
-from tca_central.task_tree import Task
-from tca_wire import headers
+from tca_central.model.registry import Delivery
+from tca_central.model.task_tree import Task
 from tca_wire.constraints import Flags
-from tca_wire.facts import Delivered, Received
-from tca_wire.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
-from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.journal.facts import Delivered, Received
+from tca_wire.messages.notices import HANDLERS_CHANGED, MODULE_JOINED, MODULE_LEFT
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
 

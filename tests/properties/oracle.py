@@ -37,7 +37,8 @@ from properties.oracle_records import (
 )
 
 from tca_central.events import ConnectionLost, Effect, Event, Received
-from tca_wire import facts, headers
+from tca_wire.journal import facts
+from tca_wire.packets import headers
 from tca_wire.points import THIS, Moment
 from tca_wire.vocabulary import Condition, MessageClass, Role
 

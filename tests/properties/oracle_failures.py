@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from properties import oracle_locks, oracle_monitors, oracle_rules, oracle_taps
 from properties.oracle_records import SH, Attachment, Ending, Node, Trouble, World
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.vocabulary import Condition, Role, Scope
 
 MOST_NESTED = 8  # calls of one attachment inside one another

@@ -8,7 +8,8 @@ does what it takes away, and a failure that it raises for one is raised by someb
 from properties import oracle_failures, oracle_slots
 from properties.oracle_records import Claim, Job, Node, World, is_deadlock, is_lock_lost
 
-from tca_wire import facts, headers
+from tca_wire.journal import facts
+from tca_wire.packets import headers
 
 INSIDE = float("inf")  # the priority of who asks from inside: nobody else's turn comes before he is out
 

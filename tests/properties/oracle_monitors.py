@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from properties import oracle_failures, oracle_rules, oracle_slots, oracle_taps
 from properties.oracle_records import SH, Alarm, Job, Node, World
 
-from tca_wire import facts
-from tca_wire.parts import WatchOptions
+from tca_wire.journal import facts
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.vocabulary import Condition, MessageClass, Role
 
 NO = (b"\xc0", b"\xc2")  # None and False: the condition does not hold

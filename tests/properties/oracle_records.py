@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
 from tca_central.events import Effect, Record, Transmit
-from tca_wire import facts, headers
-from tca_wire.failures import LOCK_LOST
+from tca_wire.journal import facts
+from tca_wire.messages.failures import LOCK_LOST
+from tca_wire.packets import headers
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
 

@@ -5,7 +5,7 @@ next, then the one that has waited longest. Those who want to lock or reserve a 
 from properties import oracle_failures, oracle_locks, oracle_rules, oracle_taps
 from properties.oracle_records import Claim, Collector, Disagreement, Job, Node, World
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.vocabulary import Condition, MessageClass
 
 Resource = tuple[str, str]

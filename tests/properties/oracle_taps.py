@@ -4,8 +4,9 @@ from msgspec.structs import replace
 from properties import oracle_monitors, oracle_rules, oracle_slots
 from properties.oracle_records import EA, EH, EP, SA, SH, SP, Job, Node, Pair, Tap, World
 
-from tca_wire import facts, headers
-from tca_wire.parts import WatchOptions
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role
 

@@ -5,7 +5,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 from tca_tools.analysis.causes import Step
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment
 
 

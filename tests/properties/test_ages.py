@@ -15,15 +15,15 @@ from properties.life import Life, operation
 from properties.test_blocked_is_told import blocking, steps
 from properties.test_causes_in_stories import life_of
 
-from tca_tools.ages import age
-from tca_tools.past import Past
-from tca_tools.records import State
-from tca_tools.story import Sentence, story
-from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import Until, reasons_of, waits_since, why_waiting
-from tca_tools.whereabouts import kept_busy
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import State
+from tca_tools.why.ages import age
+from tca_tools.why.story import Sentence, story
+from tca_tools.why.waiting import Until, reasons_of, waits_since, why_waiting
+from tca_tools.why.whereabouts import kept_busy
 from tca_wire.points import TaskId
-from tca_wire.wording import place
+from tca_wire.text.facts_in_words import place
 
 _NO_TIME = 1e-6
 """Seconds: of what lasts no longer nothing is told."""

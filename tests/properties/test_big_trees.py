@@ -5,8 +5,8 @@ from central.player import Player, before, point
 
 from benchmarks.core_control import Steered
 from tca_wire.constraints import Flags
-from tca_wire.facts import Constrained
-from tca_wire.headers import Kill
+from tca_wire.journal.facts import Constrained
+from tca_wire.packets.headers import Kill
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Scope
 

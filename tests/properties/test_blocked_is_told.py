@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 from properties.folded import Folding
 from properties.test_deadlocks import Blocking, waits_in
 
-from tca_central.registry import Connection, Delivery
-from tca_central.resources import Claim
+from tca_central.model.registry import Connection, Delivery
+from tca_central.model.resources import Claim
+from tca_central.requests.waiting import Wait
 from tca_central.state import Collector
-from tca_central.waits import Wait
-from tca_tools.history import History
-from tca_wire import headers
+from tca_tools.run.fold import History
+from tca_wire.packets import headers
 from tca_wire.points import Moment
 
 numbers = st.integers(0, 50)

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import Life
 
-from tca_central import cycles
-from tca_central.cycles import Borders, Place, Search, find_path, successors
-from tca_central.intervals import unified
-from tca_central.task_tree import Task, TaskTree
-from tca_wire import headers
+from tca_central.model.intervals import unified
+from tca_central.model.task_tree import Task, TaskTree
+from tca_central.order import cycles
+from tca_central.order.cycles import Borders, Place, Search, find_path, successors
 from tca_wire.constraints import Flags
-from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 

@@ -14,13 +14,13 @@ from properties.test_blocked_is_told import Told, steps
 
 from tca_central.events import Effect, Record
 from tca_tools.analysis.failures import failures
-from tca_tools.coping import UNDECIDED, Failing, Fate, failing, fate, is_told, told_to, went_on
-from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Task
-from tca_tools.story import story
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Handling, Message, Task
 from tca_tools.tasktree_viz.failing import Link, failure_chain
-from tca_tools.then import Then
-from tca_wire import facts
+from tca_tools.why.coping import UNDECIDED, Failing, Fate, failing, fate, is_told, told_to, went_on
+from tca_tools.why.story import story
+from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 

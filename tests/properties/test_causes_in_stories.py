@@ -11,16 +11,16 @@ from properties.life import Life, operation
 from properties.test_blocked_is_told import blocking, steps
 from tools.test_story import waiting_for_many
 
-from tca_tools.history import History
-from tca_tools.past import Past
-from tca_tools.records import OVER, State
-from tca_tools.story import Sentence, story
-from tca_tools.stretches import in_state
-from tca_tools.then import TaskThen, Then
-from tca_tools.waiting import Reason, Until, reasons_of, why_waiting
-from tca_tools.whereabouts import NAMED, kept_busy
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.fold import History
+from tca_tools.run.past import Past
+from tca_tools.run.records import OVER, State
+from tca_tools.why.story import Sentence, story
+from tca_tools.why.stretches import in_state
+from tca_tools.why.waiting import Reason, Until, reasons_of, why_waiting
+from tca_tools.why.whereabouts import NAMED, kept_busy
 from tca_wire.points import TaskId
-from tca_wire.wording import place
+from tca_wire.text.facts_in_words import place
 
 _NO_TIME = 1e-6
 """Seconds: of what lasts no longer nothing is told."""

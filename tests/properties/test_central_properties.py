@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.life import MODULES, Life, operation
 
-from tca_central.cycles import Place, predecessors, successors
-from tca_central.intervals import unified
-from tca_central.task_tree import Task
-from tca_wire import headers
+from tca_central.model.intervals import unified
+from tca_central.model.task_tree import Task
+from tca_central.order.cycles import Place, predecessors, successors
 from tca_wire.constraints import Constraint, Flags
-from tca_wire.facts import Delivered, Reached, Received
+from tca_wire.journal.facts import Delivered, Reached, Received
+from tca_wire.packets import headers
 from tca_wire.points import ROOT, Moment, TaskId
 
 lives = st.lists(operation, max_size=60)

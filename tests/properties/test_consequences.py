@@ -19,18 +19,18 @@ from properties.test_ends import reached
 
 from tca_central.core import Central
 from tca_central.events import Effect
-from tca_central.registry import Connection, Delivery
-from tca_central.resources import Claim as Wanted
-from tca_tools.ends import MOST, End, Ends
-from tca_tools.history import History
-from tca_tools.leads import Kind, Node, leads
-from tca_tools.records import Claim
-from tca_tools.then import TaskThen, Then
-from tca_tools.whereabouts import kept_out
-from tca_wire import headers
+from tca_central.model.registry import Connection, Delivery
+from tca_central.model.resources import Claim as Wanted
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.fold import History
+from tca_tools.run.records import Claim
+from tca_tools.why.ends import MOST, End, Ends
+from tca_tools.why.leads import Kind, Node, leads
+from tca_tools.why.whereabouts import kept_out
 from tca_wire.constraints import Flags
-from tca_wire.facts import Delivered
-from tca_wire.parts import Attachment
+from tca_wire.journal.facts import Delivered
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, TaskId
 
 numbers = st.integers(0, 50)

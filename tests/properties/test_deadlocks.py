@@ -13,12 +13,12 @@ from central.player import Player, before, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tca_central import deadlocks
 from tca_central.core import Central
-from tca_central.registry import Connection, Delivery
-from tca_wire import headers
+from tca_central.deadlock import resolve as deadlocks
+from tca_central.model.registry import Connection, Delivery
 from tca_wire.constraints import Flags
-from tca_wire.facts import RequestRefused
+from tca_wire.journal.facts import RequestRefused
+from tca_wire.packets import headers
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 

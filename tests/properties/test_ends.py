@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
-from tca_tools.ends import Ends, causes, in_the_end
-from tca_tools.leads import Kind, Node, leads, next_of
-from tca_tools.records import OVER
-from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
+from tca_tools.run.at_time import Then
+from tca_tools.run.records import OVER
+from tca_tools.why.ends import Ends, causes, in_the_end
+from tca_tools.why.leads import Kind, Node, leads, next_of
+from tca_tools.why.waiting import why_waiting
 
 _NUMBER = re.compile(r"\{(\d+)\}")
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from properties.life import Life
 from properties.test_deadlocks import HANDLED, Blocking, free_handlers
 
-from tca_wire import headers
-from tca_wire.parts import Attachment
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Role, Scope
 

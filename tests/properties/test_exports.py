@@ -15,9 +15,9 @@ from tools.trace_reader import read_trace
 from tca_tools.export.mcap_file import write_mcap
 from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.packets import write_trace
-from tca_tools.history import History
+from tca_tools.run.fold import History
 from tca_tools.stats.measure import measure
-from tca_wire.facts import Entry
+from tca_wire.journal.facts import Entry
 
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))

@@ -7,9 +7,9 @@ from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
 from tca_central.core import Central
-from tca_tools.history import History
-from tca_wire import headers
+from tca_tools.run.fold import History
 from tca_wire.constraints import Flags
+from tca_wire.packets import headers
 from tca_wire.points import ALL_MOMENTS, ROOT, TaskId
 
 

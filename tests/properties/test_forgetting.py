@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from properties.life import Life, operation
 from properties.test_central_properties import end_life
 
-from tca_central.clock import Timer
-from tca_central.control import Bound, Ending
+from tca_central.control.kills_and_suspension import Bound, Ending
 from tca_central.core import Central
-from tca_central.holds import Release
-from tca_central.registry import Delivery
-from tca_central.taps import Listening
-from tca_central.task_tree import Rare
-from tca_central.watching import Watch
-from tca_wire import headers
+from tca_central.model.clock import Timer
+from tca_central.model.registry import Delivery
+from tca_central.model.task_tree import Rare
+from tca_central.order.holds import Release
+from tca_central.watching.taps import Listening
+from tca_central.watching.watches import Watch
 from tca_wire.constraints import Flags
-from tca_wire.parts import MessageFormat, WatchOptions
+from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Scope
 

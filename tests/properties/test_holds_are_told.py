@@ -9,13 +9,13 @@ from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
 from tca_central.core import Central
-from tca_central.load import _held, load
-from tca_tools.history import History
-from tca_tools.records import State
-from tca_tools.then import Then
-from tca_tools.waiting import Until, reasons_of, why_waiting
+from tca_central.status.load import _held, load
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.records import State
+from tca_tools.why.waiting import Until, reasons_of, why_waiting
 from tca_wire.points import Moment, TaskId
-from tca_wire.wording import place
+from tca_wire.text.facts_in_words import place
 
 _NUMBER = re.compile(r"\{(\d+)\}")
 _RESOURCE = re.compile(r"resource '(.*)' of '(.*)'")

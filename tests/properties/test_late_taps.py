@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from properties.test_oracle import NO_SMALLER_SEED, JudgedLife
 
-from tca_wire import headers
+from tca_wire.packets import headers
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Condition
 

@@ -14,7 +14,7 @@ from properties.test_blocked_is_told import Told
 
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, why_then
-from tca_wire import headers
+from tca_wire.packets import headers
 from tca_wire.points import Moment
 
 KINDS = [

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from properties.life import Life, operation
 
 from tca_central.events import Effect, Record
-from tca_tools.history import History
-from tca_tools.past import Past
-from tca_tools.story import story
+from tca_tools.run.fold import History
+from tca_tools.run.past import Past
+from tca_tools.why.story import story
 
 Told = dict[int, list[str]]
 _NO_TIME = 1e-6

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from properties.life import Life, operation
 
 from tca_central.events import Effect, Record
-from tca_tools.coping import HANDLED
-from tca_tools.history import History
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.then import Then
+from tca_tools.why.coping import HANDLED
 from tca_wire.points import MOMENTS, Point, TaskId
 
 

@@ -9,9 +9,9 @@ from central.reachable import reachable
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Tick, Transmit
-from tca_wire import headers
 from tca_wire.constraints import Flags
-from tca_wire.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, HandlerFormat, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Scope
 

@@ -6,7 +6,7 @@ import pytest
 from soak.robot import ROUNDS_AN_HOUR, Robot, size_of
 
 from tca_central.core import REMEMBERED_OUTCOMES
-from tca_central.registry import REMEMBERED_CONNECTIONS
+from tca_central.model.registry import REMEMBERED_CONNECTIONS
 
 
 def check_that_it_does_not_grow(hours: list[int], restart_after: int, slack: int) -> None:

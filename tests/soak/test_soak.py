@@ -7,8 +7,8 @@ from integration.programs import central
 from integration.test_walk import walk
 
 from tca_module import Goal, Module, Outcome, Task
-from tca_tools.history import History
-from tca_tools.logs import open_log
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 
 pytestmark = pytest.mark.soak
 

@@ -4,8 +4,8 @@ from typing import Any
 
 from tools.story import THIS, Story
 
-from tca_wire import facts
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 

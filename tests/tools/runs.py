@@ -6,11 +6,12 @@ from central.player import ANY, Player, before, point
 
 from tca_tools.check.checker import Checker
 from tca_tools.check.rules import Violation
-from tca_wire import facts, headers
 from tca_wire.constraints import Flags
-from tca_wire.facts import JOURNAL_VERSION, Entry, kind_of
-from tca_wire.journal import record
-from tca_wire.parts import Attachment, MessageFormat, WatchOptions
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry, kind_of
+from tca_wire.journal.records import record
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment, MessageFormat, WatchOptions
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, MessageClass
 

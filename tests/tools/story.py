@@ -10,11 +10,11 @@ from typing import Any
 
 import msgspec
 
-from tca_tools.history import History
-from tca_wire import facts
+from tca_tools.run.fold import History
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead, sequential_achievement
-from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.journal import record
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -21,12 +21,12 @@ from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import summary
-from tca_tools.history import History
-from tca_tools.past import Past
 from tca_tools.report.contents import contents
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_tools.run.past import Past
+from tca_wire.journal import facts
 from tca_wire.points import Moment
-from tca_wire.wording import called
+from tca_wire.text.facts_in_words import called
 
 _A_HAIR = 1e-6
 

@@ -16,11 +16,11 @@ from tca_tools.analysis.resources import uses
 from tca_tools.analysis.spans import Cover, levels
 from tca_tools.analysis.summary import summary
 from tca_tools.analysis.waits import WaitKind, waits
-from tca_tools.coping import Fate
 from tca_tools.export.tables import TABLES
-from tca_tools.past import Past
-from tca_tools.records import State
-from tca_wire import facts
+from tca_tools.run.past import Past
+from tca_tools.run.records import State
+from tca_tools.why.coping import Fate
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -4,9 +4,9 @@ from tools.story import QUERY, Story
 from tools.test_critical_path import path_of, steps_of
 
 from tca_tools.analysis.waits import WaitKind, waits
-from tca_tools.past import Past
-from tca_tools.story import story as story_of
-from tca_wire import facts
+from tca_tools.run.past import Past
+from tca_tools.why.story import story as story_of
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

@@ -2,14 +2,14 @@
 
 from central.player import Player
 
-from tca_tools.ends import in_the_end
-from tca_tools.history import History
-from tca_tools.past import Past
-from tca_tools.story import story
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.past import Past
 from tca_tools.tasktree_viz import words
-from tca_tools.then import Then
-from tca_wire import headers
+from tca_tools.why.ends import in_the_end
+from tca_tools.why.story import story
 from tca_wire.constraints import Flags
+from tca_wire.packets import headers
 
 
 def asking(*, answers: int = 0) -> Player:

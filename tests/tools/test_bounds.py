@@ -15,7 +15,7 @@ from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.summary import summary
-from tca_tools.history import History
+from tca_tools.run.fold import History
 from tca_wire.constraints import Constraint, delay_planning, plan_ahead
 from tca_wire.points import THIS, TaskId
 

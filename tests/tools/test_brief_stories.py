@@ -4,8 +4,8 @@ import msgspec
 from tools.story import QUERY, Story
 from tools.test_story import told
 
-from tca_tools.history import History
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 

@@ -17,9 +17,9 @@ from tca_tools.check.__main__ import check
 from tca_tools.check.errors import BadProperty
 from tca_tools.check.language import property_from
 from tca_tools.check.rules import RULES
-from tca_wire import facts
 from tca_wire.constraints import Flags
-from tca_wire.facts import Closed, Entry, kind_of
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Closed, Entry, kind_of
 
 Check = Callable[..., Result]
 

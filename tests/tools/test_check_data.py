@@ -8,8 +8,8 @@ from tools.test_check_command import run
 
 from tca_tools.check.predicates import predicate_from
 from tca_tools.check.wanted_data import cut_data
-from tca_wire import facts
-from tca_wire.formats import NO_DATA, schema_text
+from tca_wire.journal import facts
+from tca_wire.messages.formats import NO_DATA, schema_text
 from tca_wire.vocabulary import MessageClass
 
 FOOT = (

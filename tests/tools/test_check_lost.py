@@ -11,7 +11,7 @@ from tools.runs import walk
 from tools.test_check_command import HOLDS, run, written
 from tools.test_every_tool import with_holes
 
-from tca_wire.journal import record
+from tca_wire.journal.records import record
 
 PROPERTIES = [
     *(text for text in HOLDS if "with" not in text),

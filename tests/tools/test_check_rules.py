@@ -14,9 +14,9 @@ from tools.story import THIS, Story, stumbling
 
 from tca_tools.check import rules
 from tca_tools.check.checker import Checker
-from tca_wire import facts
 from tca_wire.constraints import Constraint, sequential_achievement
-from tca_wire.facts import Entry, kind_of
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry, kind_of
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

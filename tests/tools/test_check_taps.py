@@ -13,8 +13,9 @@ from properties.life import Life
 from properties.test_late_taps import CheckedLife
 from tools.runs import OPENED, checked
 
-from tca_central import joining, taps
-from tca_central.holds import Holds
+from tca_central.order.holds import Holds
+from tca_central.requests import joining
+from tca_central.watching import taps
 from tca_tools.check import rules
 from tca_wire.points import START_HANDLING
 

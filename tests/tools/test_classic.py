@@ -7,8 +7,8 @@ from click.testing import Result
 from tools.runs import encoded, walk
 from tools.story import Story, stumbling
 
-from tca_tools.classic import classic_lines
-from tca_wire import facts
+from tca_tools.log.classic import classic_lines
+from tca_wire.journal import facts
 from tca_wire.vocabulary import MessageClass, Outcome
 
 Tca = Callable[..., Result]

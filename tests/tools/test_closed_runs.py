@@ -8,7 +8,7 @@ from click.testing import Result
 from tools.story import QUERY, Story, arcs, locking, stumbling, walking
 from tools.waits import stuck
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import TaskId
 
 Tca = Callable[..., Result]

@@ -12,9 +12,9 @@ from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import summary
-from tca_tools.past import Past
-from tca_wire import facts
+from tca_tools.run.past import Past
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 
 

@@ -10,14 +10,14 @@ from tools.story import QUERY, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
-from tca_tools.coping import Fate, hinges, told_to, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.shapes import COPED, FAILED
 from tca_tools.gantt.svg import svg_text
-from tca_tools.history import History
-from tca_tools.story import story as story_of
+from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_wire import facts
+from tca_tools.why.coping import Fate, hinges, told_to, went_on
+from tca_tools.why.story import story as story_of
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 

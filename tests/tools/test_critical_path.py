@@ -9,12 +9,12 @@ from tools.story import QUERY, Story, mopping, stumbling, walking
 
 from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
-from tca_tools.past import Past
-from tca_tools.records import Task
-from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
-from tca_wire import facts
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Task
+from tca_tools.why.waiting import why_waiting
 from tca_wire.constraints import Constraint
+from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

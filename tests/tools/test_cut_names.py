@@ -3,11 +3,11 @@
 import pytest
 from tools.story import Story
 
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.terminal import columns_of, cut_name
-from tca_tools.then import Then
 
 LONG = "pour concrete with a really very long name that has no end in sight at all"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tca_tools.drawing import width_of
+from tca_tools.drawing.svg import width_of
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,14 @@ from click.testing import Result
 from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 
-from tca_tools.ages import Age
-from tca_tools.ends import MOST, Ends, causes, in_the_end
-from tca_tools.leads import Kind
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz import words
-from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
-from tca_wire import facts
+from tca_tools.why.ages import Age
+from tca_tools.why.ends import MOST, Ends, causes, in_the_end
+from tca_tools.why.leads import Kind
+from tca_tools.why.waiting import why_waiting
 from tca_wire.constraints import Constraint, delay_planning, sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 

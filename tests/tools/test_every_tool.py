@@ -20,8 +20,8 @@ from tools.story import Story
 
 from tca_tools.command_line import main
 from tca_tools.terminal import columns_of
-from tca_wire import facts
-from tca_wire.journal import record
+from tca_wire.journal import facts
+from tca_wire.journal.records import record
 from tca_wire.points import Moment
 
 Tca = Callable[..., Result]

@@ -16,11 +16,11 @@ from tools.test_history import FACTS
 from tools.trace_reader import read_trace
 
 from tca_tools.export.__main__ import FORMATS, export
-from tca_tools.log import log
+from tca_tools.log.__main__ import log
 from tca_tools.stats.__main__ import stats
-from tca_wire import facts
-from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.journal import record
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal.records import record
 
 
 @pytest.fixture

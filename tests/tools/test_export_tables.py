@@ -15,8 +15,8 @@ from tools.test_coping import asking, replacing
 from tca_tools.export.csv_files import write_csv
 from tca_tools.export.parquet_files import write_parquet
 from tca_tools.export.tables import TABLES, Kind, batches
-from tca_tools.history import History
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

@@ -11,8 +11,8 @@ from tools.trace_reader import Read, Slice, read_trace
 
 from tca_tools.export.lanes import Span, in_lanes, levels, nested
 from tca_tools.export.trace.packets import write_trace
-from tca_tools.history import History
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

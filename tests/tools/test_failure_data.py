@@ -12,16 +12,16 @@ from tools.runs import OPENED, encoded
 
 from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.details import of_handling, of_task
-from tca_tools.history import History
-from tca_tools.logs import open_log
-from tca_tools.story import story
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
 from tca_tools.tasktree_viz import words
-from tca_tools.then import Then
 from tca_tools.view.answers import message_answer
 from tca_tools.view.reading import Reading
-from tca_wire import headers
-from tca_wire.facts import Entry
-from tca_wire.parts import Attachment
+from tca_tools.why.story import story
+from tca_wire.journal.facts import Entry
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
 from tca_wire.points import TaskId
 
 Tca = Callable[..., Result]

@@ -13,7 +13,7 @@ from tca_tools.gantt.colours import dark, light
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.vocabulary import MessageClass
 
 Tca = Callable[..., Result]

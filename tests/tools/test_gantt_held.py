@@ -14,8 +14,8 @@ from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import Pick
-from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import Condition
 

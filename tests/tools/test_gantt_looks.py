@@ -7,14 +7,14 @@ import pytest
 from tools.story import COMMAND, Story
 from tools.test_coping import asking
 
-from tca_tools.drawing import width_of
+from tca_tools.drawing.svg import width_of
 from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
 from tca_tools.gantt.colours import dark
 from tca_tools.gantt.parts import Bar, Row
 from tca_tools.gantt.queues import curve, is_curve, queue_height
 from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.svg import svg_text
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 

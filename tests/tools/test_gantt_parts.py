@@ -15,7 +15,7 @@ from tca_tools.gantt.blocks import in_blocks, queue_lengths
 from tca_tools.gantt.parts import Chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.window import ALL, Pick
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

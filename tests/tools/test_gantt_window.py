@@ -12,9 +12,9 @@ from tca_tools.gantt.bars import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import Pick
-from tca_tools.history import History
-from tca_wire import facts
+from tca_tools.run.fold import History
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 

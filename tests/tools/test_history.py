@@ -9,18 +9,18 @@ from tools.story import PLANNING, QUERY, THIS, Story, arcs, stumbling, walking
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
-from tca_tools.history import History
-from tca_tools.records import Offer, State, Wait
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.records import Offer, State, Wait
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
-from tca_wire import facts
+from tca_tools.why.waiting import why_waiting
 from tca_wire.constraints import plan_first, sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
+from tca_wire.text.facts_in_words import Wording
 from tca_wire.vocabulary import MessageClass, Outcome
-from tca_wire.wording import Wording
 
 
 def states(history: History) -> dict[str, State]:

@@ -7,18 +7,19 @@ from tools.story import ACTING, QUERY, THIS, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.waits import waits
-from tca_tools.coping import Fate
-from tca_tools.history import History
-from tca_tools.records import State
-from tca_tools.selection import waited_for
-from tca_tools.story import story
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.records import State
+from tca_tools.run.selection import waited_for
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.words import note
-from tca_tools.then import Then
-from tca_tools.waiting import why_waiting
-from tca_wire import facts, headers
+from tca_tools.why.coping import Fate
+from tca_tools.why.story import story
+from tca_tools.why.waiting import why_waiting
 from tca_wire.constraints import Constraint, not_before, sequential_achievement
-from tca_wire.parts import Attachment
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
 

@@ -6,10 +6,10 @@ from tools.test_critical_path import path_of
 
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, why_then
-from tca_tools.past import Past
 from tca_tools.report.contents import contents
-from tca_wire import facts
+from tca_tools.run.past import Past
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome, Role
 

@@ -12,13 +12,14 @@ from tools.story import Story
 
 from tca_tools.analysis.advised import Advice, Topic
 from tca_tools.analysis.locks import Locks
-from tca_tools.history import History
-from tca_tools.past import Past
 from tca_tools.report.contents import Contents, contents
-from tca_wire import facts, headers
+from tca_tools.run.fold import History
+from tca_tools.run.past import Past
 from tca_wire.constraints import Flags
+from tca_wire.journal import facts
+from tca_wire.packets import headers
 from tca_wire.points import Moment
-from tca_wire.wording import called
+from tca_wire.text.facts_in_words import called
 
 
 def advised(found: Contents) -> dict[Topic, Advice]:

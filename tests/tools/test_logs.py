@@ -11,12 +11,12 @@ from integration.programs import central
 from tools.story import Story, walking
 
 from tca_tools.errors import DamagedLog, UnusableLog
-from tca_tools.logs import Log, open_log
+from tca_tools.run.journals import Log, open_log
 from tca_tools.view.reading import Reading
-from tca_wire import facts
 from tca_wire.endpoint import default_journals
-from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.journal import JournalReader, record
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal.records import JournalReader, record
 
 
 def numbers(log: Log) -> list[int]:

@@ -11,7 +11,7 @@ from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
 from tca_tools.analysis.summary import span_of, summary
 from tca_tools.report.contents import contents
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 

@@ -2,10 +2,10 @@
 
 from central.player import Player
 
-from tca_tools.history import History
+from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
-from tca_wire import headers
 from tca_wire.constraints import Flags
+from tca_wire.packets import headers
 from tca_wire.points import TaskId
 
 

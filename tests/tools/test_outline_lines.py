@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tools.story import THIS, Story
 
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
 from tca_tools.tasktree_viz.outline import Row, outline, whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.words import lines_of
-from tca_tools.then import Then
 from tca_wire.constraints import Constraint, plan_ahead, sequential_achievement
 from tca_wire.points import TaskId
 

@@ -11,14 +11,14 @@ from tca_tools.analysis.advice import advice
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, why_then
 from tca_tools.analysis.failures import failures
-from tca_tools.classic import classic_lines
-from tca_tools.coping import Fate
-from tca_tools.past import Past
+from tca_tools.log.classic import classic_lines
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
+from tca_tools.run.past import Past
 from tca_tools.stats.measure import measure
-from tca_tools.story import story as story_of
-from tca_wire import facts
+from tca_tools.why.coping import Fate
+from tca_tools.why.story import story as story_of
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Refusal
 

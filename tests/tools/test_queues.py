@@ -10,11 +10,11 @@ from tca_tools.analysis.advised import Topic
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.summary import span_of
-from tca_tools.past import Past
 from tca_tools.report.contents import contents
+from tca_tools.run.at_time import Then
+from tca_tools.run.past import Past
 from tca_tools.tasktree_viz import words
-from tca_tools.then import Then
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 

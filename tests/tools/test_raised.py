@@ -8,10 +8,10 @@ from tca_tools.analysis.failures import failures
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
-from tca_tools.history import History
-from tca_tools.logs import open_log
-from tca_tools.story import story
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_tools.run.journals import open_log
+from tca_tools.why.story import story
+from tca_wire.journal import facts
 
 COMMAND = "tca raise#7"
 

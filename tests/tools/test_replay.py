@@ -14,8 +14,8 @@ from tools.test_story import waiting_for_two
 from tca_tools.replay.app import Replay
 from tca_tools.replay.panes import Keys, MessagesPane, StoryPane, TimeBar, TreePane
 from tca_tools.replay.recording import Recording
-from tca_wire import facts
-from tca_wire.facts import Entry
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry
 from tca_wire.points import Moment
 from tca_wire.vocabulary import Outcome
 

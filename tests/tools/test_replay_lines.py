@@ -12,9 +12,9 @@ from tools.story import Story, arcs, locking, stumbling
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Living, Recording
 from tca_tools.replay.tree import Outline
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment
-from tca_wire.wording import Wording
+from tca_wire.text.facts_in_words import Wording
 
 # --- what is shown of many -------------------------------------------------------------------------------------------
 

@@ -14,15 +14,15 @@ from tools.made_robots import recovering, stepping
 from tools.story import Story, mopping, silent_for, stumbling, walking
 from tools.test_history import FACTS
 
-from tca_tools.coping import HANDLED
 from tca_tools.errors import ToolError
-from tca_tools.history import History
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
 from tca_tools.report.page import page
 from tca_tools.report.pictures import gantt, strips
 from tca_tools.report.tree import tree
-from tca_wire import facts
+from tca_tools.run.fold import History
+from tca_tools.why.coping import HANDLED
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

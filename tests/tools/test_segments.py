@@ -9,11 +9,11 @@ from click.testing import Result
 from tools.runs import walk
 from tools.story import Story, walking
 
-from tca_tools.logs import Log, open_log
+from tca_tools.run.journals import Log, open_log
 from tca_tools.view.reading import Reading
-from tca_wire import facts
-from tca_wire.facts import JOURNAL_VERSION, Entry
-from tca_wire.journal import record
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry
+from tca_wire.journal.records import record
 
 Tca = Callable[..., Result]
 TOOLS = ["tree", "gantt", "log show", "stats", "check", "replay --text"]

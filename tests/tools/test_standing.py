@@ -10,18 +10,18 @@ from tools.story import Story
 from tools.test_coping import replacing
 
 from tca_tools.analysis.summary import summary
-from tca_tools.coping import HANDLED
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.panes import colour_of
 from tca_tools.replay.recording import Recording
 from tca_tools.report.tree import tree
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.tasktree_viz.told import story_lines
 from tca_tools.tasktree_viz.words import summary as title
-from tca_tools.then import Then
+from tca_tools.why.coping import HANDLED
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 

@@ -17,7 +17,7 @@ from tca_tools.analysis.summary import span_of
 from tca_tools.stats.__main__ import SORTS, stats
 from tca_tools.stats.measure import Stats, Times, measure
 from tca_tools.stats.text import duration
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

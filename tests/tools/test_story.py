@@ -5,15 +5,15 @@ from pathlib import Path
 from click.testing import CliRunner
 from tools.story import ACTING, COMMAND, GOAL, QUERY, THIS, Story, locking, mopping, stumbling
 
-from tca_tools.history import History
-from tca_tools.records import State
-from tca_tools.selection import messages_of
-from tca_tools.story import story
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.records import State
+from tca_tools.run.selection import messages_of
 from tca_tools.tasktree_viz.__main__ import tree
 from tca_tools.tasktree_viz.words import note
-from tca_tools.then import Then
-from tca_wire import facts
+from tca_tools.why.story import story
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Outcome, Role
 

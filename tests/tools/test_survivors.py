@@ -3,10 +3,10 @@
 from tools.story import Story
 
 from tca_tools.export.tables import TABLES
-from tca_tools.records import State
-from tca_tools.story import story
-from tca_tools.then import Then
-from tca_wire import facts
+from tca_tools.run.at_time import Then
+from tca_tools.run.records import State
+from tca_tools.why.story import story
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -9,16 +9,16 @@ import pytest
 from click.testing import Result
 from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
-from tca_tools.records import State
+from tca_tools.run.at_time import Then
+from tca_tools.run.records import State
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.picture import drawn
 from tca_tools.tasktree_viz.text import tree_lines
-from tca_tools.then import Then
-from tca_wire import facts
 from tca_wire.constraints import Constraint, delay_planning, plan_first, sequential_achievement
-from tca_wire.facts import Failed
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Failed
 from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
 

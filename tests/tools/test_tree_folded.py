@@ -6,10 +6,10 @@ from pathlib import Path
 from click.testing import Result
 from tools.story import Story
 
+from tca_tools.run.at_time import Then
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row, cut_off, outline
-from tca_tools.then import Then
-from tca_wire.facts import Failed, Killed
+from tca_wire.journal.facts import Failed, Killed
 from tca_wire.points import Moment, TaskId
 
 Tca = Callable[..., Result]

@@ -14,7 +14,8 @@ from click.testing import Result
 from tools.runs import encoded, walk
 from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
 
-from tca_tools.history import History
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.files import is_figure
 from tca_tools.tasktree_viz.outline import outline, whole_outline
@@ -22,10 +23,9 @@ from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.plan import CHARACTER
 from tca_tools.tasktree_viz.text import tree_lines
 from tca_tools.tasktree_viz.told import story_lines
-from tca_tools.then import Then
-from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
-from tca_wire.facts import Entry
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome, Role
 

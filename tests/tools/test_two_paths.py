@@ -4,7 +4,7 @@ import pytest
 from tools.story import Story
 
 from tca_tools.report.contents import Contents, contents
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment
 
 

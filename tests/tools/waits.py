@@ -2,8 +2,8 @@
 
 from tools.story import THIS, Story
 
-from tca_wire import facts
 from tca_wire.constraints import Constraint, sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, Point, TaskId
 
 

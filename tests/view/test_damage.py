@@ -9,9 +9,9 @@ from playwright.sync_api import expect
 from tools.story import Story, silent_for, stumbling, walking
 from view.conftest import Look
 
-from tca_wire import facts
-from tca_wire.facts import JOURNAL_VERSION
-from tca_wire.journal import record
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION
+from tca_wire.journal.records import record
 
 pytestmark = pytest.mark.slow
 

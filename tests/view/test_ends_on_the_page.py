@@ -10,8 +10,8 @@ from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 from view.conftest import Look
 
-from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 

@@ -11,17 +11,17 @@ from properties.test_then import WatchedPlayer
 from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
-from tca_tools.coping import WATCHING, Failing, has_coped, went_on
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.colours import dark
-from tca_tools.history import History
-from tca_tools.records import State
-from tca_tools.then import Then
+from tca_tools.run.at_time import Then
+from tca_tools.run.fold import History
+from tca_tools.run.records import State
 from tca_tools.view import verdicts
 from tca_tools.view.columns import parsed
 from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
-from tca_wire import facts
-from tca_wire.facts import Entry
+from tca_tools.why.coping import WATCHING, Failing, has_coped, went_on
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -11,17 +11,17 @@ from playwright.sync_api import Page, expect
 from tools.story import Story, walking
 from view.conftest import Look, until
 
-from tca_tools.ends import causes
 from tca_tools.gantt.bars import _in_lanes as in_lanes
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.parts import Bar
-from tca_tools.logs import Log, Place, open_log
-from tca_tools.then import Then
+from tca_tools.run.at_time import Then
+from tca_tools.run.journals import Log, Place, open_log
 from tca_tools.view import answers
 from tca_tools.view.answers import causes_answer
 from tca_tools.view.reading import Reading
-from tca_wire import facts
-from tca_wire.facts import Entry
+from tca_tools.why.ends import causes
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry
 from tca_wire.points import TaskId
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from tools.story import Story
 from view.conftest import Look, until, written
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.vocabulary import Role
 
 pytestmark = pytest.mark.slow

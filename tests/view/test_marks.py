@@ -10,7 +10,7 @@ from tools.story import Story
 from tools.test_coping import asking, replacing
 from view.conftest import Look, until
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -15,12 +15,12 @@ from tools.story import Story, stumbling, walking
 from view.conftest import Look, until
 
 from tca_module import Command, Goal, Module, Task, connect
-from tca_tools.logs import Log, Place
+from tca_tools.run.journals import Log, Place
 from tca_tools.view.app import application
 from tca_tools.view.runs import Runs
-from tca_wire import facts
-from tca_wire.facts import Entry
-from tca_wire.journal import record
+from tca_wire.journal import facts
+from tca_wire.journal.facts import Entry
+from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
 
 pytestmark = pytest.mark.slow

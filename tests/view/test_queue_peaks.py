@@ -13,7 +13,7 @@ from tca_tools.gantt.bars import chart
 from tca_tools.gantt.blocks import _longest_queue
 from tca_tools.gantt.parts import Bar
 from tca_tools.gantt.svg import svg_text
-from tca_wire import facts
+from tca_wire.journal import facts
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,8 @@ from playwright.sync_api import expect
 from tools.story import QUERY, THIS, Story, stumbling
 from view.conftest import Look
 
-from tca_wire import facts
 from tca_wire.constraints import sequential_achievement
+from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 

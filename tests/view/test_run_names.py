@@ -9,11 +9,11 @@ import pytest
 from module.real_central import SOON, until
 from tools.story import stumbling, walking
 
-from tca_tools.logs import open_log
+from tca_tools.run.journals import open_log
 from tca_tools.view.runs import Runs
-from tca_wire import facts
 from tca_wire.endpoint import default_journals
-from tca_wire.facts import JOURNAL_VERSION
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION
 
 
 @contextmanager

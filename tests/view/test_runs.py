@@ -14,8 +14,8 @@ from tools.story import stumbling, walking
 from view.conftest import Look
 
 from tca_module import Goal, connect
-from tca_wire import facts
-from tca_wire.facts import JOURNAL_VERSION
+from tca_wire.journal import facts
+from tca_wire.journal.facts import JOURNAL_VERSION
 
 pytestmark = pytest.mark.slow
 

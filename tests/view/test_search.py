@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from tools.story import QUERY, Story
 from view.conftest import Look
 
-from tca_wire import facts
+from tca_wire.journal import facts
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tca_wire import codec, direct, headers
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.errors import ProtocolError
+from tca_wire.packets import codec, direct, headers
 from tca_wire.points import Moment, Point, TaskId
 
 points = st.builds(Point, st.integers(-1, 2**40).map(TaskId), st.sampled_from(Moment))

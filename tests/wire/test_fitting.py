@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tca_wire.errors import BadData
-from tca_wire.fitting import first_misfit
-from tca_wire.formats import Format, schema_text
+from tca_wire.messages.fitting import first_misfit
+from tca_wire.messages.formats import Format, schema_text
 
 
 class Side(Enum):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tca_wire.declarations import Command, Failure, Goal, Query
 from tca_wire.errors import BadData, BadFormat
-from tca_wire.formats import Format, decode_untyped, first_difference, schema_text
+from tca_wire.messages.declarations import Command, Failure, Goal, Query
+from tca_wire.messages.formats import Format, decode_untyped, first_difference, schema_text
 
 
 class Side(Enum):

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tca_wire.errors import JournalDamaged
-from tca_wire.facts import Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
-from tca_wire.journal import MAX_RECORD, JournalReader, record
+from tca_wire.journal.facts import Dropped, Entry, Fact, Opened, Reached, Returned, kind_of
+from tca_wire.journal.records import MAX_RECORD, JournalReader, record
 from tca_wire.points import Moment, TaskId, describe_moments
+from tca_wire.text.facts_in_words import fields_of
 from tca_wire.vocabulary import Outcome
-from tca_wire.wording import fields_of
 
 ENTRIES = [
     Entry(0, 0.0, [Opened(1, "epoch", 1, 1e9, "0.1")]),

@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tca_wire.declarations import Command
 from tca_wire.errors import BadData
-from tca_wire.formats import Format, schema_text
-from tca_wire.plain_data import Bare, PlainFormat
+from tca_wire.messages.declarations import Command
+from tca_wire.messages.formats import Format, schema_text
+from tca_wire.text.plain_data import Bare, PlainFormat
 
 
 class Side(Enum):

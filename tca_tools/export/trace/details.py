@@ -3,8 +3,8 @@
 from typing import Any
 
 from tca_tools.data import plain_data
-from tca_tools.past import Past
-from tca_tools.records import Handling, Message, Task, Wait
+from tca_tools.run.past import Past
+from tca_tools.run.records import Handling, Message, Task, Wait
 from tca_wire.points import describe_moments
 from tca_wire.vocabulary import MessageClass
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from tca_tools.export.lanes import Span
 from tca_tools.export.nanoseconds import Nanoseconds
-from tca_tools.past import Past
+from tca_tools.run.past import Past
 
 T = TypeVar("T")
 

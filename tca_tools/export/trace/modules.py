@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, count, groupby
 from typing import Any
 
-from tca_tools.coping import has_coped
 from tca_tools.export.lanes import Span, in_lanes, levels, nested
 from tca_tools.export.trace.details import flow_through, flow_to, flows_from, of_handling, of_message, of_wait
 from tca_tools.export.trace.events import (
@@ -18,7 +17,8 @@ from tca_tools.export.trace.events import (
     slices,
     within,
 )
-from tca_tools.records import Claim, Handling, Message, Queueing, Wait
+from tca_tools.run.records import Claim, Handling, Message, Queueing, Wait
+from tca_tools.why.coping import has_coped
 from tca_wire.vocabulary import Outcome
 
 _NO_HANDLER = "(no handler)"

@@ -13,7 +13,7 @@ from tca_tools.export.nanoseconds import since_1970
 from tca_tools.export.trace.events import Event, Kind, Trace, Track, add_now
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
-from tca_tools.past import Past
+from tca_tools.run.past import Past
 
 _SEQUENCE = 1
 _NAMED = (Kind.BEGIN, Kind.INSTANT)

@@ -28,7 +28,7 @@ from tca_module import (
     Refused,
     Task,
 )
-from tca_wire.facts import HandledDirectly, HandlerRemoved, LostDirectly
+from tca_wire.journal.facts import HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Outcome, Refusal
 
 pytestmark = pytest.mark.usefixtures("attentive")

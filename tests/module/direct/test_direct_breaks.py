@@ -22,7 +22,7 @@ from tca_module import (
     connect,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.facts import Delivered
+from tca_wire.journal.facts import Delivered
 
 pytestmark = pytest.mark.usefixtures("attentive")
 

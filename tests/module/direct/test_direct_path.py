@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from module.direct_line import KEY, Pair
 
-from tca_module import direct_path
-from tca_module.direct_inbox import MOST_SENDERS
-from tca_module.direct_path import MOST_UNDER_WAY
-from tca_module.notes import FAR
-from tca_module.request import Request
-from tca_wire.codec import pack_item
-from tca_wire.direct import Direct, Greet, unpack_from_entrance
-from tca_wire.headers import PROTOCOL_VERSION, Fail, Refused, Reply, Send, Unknown
+from tca_module.direct import path as direct_path
+from tca_module.direct.inbox import MOST_SENDERS
+from tca_module.direct.notes import FAR
+from tca_module.direct.path import MOST_UNDER_WAY
+from tca_module.link.request import Request
+from tca_wire.packets.codec import pack_item
+from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
+from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Refused, Reply, Send, Unknown
 from tca_wire.vocabulary import Outcome, Refusal
 
 
@@ -219,7 +219,7 @@ def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pa
 
 
 def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tca_module.direct_inbox.MOST_WAITING", 5)
+    monkeypatch.setattr("tca_module.direct.inbox.MOST_WAITING", 5)
     for number in range(1, 11):
         pair.line.there.append((pair.line.address, [pack_item(Direct(number, "pose"))]))
     pair.inbox.listen()

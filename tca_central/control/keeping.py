@@ -1,0 +1,108 @@
+"""What is remembered of ended tasks because a module asked for it: data, outcome and place in the tree.
+
+A task that a module keeps leaves a record when it ends, under its parent: the living task, the root, or that one's
+record. A record goes when nobody keeps it any more (each module keeps for itself, and a module that leaves keeps
+nothing), or when what it hangs under ends without being kept or goes itself. (TCM: SetPersistence; TDL: PERSISTENT;
+TCA 8.5 kept every node until its references were released.)
+"""
+
+from tca_central.errors import RequestError
+from tca_central.model.registry import Connection, Module
+from tca_central.model.task_tree import Kept, Task
+from tca_central.state import State
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Refusal
+
+MOST_KEPT = 10_000
+"""Tasks that all modules together may keep, living ones too."""
+
+KEPT_BYTES = 64 << 20
+"""What the records of ended tasks may hold; the oldest go first."""
+
+
+def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
+    """A module keeps a task from now on, or no longer; to let go what is not kept is no error."""
+    task = central.tree.task(header.task)
+    record = central.kept.get(header.task)
+    if header.release:
+        release(central, header.task, connection.module)
+    elif task is None and record is None:
+        raise RequestError(Refusal.TOO_LATE, f"task {header.task} has ended: ask that it be kept before it does")
+    else:
+        keep(central, task or record, connection.module)
+    central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def check_room(central: State) -> None:
+    """Raises RequestError if no more tasks can be kept."""
+    if central.promises >= MOST_KEPT:
+        text = f"{MOST_KEPT} tasks are kept already: release those that nobody asks for any more"
+        raise RequestError(Refusal.OVERLOAD, text)
+
+
+def keep(central: State, task: Task | Kept | None, module: Module) -> None:
+    """Let *module* keep a task, or the record of one; twice is once."""
+    assert task is not None
+    if task.id in module.keeps:
+        return
+    check_room(central)
+    (task.more if isinstance(task, Task) else task).keepers[module] = None
+    module.keeps[task.id] = None
+    central.promises += 1
+    central.facts.append(facts.Kept(TaskId(task.id), module.name))
+
+
+def release(central: State, task_id: int, module: Module) -> None:
+    """*module* keeps a task no longer."""
+    if task_id not in module.keeps:
+        return
+    del module.keeps[task_id]
+    central.promises -= 1
+    central.facts.append(facts.Released(TaskId(task_id), module.name))
+    if (record := central.kept.get(task_id)) is not None:
+        del record.keepers[module]
+        if not record.keepers:
+            _drop(central, record)
+    else:
+        del central.tree.tasks[task_id].more.keepers[module]
+
+
+def release_all(central: State, module: Module) -> None:
+    """A module is gone, and keeps nothing."""
+    for task_id in list(module.keeps):
+        release(central, task_id, module)
+
+
+def ended(central: State, task: Task) -> None:
+    """A task has ended: remember it, if it is kept; else what hangs under it goes, too."""
+    rare, parent = task.rare, task.parent
+    assert rare is not None
+    assert parent is not None
+    if not rare.keepers:
+        for record in list(rare.kept.values()):
+            _drop(central, record)
+        return
+    record = Kept(task, central.outcome(task), rare)
+    parent.more.kept[record.id] = record
+    central.kept[record.id] = record
+    central.kept_bytes += record.size
+    while central.kept_bytes > KEPT_BYTES:
+        _drop(central, next(iter(central.kept.values())))
+
+
+def _drop(central: State, record: Kept) -> None:
+    """Forget a record, and all under it."""
+    record.siblings.pop(record.id)
+    forgotten = [record]
+    while forgotten:
+        one = forgotten.pop()
+        forgotten.extend(one.kept.values())
+        del central.kept[one.id]
+        central.kept_bytes -= one.size
+        for module in one.keepers:
+            del module.keeps[one.id]
+            central.promises -= 1
+        central.facts.append(facts.Released(TaskId(one.id), ""))

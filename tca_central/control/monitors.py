@@ -1,0 +1,235 @@
+"""Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
+
+A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every period. A *demon
+monitor* has something set up, and is fired by a module. A condition that holds, or a fire, sends the action under the
+monitor: with the condition's reply as its data, or the monitor's own where the reply is only true. What is declared
+without data gets none. A polling or demon monitor ends after so many actions, so many seconds, at a point, or when all
+else under its parent has ended.
+"""
+
+from tca_central.errors import RequestError
+from tca_central.failing.failures import fail_task, raise_failure
+from tca_central.model.clock import Due
+from tca_central.model.intervals import DELIVERED
+from tca_central.model.registry import Connection
+from tca_central.model.task_tree import Task
+from tca_central.outgoing.central_messages import data_for, make, make_delivery
+from tca_central.state import Failure, State
+from tca_central.status.whereabouts import why_full
+from tca_central.watching.watches import Watch, end_watch, enlist, stop
+from tca_wire.journal import facts
+from tca_wire.messages.failures import OVERLOAD
+from tca_wire.messages.formats import NIL
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted, Answer
+from tca_wire.packets.parts import MessageFormat
+from tca_wire.points import Point, TaskId
+from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
+
+FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
+
+_FIRST, _ACTION = 0, 1  # which part of a monitor
+
+_ACTS = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.INFORM, MessageClass.BROADCAST)
+
+
+# --- birth -----------------------------------------------------------------------------------------------------------
+
+
+def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
+    """Raises RequestError if the parts of a monitor are not what it needs; *new* are messages declared with it."""
+    message_class = declared.message_class
+    wanted = 3 if message_class is MessageClass.DEMON_MONITOR else 2 if message_class.is_monitor else 0
+    if len(declared.parts) != wanted:
+        text = f"{message_class} '{declared.name}' has {len(declared.parts)} parts: {wanted} are needed"
+        raise RequestError(Refusal.PROTOCOL, text)
+    for number, part in enumerate(declared.parts):
+        known = central.registry.messages.get(part)
+        part_class = new.get(part) or (known.message_class if known else None)
+        is_condition = number == _FIRST and message_class is not MessageClass.DEMON_MONITOR
+        allowed = (MessageClass.QUERY,) if is_condition else _ACTS
+        is_optional = message_class is MessageClass.DEMON_MONITOR or number == _ACTION
+        if part_class not in allowed and not (part == "" and is_optional):
+            what = f"a {part_class}" if part_class else "not declared"
+            which = "a query" if is_condition else "a goal, command, inform or broadcast"
+            text = f"{message_class} '{declared.name}' needs {which}, and '{part}' is {what}"
+            raise RequestError(Refusal.UNKNOWN, text)
+
+
+# --- watching --------------------------------------------------------------------------------------------------------
+
+
+def start(central: State, task: Task) -> None:
+    """The turn of a monitor has come."""
+    watch = _watch(task)
+    if task.returned:  # it was ended before it began
+        central.agenda.started(task)
+        return
+    if watch.is_over:  # it is retried
+        watch = task.more.watch = Watch(task, watch.options, watch.parts)
+        enlist(central, task)
+    watch.began = central.clock.now
+    central.agenda.started(task)
+    central.agenda.happened.append((task, DELIVERED))
+    options, message_class = watch.options, task.message.message_class
+    if options.duration:
+        watch.timers.append(central.clock.after(options.duration, Due.WATCHED, watch))
+    if options.until is not None and not _wait_until(central, watch, options.until):
+        return
+    if message_class is MessageClass.DEMON_MONITOR:
+        if (set_up := watch.parts[_FIRST]) is not None:
+            make(central, set_up, data_for(set_up, task.body), task, Role.SET_UP, context=watch)
+    elif message_class is MessageClass.POLLING_MONITOR and options.initial_wait:
+        _test_later(central, watch)
+    else:
+        _test(central, watch)
+
+
+def _watch(task: Task) -> Watch:
+    watch = task.more.watch
+    assert isinstance(watch, Watch)
+    return watch
+
+
+def _wait_until(central: State, watch: Watch, until: Point) -> bool:
+    """Whether the point at which the monitor ends is still to come."""
+    at = central.tree.tasks.get(until.task)
+    if at is None or at.reached & int(until.moment):
+        end_watch(central, watch, "its end point is reached")
+        return False
+    watch.waits_for = at
+    central.agenda.wait(at, int(until.moment), watch)
+    return True
+
+
+def _test_later(central: State, watch: Watch) -> None:
+    """Test again at the next multiple of the period: tests that take too long are not made up for."""
+    assert watch.began is not None
+    period = watch.options.period
+    wait = period - (central.clock.now - watch.began) % period
+    if wait < period / 1000:  # this is that multiple, but for the rounding of floats: a wait of 0 would be one for ever
+        wait += period
+    watch.timers = [timer for timer in watch.timers if not timer.is_cancelled]
+    watch.timers.append(central.clock.after(wait, Due.TEST, watch))
+
+
+def on_test(central: State, watch: Watch) -> None:
+    """A polling monitor's period is over. While it is suspended it does not test."""
+    if not watch.is_on:
+        return
+    if watch.condition is None and not watch.task.suspended:
+        _test(central, watch)
+    else:
+        _test_later(central, watch)
+
+
+def _test(central: State, watch: Watch) -> None:
+    """Ask the condition."""
+    query, task = watch.parts[_FIRST], watch.task
+    assert query is not None
+    if task.message.message_class is MessageClass.POLLING_MONITOR:
+        _test_later(central, watch)
+    if central.dispatcher.is_full(query):
+        if task.message.message_class is MessageClass.POINT_MONITOR:  # it has no later test to wait for
+            stop(central, watch, "its condition could not be asked")
+            text = f"its condition '{query.name}' could not be asked: {why_full(query)}"
+            fail_task(central, task, Failure(OVERLOAD, text))
+        return
+    asked = make_delivery(central, query, data_for(query, task.body), Role.CONDITION, about=task, context=watch)
+    watch.condition = asked
+    central.asked[asked.id] = watch
+    central.dispatcher.route(asked)
+
+
+def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]) -> None:
+    """The condition was answered: None and False say that it does not hold. What it failed with, of these *kinds*, is
+    the monitor's failure.
+    """
+    watch.condition = None
+    task = watch.task
+    is_point = task.message.message_class is MessageClass.POINT_MONITOR
+    if answer.outcome is not Outcome.DONE:
+        text = f"its condition: {answer.text}" if answer.text else "its condition failed"
+        failure = Failure(answer.failure, text, body, kinds)
+        if is_point:
+            stop(central, watch, "its condition failed")
+            fail_task(central, task, failure)
+        else:
+            raise_failure(central, task, failure)
+        return
+    holds = body not in (NIL, FALSE)
+    central.facts.append(facts.MonitorTested(TaskId(task.id), holds))
+    if holds:
+        _fire(central, watch, task.body if body == TRUE else body)
+    if is_point:
+        end_watch(central, watch, "it has been tested")
+
+
+def _fire(central: State, watch: Watch, body: bytes) -> None:
+    options = watch.options
+    watch.count += 1
+    if watch.count % options.fire_every:
+        return
+    watch.fires += 1
+    action = watch.parts[_ACTION]
+    if action is not None:
+        make(central, action, data_for(action, body), watch.task, Role.ACTION, context=watch)
+    if watch.fires == options.maximum:
+        end_watch(central, watch, f"it has sent {watch.fires} actions")
+
+
+def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
+    """A module fires a demon monitor. One that does not watch is not fired (TCM: a warning, no effect)."""
+    watch = _of_request(central, header.monitor)
+    if watch is not None:
+        _check_fire(watch, header.action)
+    if watch is None or not watch.is_on:
+        state = "does not watch yet" if watch is not None and not watch.is_over else "has ended"
+        central.ignore(connection, header.number, f"monitor {header.monitor} {state}: it can't be fired")
+        return
+    _fire(central, watch, body)
+    central.send(connection, header.number, Accepted(header.number, header.monitor))
+
+
+def _check_fire(watch: Watch, wanted: str) -> None:
+    """Raises RequestError if a monitor can't be fired from outside, or has another action than who fires it thinks."""
+    task, action = watch.task, watch.parts[_ACTION]
+    if task.message.message_class is not MessageClass.DEMON_MONITOR:
+        raise RequestError(Refusal.PROTOCOL, f"{task} is no demon monitor: it is not fired from outside")
+    if wanted and (action is None or wanted != action.name):
+        has = f"its action is '{action.name}'" if action is not None else "it has no action: fire it without"
+        raise RequestError(Refusal.PROTOCOL, f"{task} can't be fired with '{wanted}': {has}")
+
+
+def _of_request(central: State, task_id: TaskId) -> Watch | None:
+    """What the monitor of that number is doing; None if it has ended."""
+    task = central.tree.task(task_id)
+    if task is not None and not task.message.message_class.is_monitor:
+        raise RequestError(Refusal.PROTOCOL, f"{task} is no monitor")
+    return _watch(task) if task is not None else None
+
+
+# --- the end ---------------------------------------------------------------------------------------------------------
+
+
+def on_end_monitor(central: State, connection: Connection, header: headers.EndMonitor, _: bytes) -> None:
+    """A module ends a monitor, also one that does not watch yet."""
+    watch = _of_request(central, header.monitor)
+    if watch is None or watch.is_over:
+        central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
+        return
+    end_watch(central, watch, f"by module '{connection.module.name}'")
+    central.send(connection, header.number, Accepted(header.number, header.monitor))
+
+
+def on_watched(central: State, watch: Watch) -> None:
+    """A monitor has watched for as long as it should."""
+    end_watch(central, watch, f"it has watched for {watch.options.duration:g} s")
+
+
+def end_watchers(central: State, task: Task) -> None:
+    """Nothing is left under a task but monitors that watched over the rest."""
+    children = list((task.children or {}).values())
+    if len(children) == task.watchers:
+        for child in children:
+            end_watch(central, _watch(child), "all else under its parent has ended")

@@ -1,0 +1,261 @@
+"""Who waits for what, as one graph over handlers, messages, resources, claims and points of tasks.
+
+``needs`` says of a node what it waits for: groups of nodes, of each of which one is enough. No group at all: it will
+come about by itself, as far as central knows: a handler that runs may return, somebody may come to handle a message,
+a suspended task may be resumed, time passes. So the graph never shows a wait for ever where there is none.
+
+Groups come one at a time, so that whoever searches can stop: one node may need a million others. Between two of them
+comes a None for whatever was looked at and holds nothing back; so a step never takes long.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from tca_central.model.intervals import STARTS, delivered_at
+from tca_central.model.registry import Connection, Delivery, ModuleResource
+from tca_central.model.resources import Claim
+from tca_central.model.task_tree import Task
+from tca_central.order.cycles import Each, Place, predecessors
+from tca_central.requests.waiting import Wait
+from tca_central.state import State
+from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
+from tca_wire.vocabulary import MessageClass
+
+
+class Waiting(NamedTuple):
+    """That a connection gets the answer to its blocking request."""
+
+    connection: Connection
+    number: int
+
+
+class Returning(NamedTuple):
+    """That the handler of a delivery returns."""
+
+    delivery: Delivery
+
+
+class Turn(NamedTuple):
+    """That a delivery in a queue is given to a handler."""
+
+    delivery: Delivery
+    kind: str = "turn"  #: as a key it is not the Returning of that delivery later
+
+
+class TurnAt(NamedTuple):
+    """That a delivery in a queue is given to a handler of this resource."""
+
+    delivery: Delivery
+    resource: ModuleResource
+
+
+class Freeing(NamedTuple):
+    """That a slot of a resource all of whose slots are taken is free again."""
+
+    resource: ModuleResource
+
+
+class Granting(NamedTuple):
+    """That a claim gets its resource."""
+
+    claim: Claim[Connection]
+    kind: str = "granting"  #: as a key it is not the Releasing of that claim later
+
+
+class Releasing(NamedTuple):
+    """That the lock or reservation in force ends."""
+
+    claim: Claim[Connection]
+
+
+Node = Waiting | Returning | Turn | TurnAt | Freeing | Granting | Releasing | Place
+Group = Sequence[Node]
+Groups = Iterator[Group | None]
+
+
+def needs(central: State, node: Node, each: Each = iter) -> Groups:
+    """What a node waits for. Who lets central change while he still walks that gives ``list`` for *each*."""
+    return _OF[type(node)](central, node, each)
+
+
+def still_needs(central: State, node: Node, group: Group) -> bool:
+    """Whether a node waits for that group now, as it did before."""
+    if isinstance(node, Place) and isinstance(group[0], Place) and group[0].task.parent is node.task:
+        (task, moment), (child, its_moment) = node, group[0]
+        if moment == its_moment and moment in (END_PLANNING, END_ACHIEVING):  # it may be one of a million
+            is_there = central.tree.tasks.get(child.id) is child and central.tree.tasks.get(task.id) is task
+            return is_there and not task.reached & moment and (bool(task.killed) or not child.reached & moment)
+    return any(one is not None and list(one) == list(group) for one in needs(central, node))
+
+
+def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
+    due = node.connection.outstanding.get(node.number)
+    if isinstance(due, Delivery):
+        if due.slot is not None:
+            yield [Returning(due)]
+        elif due.queues:
+            yield [Turn(due)]
+    elif isinstance(due, Claim):
+        yield [Granting(due)]
+    elif isinstance(due, Wait) and (task := central.tree.tasks.get(due.task_id)) is not None:
+        yield [Place(task, due.moment)]
+
+
+def _of_handler(_: State, node: Returning, each: Each) -> Groups:
+    """A handler returns after it has got all that it, or whatever is handled within its waits, waits for. A coroutine
+    goes on when it has got any of what it awaits.
+    """
+    slot = node.delivery.slot
+    if slot is not None:
+        given = slot.handling[node.delivery]
+        awaited: tuple[int, ...] = ()
+        for number, wait in each(slot.waits.items()):
+            if wait.together:
+                awaited = wait.together if wait.origin == node.delivery.given_as else awaited
+                yield None
+            elif wait.since > given:
+                yield [Waiting(slot, number)]
+        if awaited:
+            yield [Waiting(slot, number) for number in awaited]
+
+
+def _of_turn(_: State, node: Turn, __: Each) -> Groups:
+    delivery = node.delivery
+    if delivery.queues:
+        yield [TurnAt(delivery, resource) for resource in delivery.queues]
+
+
+def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
+    delivery, resource = node
+    held_by = resource.held_by
+    if held_by is not None and not resource.admits(delivery):
+        yield [Releasing(held_by)]
+    if held_by is None:
+        key = -delivery.priority, delivery.arrival
+        for claim in each(resource.claims):
+            yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
+    if resource.slots and not resource.free:
+        yield [Freeing(resource)]
+
+
+def _of_freeing(_: State, node: Freeing, __: Each) -> Groups:
+    resource = node.resource
+    if resource.slots and not resource.free:
+        yield [Returning(next(iter(slot.handling))) for slot in resource.slots if slot.handling]
+
+
+def _of_claim(_: State, node: Granting, each: Each) -> Groups:
+    claim = node.claim
+    resource = claim.resource
+    if claim.is_granted:
+        return
+    if resource.held_by is not None:
+        yield [Releasing(resource.held_by)]
+    for slot in (slot for copy in each(resource.copies) for slot in each(copy.slots)):
+        yield [Returning(next(iter(slot.handling)))] if slot.handling and slot is not claim.slot else None
+    key = -claim.priority, claim.arrival
+    for one in each(resource.claims):
+        yield [Granting(one)] if (-one.priority, one.arrival) < key else None
+
+
+def _of_release(central: State, node: Releasing, each: Each) -> Groups:
+    """Its handler is expected to release it; when that has returned the end of its task will, or that it is retried."""
+    claim = node.claim
+    holder = claim.holder
+    if not claim.is_granted:
+        return
+    if holder is None:
+        groups = dict.fromkeys(wait.together or (number,) for number, wait in claim.slot.waits.items())
+        yield from ([Waiting(claim.slot, number) for number in group] for group in groups)
+    elif holder.slot is not None:
+        yield [Returning(holder)]
+    elif isinstance(holder, Task) and holder.again:
+        children = (holder.children or {}).values() if not holder.suspended else ()
+        yield from ([Place(child, END_ACHIEVING)] for child in each(children))
+    elif isinstance(holder, Task) and central.tree.tasks.get(holder.id) is holder:
+        yield [Place(holder, END_ACHIEVING)]
+
+
+def _of_point(central: State, place: Place, each: Each) -> Groups:
+    task, moment = place
+    if task.reached & moment or (task.suspended and moment & STARTS):
+        return
+    if task.killed:
+        yield from _of_killed(task, moment, each)
+        return
+    if task.queues and is_only_queued(task):
+        is_plain = all(resource.held_by is None and not resource.claims for resource in task.queues)
+        yield [Freeing(resource) for resource in task.queues] if is_plain else [Turn(task)]
+        return
+    yield from _of_its_handler(task, moment)
+    is_watching = task.message.message_class.is_monitor and task.reached & START_HANDLING
+    if is_watching and moment == END_HANDLING:
+        yield from _of_test(task)
+    else:
+        yield from _of_order(central, task, moment, each)
+
+
+def is_only_queued(task: Task) -> bool:
+    """Whether a task is in a queue, with nothing else before any of its points: most of what a wide goal waits for."""
+    if not task.queues or task.reached & START_HANDLING or task.leaders or task.children or task.again or task.rare:
+        return False
+    parent = task.parent
+    return not task.suspended and (task.is_free or parent is None or bool(parent.reached & START_ACHIEVING))
+
+
+def _of_test(monitor: Task) -> Groups:
+    """A monitor asks its condition no more until it is answered. One that ends when it has been tested, or has acted so
+    many times, waits for that, or for the point until which it watches; others end by time, events or somebody's will.
+    """
+    watch = monitor.more.watch
+    if watch is None or (condition := watch.condition) is None or watch.options.duration:
+        return
+    is_point = monitor.message.message_class is MessageClass.POINT_MONITOR
+    if (is_point or watch.options.maximum) and (condition.slot is not None or condition.queues):
+        ends: list[Node] = [Returning(condition) if condition.slot is not None else Turn(condition)]
+        if watch.waits_for is not None:
+            ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
+        yield ends
+
+
+def _of_its_handler(task: Task, moment: int) -> Groups:
+    starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
+    ends = END_HANDLING | END_PLANNING | END_ACHIEVING
+    if task.slot is not None and moment & ends:
+        yield [Returning(task)]
+    elif task.queues and (moment & starts or task.reached & START_HANDLING):  # or is to be handled again
+        yield [Turn(task)]
+    elif moment == START_HANDLING:
+        yield [Place(task, delivered_at(task.is_goal))]
+
+
+def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
+    """Constraints, and the order within the task and with its relatives; two starts of which each waits for the other
+    (DELAY_PLANNING) are one.
+    """
+    together = (START_PLANNING, START_ACHIEVING) if task.delayed and moment & STARTS else (moment,)
+    for one in together:
+        for before in predecessors(central.tree, Place(task, one), each):
+            is_the_same = before.task is task and before.moment in together
+            yield None if is_the_same or before.task.reached & before.moment else [before]
+
+
+def _of_killed(task: Task, moment: int, each: Each) -> Groups:
+    """Only what runs, or outlives the kill, holds up the end of a killed task."""
+    if task.slot is not None:
+        yield [Returning(task)]
+    if moment in (END_PLANNING, END_ACHIEVING):
+        yield from ([Place(child, moment)] for child in each((task.children or {}).values()))
+
+
+_OF: dict[type, Callable[[State, Any, Each], Groups]] = {
+    Place: _of_point,
+    Waiting: _of_wait,
+    Returning: _of_handler,
+    Turn: _of_turn,
+    TurnAt: _of_turn_at,
+    Freeing: _of_freeing,
+    Granting: _of_claim,
+    Releasing: _of_release,
+}
+"""One row per kind of node."""

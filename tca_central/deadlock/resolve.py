@@ -1,0 +1,322 @@
+"""Deadlocks: waits that can never end, found when they begin and ended with a failure that names the circle.
+
+Theory of operation. stuck.py says what in the graph of needs.py can never come about: what waits, in the end, for
+itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler gets an error; where only tasks
+wait for each other the failure is raised on one that keeps a lock or reservation. That is taken from it where its
+exception handler does not help, or where an exception handler, or what leaves things safe, waits in the circle: those
+go first.
+
+Asked about is the wait that has just begun, or the message that was just queued. Whatever else may close a circle (a
+subtask, a constraint, a slot that is lost) is found shortly after, by a look at all that blocks. A search that has
+looked at enough for one event goes on in later looks, a slice in each, so that central is never held up, and all is
+found in the end. In each circle is the wait of a handler, or something that is locked: nobody waits for what a mere
+client waits for.
+"""
+
+from tca_central.control.revoking import is_kept, take_away
+from tca_central.deadlock.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
+from tca_central.deadlock.search import Search, TooLongError
+from tca_central.failing.failures import raise_failure
+from tca_central.locks.claims import take
+from tca_central.model.clock import Due
+from tca_central.model.registry import Connection, Delivery
+from tca_central.model.resources import Claim
+from tca_central.model.task_tree import Task
+from tca_central.order.cycles import Place
+from tca_central.requests.giving_up import give_up
+from tca_central.state import Failure, State
+from tca_central.status.whereabouts import named
+from tca_wire.journal import facts
+from tca_wire.messages.failures import DEADLOCK
+from tca_wire.packets.headers import Refused
+from tca_wire.points import END_ACHIEVING, describe_moments
+from tca_wire.vocabulary import Refusal, Role
+
+PATIENCE = 1000
+"""Edges of the graph that are looked at in an event in which something begins to wait."""
+
+SLICE = 2000
+"""Edges that are looked at in one later look: some milliseconds, four times a second."""
+
+_CLOSES_NOTHING = (facts.Queued, facts.Delivered, facts.Returned, facts.Answered, facts.Awaited, facts.WaitBegan)
+"""After these nothing waits that did not before, or else it is among the suspects."""
+
+_SHOWN = 12  # parts of a circle that the error names
+
+
+class Scan:
+    """A look at all that blocks, in slices."""
+
+    def __init__(self, central: State) -> None:
+        self.search = Search(central, SLICE, list)
+        self.starts: list[Node | Connection] = [*central.blocked]
+        """What is still to be looked at, the next last."""
+        self.starts.extend(Releasing(claim) for claim in central.claims.values() if claim.is_granted)
+        self.starts.reverse()
+
+
+def look(central: State) -> None:
+    """See whether what has just begun to wait will ever get what it waits for."""
+    if not central.look_after:
+        central.suspects.clear()
+    search = Search(central, PATIENCE)
+    try:
+        while central.suspects:
+            if (start := _may_close(central, central.suspects.popleft())) is not None:
+                search = _resolve_all(central, search, start)
+    except TooLongError:
+        central.suspects.clear()
+        look_later(central)
+
+
+def _may_close(central: State, suspect: Delivery | Claim[Connection] | tuple[Connection, int]) -> Node | None:
+    """What may have closed a circle; None if it is plain that it has not."""
+    if isinstance(suspect, Claim):
+        return Releasing(suspect)
+    if isinstance(suspect, Delivery):
+        return Turn(suspect)
+    connection, number = suspect
+    if _is_answered_soon(connection, number) or not _is_waited_for(central, connection):
+        return None
+    return Waiting(connection, number)
+
+
+def has_happened(central: State) -> None:
+    """An event is over in which somebody blocks: see later whether anything in it has closed a circle."""
+    if not central.has_closed and any(_may_matter(fact) for fact in central.facts):
+        look_later(central)
+
+
+def _may_matter(fact: facts.Fact) -> bool:
+    if isinstance(fact, facts.Received):
+        return fact.message_class.is_task
+    return not isinstance(fact, _CLOSES_NOTHING)
+
+
+def look_later(central: State) -> None:
+    """Something may have closed a circle."""
+    central.has_closed = True
+    _go_on_later(central)
+
+
+def _go_on_later(central: State) -> None:
+    if central.look_after and central.next_look is None:
+        central.next_look = central.clock.after(central.look_after, Due.LOOK, None)
+
+
+def on_look(central: State, _: None) -> None:
+    """Look at all that blocks, or go on with that."""
+    central.next_look = None
+    if central.scan is None:
+        central.scan, central.has_closed = Scan(central), False
+    else:
+        central.scan.search.go_on(SLICE)
+    try:
+        while central.scan.starts:
+            _look_at_next(central, central.scan)
+        central.scan = None
+    except TooLongError:
+        _go_on_later(central)
+    else:
+        if central.has_closed:
+            _go_on_later(central)
+
+
+def _look_at_next(central: State, scan: Scan) -> None:
+    one = scan.starts[-1]
+    if isinstance(one, Connection):
+        scan.search.pay()
+        scan.starts.pop()
+        if one.handling:
+            scan.starts.extend(Waiting(one, number) for number in reversed(one.waits))
+        return
+    if _is_there(one):
+        scan.search = _resolve_all(central, scan.search, one)
+    elif scan.search.is_under_way:  # it is over meanwhile: no need to know all about it
+        scan.search = scan.search.anew()
+    scan.starts.pop()
+
+
+def _is_there(start: Node) -> bool:
+    if isinstance(start, Releasing):
+        return start.claim.is_granted
+    return not isinstance(start, Waiting) or start.number in start.connection.waits
+
+
+def _is_waited_for(central: State, connection: Connection) -> bool:
+    """Whether others may wait for what a connection waits for."""
+    return bool(connection.handling) or any(claim.slot is connection for claim in central.claims.values())
+
+
+def _is_answered_soon(connection: Connection, number: int) -> bool:
+    """Whether it is plain that a request will be answered: it was, or a handler that nothing blocks is about to."""
+    due = connection.outstanding.get(number)
+    return due is None or (isinstance(due, Delivery) and due.slot is not None and not due.slot.waits)
+
+
+# --- what is done about it -------------------------------------------------------------------------------------------
+
+
+def _resolve_all(central: State, search: Search, start: Node) -> Search:
+    """End waits as long as *start* waits for a circle; a search that knows of that."""
+    while search.is_stuck(start):
+        if not _resolve(central, search.circle(start), search):
+            break
+        search = search.anew()
+    return search
+
+
+def _resolve(central: State, circle: list[Node], search: Search) -> bool:
+    """End a wait or a claim of a circle, or raise a failure for it; False if what was raised is being seen to."""
+    text = describe(central, circle)
+    waits = [node for node in circle if isinstance(node, Waiting)]
+    kept = [node.claim for node in circle if isinstance(node, Releasing) and is_kept(node.claim)]
+    goes_first = _of_recovery(central, circle)
+    if kept and goes_first:
+        _take_from_others(central, kept, text)
+    elif waits:
+        refused = [wait for wait in waits if wait not in goes_first] or waits
+        connection, number = max(refused, key=lambda node: node.connection.waits[node.number].since)
+        _refuse(central, connection, number, text)
+    else:
+        return _raise_or_take(central, kept, search, text)
+    return True
+
+
+def _raise_or_take(central: State, kept: list[Claim[Connection]], search: Search, text: str) -> bool:
+    """Nobody blocks: who keeps what others need is told and, if no exception handler helps, loses it."""
+    if not kept or any(_is_seen_to(claim.holder, search) for claim in kept):
+        return False
+    told = next((claim.holder for claim in kept if not _was_told(claim.holder)), None)
+    if told is not None:
+        raise_failure(central, told, Failure(DEADLOCK, text))
+    else:
+        take(central, kept[0], f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
+    return True
+
+
+def _take_from_others(central: State, kept: list[Claim[Connection]], text: str) -> None:
+    """Recovery and safe ends go first: somebody loses what they need. Who knows of no trouble is told."""
+    claim = min(kept, key=lambda claim: any(above.role.survives for above in claim.holder.lineage()))
+    take_away(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
+
+
+def _was_told(task: Task) -> bool:
+    return task.failure is not None and task.failure[0] == DEADLOCK
+
+
+def _is_seen_to(task: Task, search: Search) -> bool:
+    """Whether an exception handler that is not stuck itself is about a deadlock of a task."""
+    return any(
+        child.role is Role.EXCEPTION
+        and child.context.failure.name == DEADLOCK
+        and not search.is_stuck(Place(child, END_ACHIEVING))
+        for child in (task.children or {}).values()
+    )
+
+
+def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
+    """What of a circle belongs to an exception handler or to what leaves things safe: such tasks and all under them,
+    their waits, and the waits of whoever answers their questions.
+    """
+    found: set[Node] = set()
+    known: dict[Task, bool] = {}
+    before = circle[-1]
+    for node in circle + circle:
+        is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
+        asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
+        if (before in found and (is_asked or asks_on)) or _recovers(_whose(central, node), known):
+            found.add(node)
+        before = node
+    return found
+
+
+def _whose(central: State, node: Node) -> Delivery | None:
+    match node:
+        case Place(task, _):
+            return task
+        case Returning(delivery) | Turn(delivery):
+            return delivery
+        case Waiting(connection, number):
+            return central.dispatcher.attended.get(connection.waits[number].origin)
+    return None
+
+
+def _recovers(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
+    """Whether a task handles a failure, leaves things safe, or is under one that does."""
+    passed: list[Task] = []
+    does = False
+    for above in delivery.lineage() if isinstance(delivery, Task) else ():
+        passed.append(above)
+        does = known.get(above, above.role.survives)
+        if does or above in known:
+            break
+    known.update(dict.fromkeys(passed, does))
+    return does
+
+
+def _refuse(central: State, connection: Connection, number: int, text: str) -> None:
+    central.facts.append(facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text))
+    give_up(central, connection, number, DEADLOCK)
+    central.send(connection, number, Refused(number, Refusal.DEADLOCK, text))
+
+
+# --- words -----------------------------------------------------------------------------------------------------------
+
+
+def describe(central: State, circle: list[Node]) -> str:
+    """The circle in words, from the first handler that waits."""
+    first = next((index for index, node in enumerate(circle) if isinstance(node, Waiting)), 0)
+    circle = circle[first:] + circle[:first]
+    said = [_words(central, node, circle[(index + 1) % len(circle)]) for index, node in enumerate(circle)]
+    parts = list(dict.fromkeys(filter(None, said)))
+    more = f"; and {len(parts) - _SHOWN} more" if len(parts) > _SHOWN else ""
+    return f"each waits for the next, in a circle: {'; '.join(parts[:_SHOWN])}{more}"
+
+
+def _words(central: State, node: Node, following: Node) -> str:
+    match node:
+        case Waiting(connection, number):
+            return f"{_who(central, connection, number)} waits {_for_what(following)}"
+        case TurnAt(delivery, resource):
+            return f"{named(delivery)} waits for resource '{resource.name}'"
+        case Releasing(claim):
+            kind = "reserved" if claim.admits_owner else "locked"
+            until = f" until {named(claim.holder)} has ended" if claim.holder is not None else ""
+            if isinstance(following, Place) and following.task is not claim.holder:
+                until = f" until {named(claim.holder)} is handled again, after {named(following.task)} has ended"
+            return f"'{claim.resource.name}' is {kind} by module '{claim.slot.module.name}'{until}"
+        case Place(task, _):
+            return _words_of_point(task, following)
+    return ""
+
+
+def _words_of_point(task: Task, following: Node) -> str:
+    match following:
+        case Place(other, _) if other is not task:
+            return f"{named(task)} waits until {_point(following)}"
+        case Freeing(resource):
+            return f"{named(task)} waits for resource '{resource.name}'"
+        case Returning(delivery) | Turn(delivery) if delivery is not task:
+            return f"{named(task)} waits for the reply to its condition {named(delivery)}"
+    return ""
+
+
+def _who(central: State, connection: Connection, number: int) -> str:
+    delivery = central.dispatcher.attended.get(connection.waits[number].origin)
+    return f"module '{connection.module.name}'" + (f" in {named(delivery)}" if delivery is not None else "")
+
+
+def _for_what(following: Node) -> str:
+    match following:
+        case Returning(delivery) | Turn(delivery):
+            return f"for the reply to {named(delivery)}"
+        case Granting(claim):
+            return f"to {'reserve' if claim.admits_owner else 'lock'} '{claim.resource.name}'"
+        case Place():
+            return f"until {_point(following)}"
+    return "for what is to come"
+
+
+def _point(place: Place) -> str:
+    return f"{named(place.task)} has reached {describe_moments(place.moment)[0]}"

@@ -1,0 +1,1 @@
+"""Failures, and the exception handlers that deal with them."""

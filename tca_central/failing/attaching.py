@@ -1,0 +1,113 @@
+"""Exception handlers are attached: to a task, to all tasks of a message or to the root; and taken away again."""
+
+from tca_central.errors import RequestError
+from tca_central.model.registry import Attached, Connection, MessageType
+from tca_central.model.task_tree import Task
+from tca_central.state import State
+from tca_central.watching.taps import remove as remove_tap
+from tca_central.watching.watches import end_watch
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted
+from tca_wire.packets.parts import Attachment
+from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import MessageClass, Refusal
+
+MOST_ATTACHED = 1000
+"""Exception handlers of one task, or of one message."""
+
+
+def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
+    """A module attaches an exception handler to a task, to all tasks of a message, or to the root."""
+    message = None
+    if header.message:
+        message = _task_message(central, header.message)
+    task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
+    if task is None:
+        text = f"task {header.task} has ended: no exception handler can be attached to it"
+        raise RequestError(Refusal.TOO_LATE, text)
+    attached = attach(central, header.attachment, message or task, connection.module.called)
+    central.send(connection, header.number, Accepted(header.number, attached.id))
+
+
+def _task_message(central: State, name: str) -> MessageType:
+    message = central.registry.messages.get(name)
+    if message is None or not message.message_class.is_task:
+        what = f"a {message.message_class}" if message else "not declared"
+        text = f"'{name}' is {what}: exception handlers are attached to tasks, or to the messages that become tasks"
+        raise RequestError(Refusal.UNKNOWN, text)
+    return message
+
+
+def check_attachments(central: State, wanted: list[Attachment]) -> None:
+    """Raises RequestError if one of them can't be attached."""
+    if len(wanted) > MOST_ATTACHED:
+        raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
+    for attachment in wanted:
+        handler = central.registry.messages.get(attachment.handler)
+        if handler is None or handler.message_class is not MessageClass.EXCEPTION:
+            what = f"a {handler.message_class}" if handler else "not declared"
+            raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
+
+
+def attach(central: State, wanted: Attachment, place: Task | MessageType, by: str) -> Attached:
+    """Attach an exception handler as the newest; the same one of the same module, or of a copy, makes room for it."""
+    check_attachments(central, [wanted])
+    others = place.more.attached if isinstance(place, Task) else place.attached
+    for other in others:
+        if (other.failure, other.handler.name, other.by) == (wanted.failure, wanted.handler, by):
+            _remove(central, other, by)
+            break
+    if len(others) >= MOST_ATTACHED:
+        raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_ATTACHED} exception handlers already")
+    handler = central.registry.messages[wanted.handler]
+    attached = Attached(central.new_id(), wanted.failure, handler, max(0, wanted.maximum), place, by)
+    others.append(attached)
+    central.attached[attached.id] = attached
+    task, message = (TaskId(place.id), "") if isinstance(place, Task) else (ROOT, place.name)
+    central.facts.append(facts.Attached(attached.id, attached.failure, handler.name, task, message, attached.maximum))
+    return attached
+
+
+def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
+    """A module takes an exception handler or a wiretap away, or an operator for all who want it; he ends monitors, too.
+    One that is gone already is no error.
+    """
+    module, gone = connection.module, header.id
+    if (attached := central.attached.get(header.id)) is not None:
+        _remove(central, attached, module.name)
+    elif (tap := central.taps.get(header.id)) is not None:
+        remove_tap(central, tap, module, for_all=header.for_all)
+    elif not 0 < header.id <= central.tree.newest:
+        raise RequestError(Refusal.UNKNOWN, f"there is no exception handler or wiretap {header.id}")
+    elif not (header.for_all and _end_monitor(central, header.id, module.name)):
+        gone = 0
+    central.send(connection, header.number, Accepted(header.number, gone))
+
+
+def _end_monitor(central: State, number: int, by: str) -> bool:
+    """End the monitor of that number; whether it still was to watch. Raises RequestError for a task that is none."""
+    task = central.tree.tasks.get(number)
+    if task is None:
+        return False
+    watch = task.rare.watch if task.rare is not None else None
+    if watch is None:
+        text = f"{task} is a {task.message.message_class}, which is not attached: kill it to end it"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if watch.is_over:
+        return False
+    end_watch(central, watch, f"by module '{by}'")
+    return True
+
+
+def _remove(central: State, attached: Attached, by: str) -> None:
+    place = attached.place
+    (place.more.attached if isinstance(place, Task) else place.attached).remove(attached)
+    del central.attached[attached.id]
+    central.facts.append(facts.Removed(attached.id, by))
+
+
+def forget_task(central: State, task: Task) -> None:
+    """A task has ended, and what is attached to it is gone."""
+    for attached in task.rare.attached if task.rare else ():
+        del central.attached[attached.id]

@@ -1,0 +1,385 @@
+"""Failures: raised on a task, handled by the nearest exception handler above, or the end of the top-level task.
+
+Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). The search starts at the failing task
+and goes up to the root; on each task its own exception handlers come first, newest first, then those of its message.
+The one that is found runs as a goal under the failing task. While it decides, the failing task does not count as
+handled: if the handler returns the failure has been dealt with and what comes after goes on, or it retries the
+failing task or one above, kills, adds, or reissues the failure, which lets the search go on above it. One that fails
+itself, not by choice and with nobody who helps, could not decide: the search goes on in the same way.
+"""
+
+from collections.abc import Iterator
+
+from tca_central.errors import RequestError
+from tca_central.locks import claims
+from tca_central.model.intervals import KILLED
+from tca_central.model.registry import Attached, Connection, Delivery
+from tca_central.model.task_tree import Task
+from tca_central.order.cycles import Place, find_path
+from tca_central.outgoing.central_messages import make_task, suspend
+from tca_central.state import Failure, Recovery, State
+from tca_central.watching.taps import happened
+from tca_central.watching.watches import stop
+from tca_wire.journal import facts
+from tca_wire.messages.failures import NOT_BY_CHOICE
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted
+from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
+from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
+
+LONGEST_TEXT = 16_384
+"""Characters of a failure's text that are kept: the first, where modules say what happened, and the last of a
+traceback.
+"""
+
+LONGEST_REASON = 500
+"""Characters of why an exception handler could not decide that the failure it was called for tells of."""
+
+MOST_KINDS = 32
+MOST_NESTED = 8
+"""How deep in handlers that one attachment called it may be called once more: a handler that fails with the failure
+that it handles would go on for ever."""
+
+NEWLINE = "\n"
+
+
+def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> Failure:
+    """The failure that a header tells of, within bounds."""
+    kinds = tuple(kind[: Limit.NAME] for kind in header.kinds[:MOST_KINDS])
+    return Failure(header.failure[: Limit.NAME], _shortened(header.text), body, kinds)
+
+
+def _shortened(text: str, longest: int = LONGEST_TEXT) -> str:
+    """A text's beginning and end, if it is too long for all of it."""
+    half = (longest - 1) // 2
+    return text if len(text) <= longest else f"{text[:half]}…{text[-half:]}"
+
+
+# --- raising ---------------------------------------------------------------------------------------------------------
+
+
+def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
+    """A module raises a failure on a task that another one handles."""
+    task = central.tree.task(header.task)
+    if task is None or task.killed:
+        ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
+        central.ignore(connection, header.number, f"{ended}: no failure can be raised on it")
+        return
+    raise_failure(central, task, failure_of(header, body), connection.module.name)
+    central.send(connection, header.number, Accepted(header.number, header.task))
+
+
+def fail_task(central: State, task: Task, failure: Failure) -> None:
+    """The handler of a task, which no handler has any more, ended with a failure."""
+    central.has_failed(task, failure)
+    if task.killed:
+        central.agenda.returned(task)
+    elif task.again:
+        central.agenda.retry(task)
+    else:
+        handler = _search(central, task, failure)
+        if handler is None:
+            central.agenda.returned(task)
+        else:
+            task.more.recovering = handler
+
+
+def raise_failure(central: State, task: Task, failure: Failure, by: str = CENTRAL) -> None:
+    """Raise a failure on a task beside its handler, as *by* wants: who has the task goes on."""
+    central.has_failed(task, failure, is_beside=True, by=by)
+    _search(central, task, failure)
+
+
+def _search(central: State, task: Task, failure: Failure) -> Task | None:
+    """Let the nearest exception handler take care of a failure; its task. None if there is none: then whoever waits
+    is told.
+    """
+    handler = _ask(central, task, failure)
+    if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
+        _search_on(central, undecided)
+    return handler
+
+
+def _search_on(central: State, handler: Task | None) -> None:
+    """The search for the failure that an exception handler was called for goes on after it: and so on, where that one
+    was called for the failure of another that now cannot decide, either.
+    """
+    while handler is not None:
+        trouble: Recovery = handler.context
+        failing = trouble.failing
+        if failing.killed or failing.again:
+            return
+        following = _ask(central, failing, trouble.failure, trouble)
+        if failing.more.recovering is handler:
+            failing.more.recovering = following
+            if following is None:
+                central.agenda.returned(failing)
+        handler = _unhandled(central, failing, trouble.failure) if following is None else None
+
+
+def _ask(central: State, task: Task, failure: Failure, below: Recovery | None = None) -> Task | None:
+    """Call the nearest exception handler for a failure, the nearest after *below* where one could not deal with it."""
+    task.failure, task.is_dealt_with = (failure.name, failure.text, failure.body), False
+    around = _enclosing(task)
+    passed = around.context.passed if around is not None else below.passed if below is not None else {}
+    trouble = _find(central, task, failure, below, passed)
+    if trouble is None:
+        return None
+    at, attached = trouble.at, trouble.attached
+    _count(central, at, attached)
+    handler = make_task(central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble)
+    central.facts.append(facts.Caught(TaskId(task.id), TaskId(handler.id), TaskId(at.id), attached.id))
+    return handler
+
+
+def _count(central: State, at: Task, attached: Attached) -> None:
+    """One call more. Calls of exception handlers that have been removed are forgotten when they are the most."""
+    calls = at.more.invocations
+    calls[attached.id] = calls.get(attached.id, 0) + 1
+    if len(calls) > 2 * (len(at.more.attached) + len(at.message.attached)) + 16:
+        at.more.invocations = {number: count for number, count in calls.items() if number in central.attached}
+
+
+def _find(
+    central: State, task: Task, failure: Failure, below: Recovery | None, passed: dict[tuple[int, str], None]
+) -> Recovery | None:
+    """The nearest exception handler that may be called, and the task that it holds for. One that nobody handles is
+    passed over, and one that could not decide about a failure of that name before.
+    """
+    names = ("", failure.name, *failure.kinds)
+    nested = _nested(task)
+    for at, attached in _candidates(central, task, below):
+        if attached.failure not in names or not attached.handler.handlers or (attached.id, failure.name) in passed:
+            continue
+        calls = at.rare.invocations.get(attached.id, 0) if at.rare else 0
+        is_exhausted = attached.maximum and calls >= attached.maximum
+        if not is_exhausted and nested.get(attached.id, 0) < MOST_NESTED:
+            return Recovery(task, failure, at, attached, passed)
+    return None
+
+
+def _candidates(central: State, task: Task, below: Recovery | None) -> Iterator[tuple[Task, Attached]]:
+    """All exception handlers from *task* up, nearest first; only those after *below*, where a search goes on."""
+    for at in (*task.lineage(), central.tree.root):
+        own = at.rare.attached if at.rare else []
+        if below is None:
+            yield from ((at, attached) for group in (own, at.message.attached) for attached in reversed(group))
+        elif at is below.at:
+            yield from _rest(at, own, below.attached)
+            below = None
+
+
+def _rest(at: Task, own: list[Attached], after: Attached) -> Iterator[tuple[Task, Attached]]:
+    """The exception handlers of one task that come after *after*, which may have been removed meanwhile."""
+    is_own = isinstance(after.place, Task)
+    for attached in reversed(own) if is_own else ():
+        if attached.id < after.id:
+            yield at, attached
+    for attached in reversed(at.message.attached):
+        if is_own or attached.id < after.id:
+            yield at, attached
+
+
+def _nested(task: Task) -> dict[int, int]:
+    """For each attachment, how many of the tasks above are calls of it."""
+    found: dict[int, int] = {}
+    for above in task.lineage():
+        if isinstance(above.context, Recovery):
+            attachment = above.context.attached.id
+            found[attachment] = found.get(attachment, 0) + 1
+    return found
+
+
+def _enclosing(task: Task) -> Task | None:
+    """The exception handler that a task is, or that is the nearest above it."""
+    return next((above for above in task.lineage() if above.role is Role.EXCEPTION), None)
+
+
+def _unhandled(central: State, task: Task, failure: Failure) -> Task | None:
+    """Nobody takes care of a failure. One that was not raised by choice keeps the exception handler around it from
+    deciding, which is killed: that handler, if somebody else is to be asked now. Any other ends the top-level task.
+    """
+    undecided = None if NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)) else _enclosing(task)
+    central.facts.append(facts.Unhandled(TaskId(task.id), TaskId(undecided.id) if undecided else ROOT))
+    why = f"failure '{failure.name}' of {task} was not handled"
+    if undecided is None:
+        _end_all(central, task, failure, why)
+        return None
+    had_decided, undecided.more.is_void = undecided.more.is_void, True
+    kill(central, undecided, why)
+    if had_decided:
+        return None
+    trouble: Recovery = undecided.context
+    trouble.passed[trouble.attached.id, trouble.failure.name] = None
+    where = f" in {task}" if task is not undecided else ""
+    reason = f"{failure.name}{where}: {failure.text.partition(NEWLINE)[0]}".removesuffix(": ")
+    trouble.failure = _also(trouble.failure, undecided, reason)
+    return undecided
+
+
+def _also(first: Failure, undecided: Task, why: str) -> Failure:
+    """A failure of which is said, where people look first, who could not decide about it, and why."""
+    line, newline, rest = first.text.partition(NEWLINE)
+    line = _shortened(line, LONGEST_TEXT // 2)
+    told = f"{line}; exception handler {undecided} could not decide: {why[:LONGEST_REASON]}".removeprefix("; ")
+    return first._replace(text=_shortened(f"{told}{newline}{rest}"))
+
+
+def _end_all(central: State, task: Task, failure: Failure, why: str) -> None:
+    """The top-level task ends, and its sender is told of the failure."""
+    top = task.top_level()
+    exceptions = [above for above in task.lineage() if above.role is Role.EXCEPTION]
+    is_of_its_handler = any(one.parent is top for one in exceptions)
+    if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
+        text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
+        top.failure, top.is_dealt_with = (failure.name, text, failure.body), False
+    kill(central, top, why)
+    for exception in reversed(exceptions):  # they survive what kills others, but not that they fail themselves
+        kill(central, exception, why)
+
+
+def kill(central: State, task: Task, why: str, by: str = CENTRAL) -> None:
+    """End a task and all under it, as *by* wants. A handler that runs is never interrupted: it is told, and its task
+    ends when it has returned. What was to be done on termination is done now; a killed exception handler has decided
+    nothing.
+    """
+    killed = central.agenda.kill(task, why, by)
+    new = {one.id for one in killed}
+    for one in killed:
+        happened(central, one, KILLED)
+        if one.slot is not None:
+            central.cancel(one.slot, one)
+        if one.suspended:
+            one.suspended = False
+            central.tree.suspended.pop(one.id, None)
+            for child in list((one.children or {}).values()):
+                if child.suspended and child.id not in new:  # it survives, or was killed before and has what survives
+                    suspend(central, child, resume=True)
+        if central.claimed_for:
+            claims.killed(central, one)
+        if one.rare is not None:
+            _leave_behind(central, one, why, by)
+        if one.role is Role.EXCEPTION and not one.more.is_void:
+            one.more.is_void = True
+            _search_on(central, one)
+
+
+def _leave_behind(central: State, task: Task, why: str, by: str) -> None:
+    """What else the kill of a task brings about."""
+    assert task.rare is not None
+    if task.reached & START_HANDLING:
+        for message, body in task.rare.parting:
+            make_task(central, message, body, task, Role.TERMINATION)
+    if task.rare.watch is not None:
+        stop(central, task.rare.watch, "it was killed")
+    for listener in task.rare.listeners:
+        if listener.reached != ALL_MOMENTS:
+            kill(central, listener, why, by)
+
+
+def pass_over(central: State, handler: Delivery) -> None:
+    """An exception handler waits that nobody handles any more: the search goes on after it."""
+    assert isinstance(handler, Task)
+    if handler.killed or handler.queues != ():  # somebody handles it again
+        return
+    why = f"nobody handles '{handler.message.name}' any more"
+    trouble: Recovery = handler.context
+    trouble.failure = _also(trouble.failure, handler, why)
+    kill(central, handler, why)
+
+
+# --- what an exception handler decides -------------------------------------------------------------------------------
+
+
+def reissue(central: State, handler: Task) -> None:
+    """The handler cannot deal with the failure: the search goes on after it."""
+    central.facts.append(facts.Reissued(TaskId(handler.id)))
+    handler.more.is_void = True
+    _search_on(central, handler)
+    central.agenda.returned(handler)
+
+
+def handler_ended(central: State, handler: Task) -> None:
+    """An exception handler, with all that it made, has ended: if it decided nothing else the failure has been dealt
+    with.
+    """
+    failing: Task = handler.context.failing
+    for asked in handler.more.asked:
+        central.agenda.asked(asked, handler)
+    if handler.more.is_void:
+        return
+    is_deciding = failing.more.recovering is handler
+    if is_deciding:
+        failing.more.recovering = None
+    if failing.killed or failing.again:
+        return
+    failing.is_dealt_with = True
+    central.facts.append(facts.Recovered(TaskId(failing.id)))
+    if is_deciding:
+        central.agenda.returned(failing)
+
+
+def _asking(connection: Connection, task: Task) -> Task | None:
+    """The exception handler that asks for a retry; None if somebody else does. Raises RequestError if it wants to retry
+    what is not on the way from the failing task up: one that retried itself would go on for ever.
+    """
+    asking = next(reversed(connection.handling), None)
+    if not isinstance(asking, Task) or not isinstance(asking.context, Recovery):
+        return None
+    failing = asking.context.failing
+    if failing.above(task.id) is None:
+        text = f"{asking} handles the failure of {failing}: it can retry that or a task above it, and not {task}"
+        raise RequestError(Refusal.PROTOCOL, text)
+    return asking
+
+
+def _check_order(central: State, task: Task, asking: Task | None) -> None:
+    """Raises RequestError if the retry would wait for something that outlives it and waits until the task has been
+    handled.
+    """
+    moment = END_PLANNING if task.reached & END_HANDLING else END_HANDLING
+    if task.reached & moment:
+        return
+    awaited = {child for child in (task.children or {}).values() if child.survives and not child.is_guest}
+    if asking is not None:
+        awaited.add(asking)
+    for one in sorted(awaited, key=lambda one: one.id):
+        if path := find_path(central.tree, Place(task, moment), Place(one, END_ACHIEVING)):
+            waits = next(place.task for place in path if place.task is not task)
+            text = f"{task} can't be retried: {waits} under it must end before, and waits for {task}"
+            raise RequestError(Refusal.CYCLE, text)
+
+
+def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
+    """A task is to be handled again, when all under it, and the exception handler that asks for it, has ended. Monitors
+    that others have put under it go on.
+    """
+    task = central.tree.task(header.task)
+    if task is None or task.killed:
+        ended = f"task {header.task} has ended" if task is None else f"{task} was killed"
+        central.ignore(connection, header.number, f"{ended}: it can't be retried")
+        return
+    asking = _asking(connection, task)
+    _check_order(central, task, asking)
+    if task.rare is not None and task.rare.watch is not None:
+        stop(central, task.rare.watch, "it is retried")
+    if header.new_data:
+        task.body = body
+    task.failure = None
+    by = connection.module.name
+    central.facts.append(facts.Retried(TaskId(task.id), body if header.new_data else b"", by))
+    if task.reached & START_HANDLING:
+        why = f"{task} is retried"
+        for child in list((task.children or {}).values()):
+            if not (child.survives or child.is_guest):
+                kill(central, child, why, by)
+        if asking is not None and asking not in task.more.asking:
+            task.more.asking[asking] = None
+            asking.more.asked.append(task)
+            central.tree.across[asking] = None
+        if task.slot is not None:
+            central.cancel(task.slot, task)
+        central.agenda.retry(task)
+    else:
+        central.agenda.begin_anew(task)
+    central.send(connection, header.number, Accepted(header.number, task.id))

@@ -1,0 +1,210 @@
+"""Locks and reservations: a module has a resource for itself for a while (TCA 8.5: LockResource, ReserveResource).
+
+A claim waits in the resource's queue like a message, until nobody is in; resources.py has the order. It ends when it is
+given up, when the task it was made for has ended (a message that is no task: when its handler has returned), when that
+fails, is killed or retried, with its connection, or when it is taken away: by an operator, or because of a deadlock. It
+is *kept* when the handler that made it has returned: others wait then for the end of its task, which may need them.
+"""
+
+from tca_central.errors import RequestError
+from tca_central.model.clock import Due, checked_seconds
+from tca_central.model.registry import Connection, Delivery, Module, ModuleResource, Taken
+from tca_central.model.resources import Claim, Resource
+from tca_central.outgoing.direct_routes import review_copies
+from tca_central.state import State
+from tca_central.status.whereabouts import kept_busy
+from tca_wire.journal import facts
+from tca_wire.messages.failures import TIMEOUT
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer, Refused, ToModule
+from tca_wire.vocabulary import Outcome, Refusal
+
+MOST_CLAIMS = 1000
+"""Claims that may wait for one resource."""
+
+
+def on_lock(central: State, connection: Connection, header: headers.Lock, _: bytes) -> None:
+    """A module wants a resource for itself."""
+    what = "a reservation" if header.reserve else "a lock"
+    if not header.number:
+        raise RequestError(Refusal.PROTOCOL, f"{what} of '{header.resource}' needs a request number")
+    if header.timeout >= 0 or header.timeout != header.timeout:
+        checked_seconds(header.timeout, f"{what} of '{header.resource}' with a timeout")
+    resource = find_resource(central, header.resource, header.module)
+    claim = Claim(resource, connection, connection.module, admits_owner=header.reserve)
+    claim.holder = _holder(central, connection, header.origin)
+    _check(resource, claim)
+    claim.id, claim.number, claim.priority = central.new_id(), header.number, header.priority
+    central.claims[connection, header.number] = claim
+    connection.outstanding[header.number] = claim
+    if claim.holder is not None:
+        central.claimed_for.setdefault(claim.holder, []).append(claim)
+    sender, origin = connection.module.name, header.origin
+    central.facts.append(facts.Claimed(claim.id, resource.module, resource.name, header.reserve, sender, origin))
+    if header.timeout >= 0:
+        claim.timer = central.clock.after(header.timeout, Due.CLAIM, claim)
+    central.dispatcher.claim(claim)
+    review_copies(central, resource)
+    if header.blocking:
+        central.block(connection, header.number, header.origin, brief=header.brief)
+
+
+def find_resource(central: State, name: str, module: str) -> ModuleResource:
+    """The resource of that name, of that module if one is named. Raises RequestError if it is not clear which."""
+    modules = [one for one in central.registry.modules.values() if name in one.resources]
+    found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}  # the newest's
+    found |= {one.called: one.resources[name] for one in modules if module == one.name}
+    if not found:
+        whose = f"module '{module}'" if module else "no module"
+        has = "is not connected, or has no" if module else "has a"
+        raise RequestError(Refusal.UNKNOWN, f"{whose} {has} resource '{name}': see 'tca modules'")
+    if len(found) > 1:
+        owners = ", ".join(f"'{resource.module}'" for resource in found.values())
+        raise RequestError(Refusal.UNKNOWN, f"modules {owners} have a resource '{name}': say of which module it is")
+    return next(iter(found.values()))
+
+
+def _holder(central: State, connection: Connection, origin: int) -> Delivery | None:
+    if not origin:
+        return None
+    delivery = central.dispatcher.attended.get(origin)
+    if delivery is None or delivery.slot is not connection:
+        text = f"delivery {origin}, for which module '{connection.module.name}' wants a resource, is not handled there"
+        raise RequestError(Refusal.TOO_LATE, text)
+    return delivery
+
+
+def _check(resource: ModuleResource, claim: Claim[Connection]) -> None:
+    """Raises RequestError if whoever asks would wait for himself, or too many wait."""
+    held_by = resource.held_by
+    if held_by is not None and held_by.holder is claim.holder and (claim.holder or held_by.slot is claim.slot):
+        kind = "reserved" if held_by.admits_owner else "locked"
+        raise RequestError(Refusal.PROTOCOL, f"resource '{resource.name}' is {kind} for this one already: release it")
+    if len(resource.claims) >= MOST_CLAIMS:
+        raise RequestError(Refusal.OVERLOAD, f"{MOST_CLAIMS} wait to lock or reserve resource '{resource.name}'")
+
+
+def granted(central: State, claim: Claim[Connection]) -> None:
+    """A claim has got its resource: tell who asked."""
+    central.clock.cancel(claim.timer)
+    central.facts.append(facts.Granted(claim.id))
+    if claim.slot.outstanding.pop(claim.number, None) is not None:
+        central.send(claim.slot, claim.number, Answer(claim.number))
+
+
+# --- ends ------------------------------------------------------------------------------------------------------------
+
+
+def on_time_out(central: State, claim: Claim[Connection]) -> None:
+    """A claim has waited long enough."""
+    text = f"{_who_is_in(claim.resource)} when the time was over"
+    _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, TIMEOUT, text))
+
+
+def _who_is_in(resource: Resource[Connection, Delivery]) -> str:
+    name = f"resource '{resource.name}' of module '{resource.module}'"
+    if (held_by := resource.held_by) is not None:
+        kind = "reserved" if held_by.admits_owner else "locked"
+        return f"{name} was {kind} by module '{held_by.slot.module.name}'"
+    return f"{name} was {kept_busy(resource)}"
+
+
+def refuse_claim(central: State, claim: Claim[Connection], refusal: Refusal, text: str) -> None:
+    """A claim waits in vain: tell who asked."""
+    _fail(central, claim, text, Refused(claim.number, refusal, text))
+
+
+def _fail(central: State, claim: Claim[Connection], why: str, answer: ToModule) -> None:
+    _end(central, claim, why)
+    if claim.slot.outstanding.pop(claim.number, None) is not None:
+        central.send(claim.slot, claim.number, answer)
+
+
+def give_up_claim(central: State, connection: Connection, number: int, why: str) -> None:
+    """Who has or wants a resource gives it up."""
+    if (claim := central.claims.get((connection, number))) is not None:
+        _end(central, claim, "released" if claim.is_granted else why)
+
+
+def end_with(central: State, delivery: Delivery, how: str) -> None:
+    """A task or message has ended, or its handler has failed: so has what was claimed for it."""
+    for claim in central.claimed_for.pop(delivery, ()):
+        if claim.is_granted:
+            _end(central, claim, f"{delivery.message.message_class} '{delivery.message.name}': {how}")
+        else:
+            refuse_claim(central, claim, Refusal.TOO_LATE, f"what it was wanted for: {how}")
+
+
+def killed(central: State, task: Delivery) -> None:
+    """A task was killed: it gets nothing more, and what it has it keeps only as long as its handler runs. What leaves
+    the robot safe must get in.
+    """
+    for claim in list(central.claimed_for.get(task, ())):
+        if not claim.is_granted:
+            refuse_claim(central, claim, Refusal.TOO_LATE, "what it was wanted for was killed")
+        elif task.slot is None:
+            _end(central, claim, f"{task.message.message_class} '{task.message.name}' was killed")
+
+
+def take(central: State, claim: Claim[Connection], why: str, text: str) -> None:
+    """Somebody has it no longer. If a handler that runs, or a client, counts on it, that is told; again when it comes
+    back, as long as it does not know.
+    """
+    _end(central, claim, why)
+    if claim.holder is None or claim.holder.slot is not None:
+        _note_taken(claim.slot, claim, text)
+        central.tell(claim.slot, headers.Taken(claim.number, text))
+
+
+def _note_taken(slot: Connection, claim: Claim[Connection], text: str) -> None:
+    delivery = claim.holder.given_as if claim.holder is not None else 0
+    slot.taken[claim.number] = Taken(delivery, claim.resource.name, text)
+    if len(slot.taken) > MOST_CLAIMS:
+        del slot.taken[next(iter(slot.taken))]
+
+
+def taken_from(slot: Connection, delivery: Delivery) -> str:
+    """What a handler that has ended had lost, and never learned of, in words ("": nothing)."""
+    if not slot.taken:
+        return ""
+    lost = [slot.taken.pop(number) for number, one in list(slot.taken.items()) if one.delivery == delivery.given_as]
+    return "; ".join(f"'{one.resource}' was taken from it: {one.text}" for one in lost)
+
+
+def outlive(central: State, delivery: Delivery) -> None:
+    """A handler has returned and has not released what it has: from now on that waits for the end of the task."""
+    if central.claimed_for:
+        central.suspects.extend(claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted)
+
+
+def end_of_connection(central: State, connection: Connection) -> None:
+    """A connection is gone: so is what it had."""
+    for claim in [one for one in central.claims.values() if one.slot is connection]:
+        if claim.is_granted:
+            _note_taken(connection, claim, "the connection to central was lost")
+        _end(central, claim, f"module '{connection.module.name}' has gone")
+
+
+def end_on_module(central: State, module: Module, why: str) -> None:
+    """A module is gone: nobody has or wants its resources any more, but for those that other copies of it have, too."""
+    for resource in module.resources.values():
+        if (copy := resource.part()) is not None:
+            central.dispatcher.freed.append((copy, None))
+    for claim in [one for one in central.claims.values() if module.resources.get(one.resource.name) is one.resource]:
+        text = f"module '{module.name}' has gone: {why}"
+        if claim.is_granted:
+            take(central, claim, text, text)
+        else:
+            refuse_claim(central, claim, Refusal.UNKNOWN, text)
+
+
+def _end(central: State, claim: Claim[Connection], why: str) -> None:
+    central.dispatcher.end_claim(claim)
+    review_copies(central, claim.resource)
+    central.clock.cancel(claim.timer)
+    del central.claims[claim.slot, claim.number]
+    if (mine := central.claimed_for.get(claim.holder)) is not None:
+        mine.remove(claim)
+        if not mine:
+            del central.claimed_for[claim.holder]
+    central.facts.append(facts.ClaimEnded(claim.id, why))

@@ -1,0 +1,353 @@
+"""The tree of live tasks: parents, children, lineage. Knows nothing of constraints, resources or messages' meaning.
+
+Only tasks that have not ended are here; what has ended lives on in the journal.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from tca_central.errors import RequestError
+from tca_central.model.intervals import STARTS, STARTS_OF_COMMAND, STARTS_OF_GOAL
+from tca_central.model.registry import Attached, Connection, Delivery, MessageType, Module, Tap
+from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
+from tca_wire.vocabulary import Outcome, Refusal, Role
+
+
+class Rare:
+    """What only few tasks have: most tasks do without this object."""
+
+    __slots__ = ("asked", "asking", "attached", "attempts", "fired", "guests", "invocations", "is_guest", "is_tapped",
+                 "is_void", "keepers", "kept", "listeners", "offspring", "parting", "pending", "recovering", "taps",
+                 "void_followers", "watch")  # fmt: skip
+
+    def __init__(self) -> None:
+        self.attached: list[Attached] = []  #: its exception handlers, newest last
+        self.invocations: dict[int, int] = {}  #: how often each exception handler that holds here was called
+        self.attempts = 1  #: how often it is being or has been handled
+        self.recovering: Task | None = None  #: the exception handler that decides what becomes of it
+        self.taps: list[Tap] = []  #: its own wiretaps, oldest first
+        self.fired: dict[
+            int, bool
+        ] = {}  #: wiretaps fired before a moment of it -> whether anybody handled the listener
+        self.is_tapped = False  #: wiretaps are about to be fired: it does not go on meanwhile
+        self.listeners: list[Task] = []  #: that are killed with it
+        self.watch: Any = None  #: of a monitor: what it is doing
+        self.is_void = False  #: of an exception handler's task: it has reissued its failure, or was killed
+        self.parting: list[tuple[MessageType, bytes]] = []  #: to be sent when it is killed
+        self.pending: dict[Any, Any] = {}  #: what may happen to it later -> its timer, or the task at which it waits
+        self.void_followers = 0  #: entries in its followers of tasks that have ended without having been let go
+        self.asking: dict[Task, None] = {}  #: the exception handlers that want it retried, and have not ended
+        self.asked: list[Task] = []  #: of an exception handler: the tasks that it wants retried
+        self.is_guest = False  #: of a monitor: others have put it under its parent (watching.py)
+        self.guests = 0  #: number of such children
+        self.offspring: Siblings | None = None  #: its children but those aside, once the newest has been killed
+        self.keepers: dict[Module, None] = {}  #: the modules that want it remembered
+        self.kept: dict[int, Kept] = {}  #: records of ended tasks that hang under it, oldest end first
+
+
+class Task(Delivery):
+    """One node of the task tree, from its arrival until it is achieved or killed.
+
+    What happened to it is the set ``reached``; every state is derived from that, from ``returned`` and ``killed``.
+    """
+
+    __slots__ = ("again", "children", "delayed", "failure", "followers", "had_others", "held", "is_dealt_with",
+                 "is_free", "is_goal", "is_watcher", "killed", "last_child", "leaders", "parent", "rare", "reached",
+                 "requested", "result", "returned", "survives", "suspended", "unplanned", "waiters",
+                 "watchers")  # fmt: skip
+
+    def __init__(self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None) -> None:
+        super().__init__(task_id, message, body, sender)
+        self.is_goal = message.is_goal
+        self.is_free = False  #: may start before its parent does
+        self.is_watcher = False  #: a monitor that ends when all else under its parent has
+        self.watchers = 0  #: number of such children
+        self.had_others = False  #: has had other children than those
+        self.survives = False  #: is not killed when something above it is
+        self.delayed = False  #: its planning starts when its achieving does (DELAY_PLANNING)
+        self.parent: Task | None = None  #: None: the root
+        self.children: dict[int, Task] | None = None  #: those that have not ended, oldest first
+        self.last_child: Task | None = None  #: the one that constraint flags of the next child refer to
+        self.unplanned = 0  #: number of children that are not planned yet
+        self.reached = 0  #: moments reached, as bits
+        self.held = 0  #: unmet constraints per moment, packed (holds.py)
+        self.followers: list[tuple[int, Task, int, float]] | None = None  #: (moment, task, its moment, delay) that wait
+        self.leaders: list[tuple[int, int, int]] | None = None  #: (moment, task id, its moment) that this one waits for
+        self.requested = False  #: all conditions of its start are met: it was given to the resources
+        self.suspended = False
+        self.again = False  #: is to be handled once more, when all under it has ended
+        self.returned = False  #: its handler has returned, or will never be called
+        self.killed = ""  #: why it was killed, and by whom
+        self.failure: tuple[str, str, bytes] | None = None  #: name, text and data of the failure raised on it
+        self.is_dealt_with = False  #: an exception handler took care of that failure
+        self.result = b""  #: what its handler returned
+        self.waiters: dict[Any, int] | None = None  #: who is to be told -> of which moment; oldest first
+        self.rare: Rare | None = None
+
+    def __repr__(self) -> str:
+        return f"task {self.id} '{self.message.name}'"
+
+    @property
+    def more(self) -> Rare:
+        """What only few tasks have; made when first asked for."""
+        if self.rare is None:
+            self.rare = Rare()
+        return self.rare
+
+    @property
+    def is_guest(self) -> bool:
+        """Whether it is a monitor that others have put under its parent: it outlives the retry of that."""
+        return self.rare is not None and self.rare.is_guest
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether all has ended that a retry waits for: handler, children but guests, exception handlers that asked."""
+        guests = self.rare.guests if self.rare is not None else 0
+        is_asked = self.rare is not None and bool(self.rare.asking)
+        return not (self.is_running or is_asked) and len(self.children or ()) == guests
+
+    @property
+    def watches_alone(self) -> bool:
+        """Whether nothing is left under it but watchers, and it is not there for their sake: it has had other children,
+        or others put them there.
+        """
+        if not self.watchers or not self.returned or len(self.children or ()) != self.watchers:
+            return False
+        return self.had_others or (self.rare is not None and self.rare.guests == self.watchers)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a handler has it."""
+        return self.slot is not None
+
+    def lineage(self) -> Iterator["Task"]:
+        """This task, its parent and so on; the root left out."""
+        task: Task | None = self
+        while task is not None and task.id != ROOT:
+            yield task
+            task = task.parent
+
+    def above(self, number: int) -> "Task | None":
+        """The task of that number, if it is this one or above it. Stops at what is older: that has an older parent."""
+        task: Task | None = self
+        while task is not None and task.id > number:
+            task = task.parent
+        return task if task is not None and ROOT < task.id == number else None
+
+    def top_level(self) -> "Task":
+        """The ancestor right under the root, or this task itself."""
+        *_, top = self.lineage()
+        return top
+
+
+class Siblings:
+    """Living siblings in the order in which they came. The newest is found at constant cost, however many have ended
+    since, or stand aside.
+    """
+
+    __slots__ = ("_order", "living")
+
+    def __init__(self, tasks: Iterable[Task] = ()) -> None:
+        self.living = {task.id: task for task in tasks}
+        self._order = list(self.living)
+
+    def add(self, task: Task) -> None:
+        """It is the newest."""
+        self.living[task.id] = task
+        self._order.append(task.id)
+        if len(self._order) > 2 * len(self.living) + 16:
+            self._order = list(self.living)
+
+    def newest(self) -> Task | None:
+        """The one that came last of those that are left."""
+        while self._order and self._order[-1] not in self.living:
+            self._order.pop()
+        return self.living[self._order[-1]] if self._order else None
+
+
+class Kept:
+    """The record of an ended task that is kept."""
+
+    __slots__ = ("body", "id", "keepers", "kept", "message", "outcome", "parent", "role")
+
+    def __init__(self, task: Task, outcome: tuple[Outcome, str, str, bytes], rare: Rare) -> None:
+        self.id, self.message, self.role, self.body, self.outcome = task.id, task.message, task.role, task.body, outcome
+        self.parent: Task | Kept | None = task.parent  #: what it hangs under
+        self.keepers = rare.keepers
+        self.kept = rare.kept  #: the records under it
+        for child in self.kept.values():
+            child.parent = self
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds of what modules sent."""
+        return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
+
+    @property
+    def siblings(self) -> dict[int, "Kept"]:
+        """The records under its parent."""
+        assert self.parent is not None
+        return self.parent.more.kept if isinstance(self.parent, Task) else self.parent.kept
+
+    def lineage(self) -> Iterator["Task | Kept"]:
+        """This record, what it hangs under and so on; the root left out."""
+        one: Task | Kept | None = self
+        while one is not None and one.id != ROOT:
+            yield one
+            one = one.parent
+
+
+class TaskTree:
+    """All live tasks by id, under a root that is always being achieved."""
+
+    def __init__(self, root_message: MessageType) -> None:
+        self.root = Task(ROOT, root_message, b"", None)
+        self.root.reached = STARTS
+        self.tasks: dict[int, Task] = {}
+        self.suspended: dict[int, tuple[float, str]] = {}  #: by themselves: since when, by whom; oldest first
+        self.across: dict[Task, None] = {}  #: from which edges have led to others than siblings (cycles.py)
+        self.newest = 0  #: the highest id given so far
+        self.last_of_module: dict[str, Task] = {}  #: last top-level task per sending module
+        self.top_of_module: dict[str, Siblings] = {}  #: living top-level tasks per sending module
+
+    def task(self, task_id: TaskId) -> Task | None:
+        """The live task of that id; None if it has ended. Raises RequestError if there has never been one."""
+        task = self.tasks.get(task_id)
+        if task is None and not ROOT < task_id <= self.newest:
+            raise RequestError(Refusal.UNKNOWN, f"there is no task {task_id}")
+        return task
+
+    def last_sibling(self, parent: Task, sender: str) -> Task | None:
+        """The task that flags of a new child refer to. Under the root each module has its own, so that top-level
+        tasks of different modules are not put in sequence.
+        """
+        last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
+        return last if last is not None and last.reached != ALL_MOMENTS else None
+
+    def attach(self, task: Task, parent: Task) -> None:
+        """Hang a new task under its parent."""
+        task.parent = parent
+        if parent.children is None:
+            parent.children = {}
+        parent.children[task.id] = task
+        self.tasks[task.id] = task
+        parent.watchers += task.is_watcher
+        if task.rare is not None and task.rare.is_guest:
+            parent.more.guests += 1
+        if parent is self.root and not is_aside(task):
+            self.top_of_module.setdefault(_sender(task), Siblings()).add(task)
+        elif parent.rare is not None and parent.rare.offspring is not None and not is_aside(task):
+            parent.rare.offspring.add(task)
+
+    def become_last(self, task: Task, sender: str) -> None:
+        """A task is there for good: from now on flags refer to it, if a module sent it."""
+        parent = task.parent
+        if parent is not None and not (task.is_watcher or task.role):
+            parent.had_others = True
+        if is_aside(task):
+            return
+        if parent is self.root:
+            self.last_of_module[sender] = task
+        elif parent is not None:
+            parent.last_child = task
+
+    def detach(self, task: Task) -> None:
+        """Take an ended task out."""
+        del self.tasks[task.id]
+        self.suspended.pop(task.id, None)
+        if task in self.across:
+            del self.across[task]
+        parent = task.parent
+        if parent is self.root and not is_aside(task):
+            self._detach_top(task, _sender(task))
+        if parent is not None and parent.children is not None:
+            del parent.children[task.id]
+            parent.watchers -= task.is_watcher
+            if task.rare is not None and task.rare.is_guest:
+                parent.more.guests -= 1
+            if parent.rare is not None and parent.rare.offspring is not None:
+                parent.rare.offspring.living.pop(task.id, None)
+            if parent.last_child is task:
+                parent.last_child = _newest_child(parent) if task.killed and parent.children else None
+
+    def _detach_top(self, task: Task, sender: str) -> None:
+        """After a killed top-level task flags refer to the living one that the same module sent before it."""
+        others = self.top_of_module[sender]
+        del others.living[task.id]
+        if self.last_of_module.get(sender) is task:
+            del self.last_of_module[sender]
+            newest = others.newest() if task.killed else None
+            if newest is not None:
+                self.last_of_module[sender] = newest
+        if not others.living:
+            del self.top_of_module[sender]
+
+    def forget_module(self, sender: str) -> None:
+        """A module is gone; its next namesake starts a sequence of its own."""
+        self.last_of_module.pop(sender, None)
+
+    def subtree(self, task: Task) -> Iterator[Task]:
+        """*task* and all below it, parents first. The tree must not change meanwhile."""
+        stack = [task]
+        while stack:
+            node = stack.pop()
+            yield node
+            if node.children:
+                stack.extend(reversed(node.children.values()))
+
+    def doomed(self, task: Task) -> Iterator[Task]:
+        """*task* and all below it that dies with it. The tree must not change meanwhile."""
+        stack = [task]
+        while stack:
+            node = stack.pop()
+            yield node
+            if node.children:
+                stack.extend(child for child in reversed(node.children.values()) if not child.survives)
+
+
+def taps_of(delivery: Delivery) -> list[Tap]:
+    """The wiretaps of a message and, first, of the task itself. What was sent for a wiretap is not tapped, nor what is
+    sent for a monitor that was.
+    """
+    taps = delivery.message.taps
+    if isinstance(delivery, Task) and delivery.rare is not None and delivery.rare.taps:
+        taps = delivery.rare.taps + taps
+    if not taps:
+        return taps
+    sent_for = delivery.context.task.role if delivery.role.is_of_monitor else delivery.role
+    return [] if sent_for is Role.LISTENER else taps
+
+
+def first_moments(task: Task) -> int:
+    """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
+    if task.reached & START_HANDLING:
+        return START_HANDLING
+    return STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
+
+
+def to_be_fired(task: Task, moments: int) -> list[Tap]:
+    """The wiretaps to be fired before a task reaches *moments*: those that have not been, or whose listener nobody
+    handled then and somebody does now.
+    """
+    fired = task.rare.fired if task.rare else {}
+    return [
+        tap
+        for tap in taps_of(task)
+        if tap.before & moments and (tap.id not in fired or (not fired[tap.id] and tap.listener.handlers))
+    ]
+
+
+def is_aside(task: Task) -> bool:
+    """Whether it stands beside the sequence of its siblings: constraint flags never refer to it."""
+    return bool(task.role) or task.message.is_aside
+
+
+def _newest_child(parent: Task) -> Task | None:
+    """After a killed last child flags refer to the sibling before it, not to nothing."""
+    if parent.more.offspring is None:
+        parent.more.offspring = Siblings(child for child in (parent.children or {}).values() if not is_aside(child))
+    return parent.more.offspring.newest()
+
+
+def _sender(task: Task) -> str:
+    return task.sender.module.name if task.sender else ""

@@ -1,0 +1,322 @@
+"""Which moment of which task may be reached when. Knows points and constraints; nothing of modules or sockets.
+
+Theory of operation. Whoever's constraints are met (holds.py counts them) is looked at again; parents and children are
+looked at by the parent/child rules: a child starts planning (achieving) only after its parent has, a parent ends
+planning (achieving) only after all its children have. ``settle`` repeats that until nothing moves. Each point is
+reached once and each constraint released once, so an event costs what it changes, whatever the size of the tree;
+nothing recurses.
+"""
+
+from collections import deque
+from typing import Any
+
+from tca_central.errors import RequestError
+from tca_central.model.clock import Clock
+from tca_central.model.intervals import (
+    KILLED,
+    MUST_FOLLOW_IN_COMMAND,
+    MUST_FOLLOW_IN_GOAL,
+    REACHED_AT_BIRTH_BY_COMMAND,
+    STARTS,
+    delivered_at,
+)
+from tca_central.model.registry import Delivery, Tap
+from tca_central.model.task_tree import Task, TaskTree, first_moments, taps_of, to_be_fired
+from tca_central.order.holds import Holds, Release, from_flags, is_held, resolve
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.journal.facts import Killed, Reached, TimedOut
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    TaskId,
+)
+from tca_wire.text.facts_in_words import kill_reason
+from tca_wire.vocabulary import CENTRAL
+
+
+class Agenda:
+    """The temporal side of the tree. The core takes what comes out: ``startable``, ``ended`` and ``met``."""
+
+    def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
+        self.tree = tree
+        self.holds = Holds(tree, facts, clock)
+        self._facts = facts
+        self._look_at: deque[Task] = deque()
+        self.startable: deque[Task] = deque()  #: all conditions of their delivery to a handler are met
+        self.withdrawn: deque[Task] = deque()  #: were startable, and are held again
+        self.ended: deque[Task] = deque()  #: reached their last moment
+        self.met: deque[tuple[Task, Any]] = deque()  #: waits whose moment has been reached
+        self.tapped: deque[tuple[Task, list[Tap]]] = deque()  #: wiretaps to be fired before a task goes on
+        self.happened: deque[tuple[Delivery, int]] = deque()  #: what others may have tapped
+        self.alone: deque[Task] = deque()  #: nothing is left under them but monitors that watch over it
+
+    # --- what the core tells ---------------------------------------------------------------------------------------
+
+    def add(self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]) -> list[Constraint]:
+        """Hang a new task under *parent*; the constraints put on it, by absolute ids.
+
+        Raises RequestError, and leaves no trace, where a constraint can never be met.
+        """
+        sender = task.sender.module.name if task.sender else ""
+        last = self.tree.last_sibling(parent, sender)
+        self.tree.attach(task, parent)
+        if not task.is_goal:
+            task.reached |= REACHED_AT_BIRTH_BY_COMMAND
+        else:
+            parent.unplanned += 1
+        added: list[Constraint] = []
+        try:
+            for constraint in from_flags(flags, task, last):
+                added += self.holds.add(constraint, check=constraint.before.task == task.id)
+            for constraint in wanted:
+                added += self.holds.add(resolve(constraint, TaskId(task.id)), check=True)
+        except RequestError:
+            self.holds.undo(added)
+            self.tree.detach(task)
+            parent.unplanned -= task.is_goal
+            raise
+        for constraint in added:
+            if constraint.after.task != task.id:
+                self._hold_again(self.tree.tasks[constraint.after.task])
+        self.tree.become_last(task, sender)
+        task.suspended = parent.suspended and not task.role.leaves_safe
+        is_late = parent.again and not (task.role or task.is_guest)
+        if (parent.killed or is_late) and not task.survives:
+            self.kill(task, parent.killed or f"{parent} is retried")
+            self.happened.append((task, KILLED))
+        self._look_at.append(task)
+        if parent.returned and task.is_watcher:  # there may be nothing left to watch over
+            self._look_at.append(parent)
+        return added
+
+    def constrain(self, wanted: list[Constraint]) -> list[Constraint]:
+        """Add constraints between existing tasks; those that hold anything. All of them or, with RequestError, none."""
+        added: list[Constraint] = []
+        try:
+            for constraint in wanted:
+                added += self.holds.add(constraint, check=True)
+        except RequestError:
+            self.holds.undo(added)
+            raise
+        for constraint in added:
+            self._hold_again(self.tree.tasks[constraint.after.task])
+        return added
+
+    def started(self, task: Task) -> None:
+        """A handler was given the task."""
+        if not task.reached & START_HANDLING:
+            self._reach(task, first_moments(task) & ~task.reached)
+            self._look_at.append(task)
+        if task.is_watcher and task.parent is not None:
+            self._look_at.append(task.parent)
+
+    def returned(self, task: Task) -> None:
+        """The task's handler has returned, for good."""
+        task.returned = True
+        self._look_at.append(task)
+
+    def retry(self, task: Task) -> None:
+        """Let a task that has been started be handled once more, as soon as no handler has it and all under it but
+        guests has ended. The moments that it has reached stay reached.
+        """
+        task.again, task.returned = True, False
+        if task.rare:
+            to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
+            done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
+            task.rare.fired = {tap: heard for tap, heard in task.rare.fired.items() if tap in done}
+        self.hand_back(task)
+
+    def asked(self, task: Task, handler: Task) -> None:
+        """An exception handler that has asked for a retry has ended."""
+        task.more.asking.pop(handler, None)
+        self._look_at.append(task)
+
+    def begin_anew(self, task: Task) -> None:
+        """Let what wiretaps want done before a task that has not been started be done again."""
+        again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
+        if again:
+            task.more.fired = {tap: heard for tap, heard in task.more.fired.items() if tap not in again}
+            if task.queues is not None:
+                self._take_back(task)
+            self._look_at.append(task)
+
+    def hand_back(self, task: Task) -> None:
+        """No handler has a task that has been started: let it be handled as soon as that may be."""
+        if task.queues is not None:
+            self.withdrawn.append(task)
+        self.ask_again(task)
+
+    def ask_again(self, task: Task) -> None:
+        """No handler has a task, and it waits for none any more: see whether it may go to one."""
+        task.requested = False
+        self._look_at.append(task)
+
+    def released(self, release: Release) -> None:
+        """A delay is over."""
+        self.holds.release(release)
+        if not release.task.killed:
+            self._facts.append(TimedOut(release.constraint))
+        self._look_at.append(release.task)
+
+    def kill(self, task: Task, why: str, by: str = CENTRAL) -> list[Task]:
+        """End a task and all below it but what survives, as *by* wants; those that were not killed before, parents
+        first. What waits for them is released: at once, or when the running handlers below have returned.
+        """
+        killed = [doomed for doomed in self.tree.doomed(task) if not doomed.killed]
+        reason = kill_reason(why, by)
+        for doomed in killed:
+            doomed.killed = reason
+            self._facts.append(Killed(TaskId(doomed.id), why, by))
+        self.holds.bequeath(killed)
+        for doomed in killed:
+            if not doomed.is_running:
+                doomed.returned = True
+                self.withdrawn.append(doomed)
+            self._look_at.append(doomed)
+        return killed
+
+    def suspend(self, task: Task, *, resume: bool) -> list[Task]:
+        """Start nothing of a subtree, or let it be started again; the tasks for which that is new."""
+        changed = []
+        for one in self.tree.subtree(task):
+            if one.suspended is not resume:
+                continue
+            one.suspended = not resume
+            changed.append(one)
+            if resume:
+                self._look_at.append(one)
+            elif one.requested and one.queues is not None:
+                self._take_back(one)
+        return changed
+
+    def wait(self, task: Task, moment: int, waiter: Any) -> None:
+        """Put *waiter* into ``met`` when the task reaches that moment."""
+        if task.waiters is None:
+            task.waiters = {}
+        task.waiters[waiter] = moment
+
+    def stop_waiting(self, task: Task, waiter: Any) -> None:
+        """Forget a wait that nobody needs any more."""
+        if task.waiters is not None:
+            task.waiters.pop(waiter, None)
+
+    def settle(self) -> None:
+        """Reach all that can be reached."""
+        while self._look_at:
+            self._advance(self._look_at.popleft())
+        if self.holds.ending:
+            self.holds.ending.clear()
+
+    # --- reaching moments ------------------------------------------------------------------------------------------
+
+    def _advance(self, task: Task) -> None:
+        """Reach every moment of the task whose time has come; ask for its delivery when that may be."""
+        if task.reached == ALL_MOMENTS:
+            return
+        now = STARTS & ~task.reached if task.killed and not task.is_running else 0
+        for moment, needed in MUST_FOLLOW_IN_GOAL if task.is_goal else MUST_FOLLOW_IN_COMMAND:
+            reached = task.reached | now
+            if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
+                if not self._may_pass(task, moment):
+                    break
+                now |= moment
+        if now:
+            self._reach(task, now)
+        if (
+            not task.killed
+            and not task.requested
+            and self._may_start(task)
+            and self._may_pass(task, first_moments(task))
+        ):
+            task.requested = True
+            self.startable.append(task)
+        if task.watches_alone:
+            self.alone.append(task)
+
+    def _may_pass(self, task: Task, moments: int) -> bool:
+        """Whether no wiretap wants to be fired before a task goes on; if one does, it is."""
+        if task.killed or not (task.message.taps or (task.rare and task.rare.taps)):
+            return True
+        if task.rare and task.rare.is_tapped:
+            return False
+        new = to_be_fired(task, moments)
+        if new:
+            task.more.is_tapped = True
+            self.tapped.append((task, new))
+        return not new
+
+    def fired(self, task: Task) -> None:
+        """The wiretaps before a task went on have been fired; what was made of them may hold it."""
+        task.more.is_tapped = False
+        self._look_at.append(task)
+
+    def _may_start(self, task: Task) -> bool:
+        if task.suspended or (task.again and not task.is_clear):
+            return False
+        if task.held and is_held(task, START_HANDLING):  # it is handled once more
+            return False
+        if task.delayed and not self._may_reach(task, START_ACHIEVING):
+            return False
+        return self._may_reach(task, delivered_at(task.is_goal))
+
+    def _may_reach(self, task: Task, moment: int) -> bool:
+        """Whether nothing but the order within the task holds that moment back."""
+        if task.held and not task.killed and is_held(task, moment):
+            return False
+        if moment == END_ACHIEVING:
+            return task.returned and not task.children
+        if moment == END_PLANNING:
+            return task.returned and not task.unplanned
+        if moment == END_HANDLING:
+            return task.returned
+        if task.killed:
+            return not task.is_running
+        return task.is_free or bool(task.parent and task.parent.reached & moment)
+
+    def _reach(self, task: Task, moments: int) -> None:
+        task.reached |= moments
+        self._facts.append(Reached(TaskId(task.id), moments))
+        if not task.killed and (task.message.taps or (task.rare and task.rare.taps)):
+            self.happened.append((task, moments))
+        if task.waiters:
+            for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
+                self.met.append((task, waiter))
+                del task.waiters[waiter]
+        if task.followers:
+            self._look_at.extend(self.holds.let_go(task, moments))
+        if task.children and moments & (START_PLANNING | START_ACHIEVING):
+            self._look_at.extend(task.children.values())
+        if moments & END_PLANNING and task.is_goal:
+            self._child_planned(task)
+        if task.reached == ALL_MOMENTS:
+            self._end(task)
+
+    def _child_planned(self, child: Task) -> None:
+        parent = child.parent
+        assert parent is not None
+        parent.unplanned -= 1
+        if not parent.unplanned:
+            self._look_at.append(parent)
+
+    def _end(self, task: Task) -> None:
+        self.tree.detach(task)
+        if task.held:
+            self.holds.forget(task)
+        self.ended.append(task)
+        parent = task.parent
+        if parent is not None and (parent.again or len(parent.children or ()) == parent.watchers):
+            self._look_at.append(parent)
+
+    def _hold_again(self, task: Task) -> None:
+        """A new constraint holds a task that was startable but has not been delivered: take it out of the queues."""
+        if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
+            self._take_back(task)
+
+    def _take_back(self, task: Task) -> None:
+        task.requested = False
+        self.withdrawn.append(task)

@@ -1,0 +1,291 @@
+"""Whether one point must already come before another: the search that refuses circular constraints.
+
+It looks from both ends at once, one point at a time, and stops when either side is exhausted, so that its cost is
+that of the smaller side; points already reached hold nothing back and are left out. Edges are the constraints, the
+order within a task, and the parent/child rules: a parent starts before, and ends after, each of its children.
+
+A search that is not over soon finds out, while it goes on, below which tasks it need not look: what is below a task is
+left only by the ends of that task or along an edge that crosses this border. There are few such edges, for most
+constraints are between siblings; ``TaskTree.across`` knows where they begin. Once all are known the search begins anew
+and passes by what is below the other tasks. So it never costs more than some times what looking everywhere does.
+"""
+
+from collections.abc import Callable, Container, Iterable, Iterator
+from itertools import count
+from typing import Any, NamedTuple
+
+from tca_central.model.intervals import predecessors_within, successors_within
+from tca_central.model.task_tree import Task, TaskTree
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+)
+
+_DRAWN = object()
+
+ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
+"""What comes after the start of a task's handling where that has been reached before: the first that is not past."""
+
+
+class Place(NamedTuple):
+    """A point of a live task."""
+
+    task: Task
+    moment: int
+
+
+EASY = 16
+"""Rounds of a search, a point from each end, that are worth no thought about where it need not look."""
+
+
+def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
+    """The points that lead from *start* to *goal*, both included; None if nothing does."""
+    if start == goal:
+        return [start]
+    search, borders = Search(tree, start, goal), Borders(start, goal)
+    drawing: Iterator[None] | None = None
+    for rounds in count():
+        if search.is_over():
+            return search.path
+        if rounds == EASY:
+            if borders.leads_up:
+                return _way_up(start, goal)
+            if borders.leads_back:
+                return None
+            drawing = borders.draw(tree)
+        if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
+            break
+    search = Search(tree, start, goal, borders)
+    while not search.is_over():
+        pass
+    return search.path
+
+
+class Search:
+    """A search from both ends; with *borders* it passes by what is below most tasks."""
+
+    def __init__(self, tree: TaskTree, start: Place, goal: Place, borders: "Borders | None" = None) -> None:
+        self.path: list[Place] | None = None
+        if borders is None:
+            self._ahead = _Side(start, lambda place, _: successors(place))
+            self._behind = _Side(goal, lambda place, _: predecessors(tree, place))
+        else:
+            into_ahead, into_behind = borders.is_open_ahead, borders.is_open_behind
+            self._ahead = _Side(start, lambda place, met: successors(place, below=into_ahead(place, met)))
+            self._behind = _Side(goal, lambda place, met: predecessors(tree, place, below=into_behind(place, met)))
+
+    def is_over(self) -> bool:
+        """Look at one more point from each end; whether ``path`` is known."""
+        ahead, behind = self._ahead, self._behind
+        for side, other in ((ahead, behind), (behind, ahead)):
+            found = side.step()
+            if found is None:
+                return True
+            if found in other.came_from:
+                self.path = ahead.trail(found)[::-1] + behind.trail(found)[1:]
+                return True
+        return False
+
+
+class Borders:
+    """Below which tasks a search has to look: where it may find its other end, or leave again along an edge that
+    crosses the border. All ways through what is below any other task end where that task's own points lead.
+    """
+
+    def __init__(self, start: Place, goal: Place) -> None:
+        self._start, self._goal = start, goal
+        self._ahead: set[Task] = set()  # tasks below which the search from the start has to look
+        self._behind: set[Task] = set()  # the same of the one from the goal
+
+    @property
+    def leads_up(self) -> bool:
+        """Whether the goal is the end of a task above: all below leads there."""
+        return self._goal.moment == END_ACHIEVING and _is_below(self._start.task, self._goal.task)
+
+    @property
+    def leads_back(self) -> bool:
+        """Whether the start is the end of a task above: all below leads there, a way back would be a circle already."""
+        return self._start.moment == END_ACHIEVING and _is_below(self._goal.task, self._start.task)
+
+    def draw(self, tree: TaskTree) -> Iterator[None]:
+        """Find them, step by step."""
+        self._ahead.update(_above(self._goal.task))
+        self._behind.update(_above(self._start.task))
+        for task in tree.across:
+            yield
+            for _, follower, _, _ in task.followers or ():
+                yield
+                if follower.parent is not task.parent and follower.reached != ALL_MOMENTS:
+                    yield from self._cross(task, follower)
+            for asked in task.rare.asked if task.rare is not None else ():
+                yield from self._cross(task, asked)
+
+    def _cross(self, task: Task, follower: Task) -> Iterator[None]:
+        """An edge leads from one to the other: it leaves all that is above only the one, and enters what is above only
+        the other.
+        """
+        left: dict[Task, None] = {}
+        entered: dict[Task, None] = {}
+        one, other = task.parent, follower.parent
+        while True:
+            yield
+            if one is not None:
+                left[one] = None
+            if other is not None:
+                entered[other] = None
+            common = one if one in entered else other if other in left else None
+            if common is not None:
+                break
+            one = one.parent if one is not None else None
+            other = other.parent if other is not None else None
+        for above, borders in ((left, self._ahead), (entered, self._behind)):
+            for ancestor in above:
+                if ancestor is common:
+                    break
+                borders.add(ancestor)
+
+    def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
+        """Whether the search from the start has to look below a task, of which it has *met* some points. What is below
+        may, where achieving comes before planning, lead from the start of achieving to the end of planning.
+        """
+        task, moment = place
+        if task in self._ahead:
+            return True
+        if moment != START_ACHIEVING or not task.is_goal or task.delayed:
+            return False
+        to_come = next((one for one in ENDS_OF_HANDLING if not task.reached & one), 0)
+        return bool(to_come) and Place(task, to_come) not in met
+
+    def is_open_behind(self, place: Place, met: Container[Place]) -> bool:
+        """The same of the search from the goal."""
+        task, moment = place
+        if task in self._behind:
+            return True
+        if moment == END_ACHIEVING or not task.is_goal or task.delayed:
+            return False
+        return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
+
+
+def _is_below(task: Task, other: Task) -> bool:
+    return task is not other and task.above(other.id) is other
+
+
+def _above(task: Task) -> Iterator[Task]:
+    parent = task.parent
+    while parent is not None:
+        yield parent
+        parent = parent.parent
+
+
+def _way_up(start: Place, goal: Place) -> list[Place]:
+    """From a point to the end of a task above."""
+    task, moment = start
+    path = [start]
+    while moment != END_ACHIEVING:
+        moment = successors_within(task.is_goal, moment)[0]
+        path.append(Place(task, moment))
+    for ancestor in _above(task):
+        path.append(Place(ancestor, END_ACHIEVING))
+        if ancestor is goal.task:
+            break
+    return path
+
+
+_Neighbours = Callable[[Place, Container[Place]], Iterator[Place]]
+
+
+class _Side:
+    """One end of the search: the points met and by which way."""
+
+    def __init__(self, origin: Place, neighbours: _Neighbours) -> None:
+        self.came_from: dict[Place, Place | None] = {origin: None}
+        self._walk = self._points(origin, neighbours)
+
+    def step(self) -> Place | None:
+        """One more point; None if there are no more."""
+        return next(self._walk, None)
+
+    def _points(self, origin: Place, neighbours: _Neighbours) -> Iterator[Place]:
+        frontier = [origin]
+        for place in frontier:  # grows while it is walked
+            for neighbour in neighbours(place, self.came_from):
+                if not neighbour.task.reached & neighbour.moment and neighbour not in self.came_from:
+                    self.came_from[neighbour] = place
+                    frontier.append(neighbour)
+                    yield neighbour
+
+    def trail(self, place: Place) -> list[Place]:
+        """The way from *place* back to the origin."""
+        trail = [place]
+        while (previous := self.came_from[trail[-1]]) is not None:
+            trail.append(previous)
+        return trail
+
+
+def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
+    """The points that wait for a point, those already reached too; those of its children only if *below*."""
+    task, moment = place
+    for following in successors_within(task.is_goal, moment):
+        yield Place(task, following)
+    if task.delayed and moment == START_ACHIEVING:
+        yield Place(task, START_PLANNING)
+    for at, follower, its_moment, _ in task.followers or ():
+        if at == moment and its_moment == START_HANDLING:
+            yield from (Place(follower, one) for one in ENDS_OF_HANDLING)
+        elif at == moment:
+            yield Place(follower, its_moment)
+    yield from _relatives_after(task, moment, below=below)
+
+
+Each = Callable[[Iterable[Any]], Iterable[Any]]
+"""How something that may change is walked: as it is (``iter``), or as it was then (``list``)."""
+
+
+def predecessors(tree: TaskTree, place: Place, each: Each = iter, *, below: bool = True) -> Iterator[Place]:
+    """The points that a point waits for, those already reached too; those of its children only if *below*."""
+    task, moment = place
+    for preceding in predecessors_within(task.is_goal, moment):
+        yield Place(task, preceding)
+    if task.delayed and moment == START_PLANNING:
+        yield Place(task, START_ACHIEVING)
+    came_before = START_HANDLING if moment in ENDS_OF_HANDLING else moment
+    for at, leader_id, its_moment in each(task.leaders or ()):
+        if at in (moment, came_before) and (leader := tree.tasks.get(leader_id)) is not None:
+            yield Place(leader, its_moment)
+    yield from _relatives_before(task, moment, each, below=below)
+
+
+def _relatives_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
+    if moment in (START_PLANNING, START_ACHIEVING):
+        children = (task.children or {}).values() if below else ()
+        yield from (Place(child, moment) for child in children if not child.is_free)
+    elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
+        yield Place(parent, moment)
+        if moment == END_ACHIEVING and _decides(task, parent):
+            yield from (Place(parent, one) for one in ENDS_OF_HANDLING)
+        if moment == END_ACHIEVING and task.rare is not None:
+            yield from (Place(asked, one) for asked in task.rare.asked for one in ENDS_OF_HANDLING)
+
+
+def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> Iterator[Place]:
+    children = (task.children or {}).values() if below else ()
+    if moment in (START_PLANNING, START_ACHIEVING):
+        if task.parent is not None and not task.is_free:
+            yield Place(task.parent, moment)
+    elif moment in (END_PLANNING, END_ACHIEVING):
+        yield from (Place(child, moment) for child in each(children))
+    if moment in ENDS_OF_HANDLING and (task.again or task.rare):
+        yield from (Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task))
+        yield from (Place(handler, END_ACHIEVING) for handler in each(task.rare.asking if task.rare else ()))
+
+
+def _decides(child: Task, task: Task) -> bool:
+    """Whether *task* is not handled before *child* has ended: it waits for it to be retried, or to know if it is. Where
+    it was handled before, and reached that point, it is its planning that does not end before.
+    """
+    return (task.again and not child.is_guest) or (task.rare is not None and task.rare.recovering is child)

@@ -1,0 +1,316 @@
+"""Brings deliveries to handlers: chooses the resource, queues, and hands on a slot that became free.
+
+Knows messages' handlers and resources' order; knows nothing of points and constraints. What it delivers and drops it
+reports through the two functions it is given.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from tca_central.model.clock import Clock
+from tca_central.model.registry import Connection, Delivery, Handler, MessageType, ModuleResource
+from tca_central.model.resources import Claim, PendingLimit, Resource
+from tca_wire.journal.facts import HandlerRemoved, Queued, Unqueued
+
+QUEUE_LIMIT = 10_000
+"""Deliveries that may wait for one resource, or for a handler of one message, before informs are dropped and queries
+refused. Tasks count, but are never refused: they are in the tree anyway."""
+
+
+class Dispatcher:
+    """Every delivery between its start and its handler's return."""
+
+    def __init__(
+        self,
+        facts: list[object],
+        deliver: Callable[[Delivery, Connection], None],
+        suspects: deque[Any],
+        clock: Clock,
+    ) -> None:
+        self._clock = clock
+        self._facts = facts
+        self._deliver = deliver
+        self._suspects = suspects
+        self._arrivals = 0
+        self.attended: dict[int, Delivery] = {}  #: by delivery id: those that a handler has
+        self.changed: dict[MessageType, int] = {}  #: messages that got or lost handlers -> how many served before
+        self.freed: deque[tuple[Resource[Connection, Delivery], Connection | None]] = (
+            deque()
+        )  #: slots whose handlers have returned, to be given to the next; resources that may let in others than before
+        self.granted: deque[Claim[Connection]] = deque()  #: claims that have just got their resource
+        self.displaced: deque[tuple[Delivery, str]] = (
+            deque()
+        )  #: gave way to newer ones (why): to be told who waits for them
+        self.stranded: deque[Delivery] = deque()  #: exception handlers that wait because nobody handles them any more
+
+    def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
+        """Deliver, or queue until a slot of a resource that handles the message is free.
+
+        *targets* are the resources that may take it; by default those of the message's newest handler and its pool.
+        """
+        self._arrive(delivery)
+        resources = targets or tuple(delivery.message.candidates())
+        if self._take_free_slot(delivery, resources):
+            return
+        slot = own_slot(delivery, resources)
+        if slot is not None and slot.resource is not None and slot.resource.is_locked:
+            slot.resource.called_back[delivery] = slot
+            slot = None
+        if slot is None:
+            self._queue(delivery, resources)
+        else:
+            self._call_back(delivery, slot)
+
+    def _call_back(self, delivery: Delivery, slot: Connection) -> None:
+        """Let a slot that waits for the answer handle the question itself."""
+        delivery.nested = True
+        self._attend(delivery, slot)
+
+    def _queue(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+        delivery.queues = resources
+        delivery.since = self._clock.now
+        if not resources:
+            delivery.message.waiting[delivery.id] = delivery
+            self._facts.append(Queued(delivery.given_as, delivery.message_id, "", ""))
+            if delivery.is_stranded:
+                self.stranded.append(delivery)
+            return
+        goes_on = False
+        for resource in resources:
+            resource.queue(delivery)
+            goes_on = goes_on or _goes_on(resource)
+        if not goes_on:
+            self._suspects.append(delivery)
+        first = resources[0]
+        self._facts.append(Queued(delivery.given_as, delivery.message_id, first.module, first.name))
+        for resource in resources:
+            if limit := resource.limits.get(delivery.message.name):
+                self._keep_within(limit, delivery, resource)
+
+    def route_all(self, deliveries: Sequence[Delivery]) -> None:
+        """Deliver or queue several that may start at the same time: free slots go by priority, then arrival; the others
+        queue in the order in which they came, for that is what pending limits go by.
+        """
+        if len(deliveries) > 1:
+            for delivery in deliveries:
+                self._arrive(delivery)
+            in_turn = sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
+            left = [one for one in in_turn if not self._take_free_slot(one, tuple(one.message.candidates()))]
+            deliveries = sorted(left, key=lambda one: one.arrival)
+        for delivery in deliveries:
+            self.route(delivery)
+
+    def _arrive(self, one: Delivery | Claim[Connection]) -> None:
+        if not one.arrival:
+            self._arrivals += 1
+            one.arrival = self._arrivals
+
+    def _take_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
+        for resource in resources:
+            if slot := resource.slot_for(delivery):
+                self._attend(delivery, slot)
+                return True
+        return False
+
+    def _keep_within(self, limit: PendingLimit[Delivery], newest: Delivery, resource: ModuleResource) -> None:
+        """What has waited longest gives way where more wait than may."""
+        if (oldest := limit.queued(newest)) is not None:
+            self.withdraw(oldest)
+            why = (
+                f"at most {limit.most} of '{newest.message.name}' may wait for '{resource.name}', and a newer one came"
+            )
+            self.displaced.append((oldest, why))
+
+    def _attend(self, delivery: Delivery, slot: Connection) -> None:
+        delivery.slot = slot
+        self.attended[delivery.given_as] = delivery
+        self._deliver(delivery, slot)
+
+    def complete(self, delivery: Delivery) -> None:
+        """The handler returned. Its slot is given on when all that follows from that has happened: what is killed or
+        held again because of it must not be delivered first.
+        """
+        del self.attended[delivery.given_as]
+        slot, delivery.slot = delivery.slot, None
+        assert slot is not None
+        del slot.handling[delivery]
+        if delivery.nested:
+            delivery.nested = False
+        elif slot.resource is not None:
+            slot.resource.busy += self._clock.now - delivery.since
+            self.freed.append((slot.resource, slot))
+
+    def give_freed_slot(self) -> None:
+        """Let what was freed first take the next message of its resource, or grant the next claim on it."""
+        resource, slot = self.freed.popleft()
+        if slot is not None and slot in resource.slots:
+            resource.free_slot(slot)
+        following = resource.next_queued()
+        if isinstance(following, Claim):
+            resource.grant(following)
+            self.granted.append(following)
+            self.freed.extend((copy, None) for copy in resource.copies)
+        elif following is not None and resource.free:
+            self._leave_queues(following)
+            self._attend(following, resource.take_slot())
+            if resource.free or resource.called_back:
+                self.freed.append((resource, None))
+        elif not resource.is_locked:
+            self._call_all_back(resource)
+
+    def _call_all_back(self, resource: Resource[Connection, Delivery]) -> None:
+        """A lock has ended: no slot waits for itself any longer."""
+        for delivery, sender in list(resource.called_back.items()):
+            if sender in resource.slots:
+                self._leave_queues(delivery)
+                self._call_back(delivery, sender)
+        resource.called_back.clear()
+
+    def claim(self, claim: Claim[Connection]) -> None:
+        """Let a claim wait for its turn."""
+        self._arrive(claim)
+        claim.since = self._clock.now
+        claim.resource.add_claim(claim)
+        self.freed.append((claim.resource, None))
+
+    def end_claim(self, claim: Claim[Connection]) -> None:
+        """A claim is given up, or what it got is released: others may get in."""
+        claim.resource.end_claim(claim)
+        self.freed.extend((copy, None) for copy in claim.resource.copies)
+
+    def withdraw(self, delivery: Delivery, *, keep_place: bool = False) -> None:
+        """Take a delivery out of wherever it waits, if it does; it may *keep_place* among the others for later."""
+        if delivery.queues is None:
+            return
+        if delivery.queues == ():
+            del delivery.message.waiting[delivery.id]
+        if not keep_place:
+            delivery.arrival = 0
+        self._facts.append(Unqueued(delivery.given_as))
+        self._leave_queues(delivery)
+
+    def _leave_queues(self, delivery: Delivery) -> None:
+        """A delivery waits no longer; a claim that was behind it may be the next now."""
+        for resource in delivery.queues or ():
+            if resource.claims:
+                self.freed.append((resource, None))
+        delivery.withdraw()
+
+    @staticmethod
+    def is_full(message: MessageType, *targets: ModuleResource) -> bool:
+        """Whether too much waits already where a message of this type (for these *targets* only) would have to wait."""
+        if not targets and not message.handlers:
+            return len(message.waiting) >= QUEUE_LIMIT
+        return all(resource.waiting >= QUEUE_LIMIT for resource in targets or message.candidates())
+
+    # --- slots and handlers come and go ----------------------------------------------------------------------------
+
+    def slot_came(self, slot: Connection, resource: ModuleResource) -> None:
+        """A connection offers to handle messages for a resource."""
+        slot.resource = resource
+        if not resource.capacity:
+            self._serve_all(slot, +1)
+        resource.add_slot(slot)
+        self.freed.append((resource, slot))
+
+    def slot_gone(self, slot: Connection) -> list[Delivery]:
+        """A connection is gone; the deliveries that it had (a nested one is newer than the one it is nested in)."""
+        if slot.resource is not None:
+            slot.resource.remove_slot(slot)
+            self.freed.append((slot.resource, None))  # a claim may have waited for it
+            if not slot.resource.capacity:
+                self._serve_all(slot, -1)
+        orphans, slot.handling = list(slot.handling), {}
+        for delivery in orphans:
+            del self.attended[delivery.given_as]
+            if slot.resource is not None and not delivery.nested:
+                slot.resource.busy += self._clock.now - delivery.since
+            delivery.slot, delivery.nested = None, False
+        return orphans
+
+    def _serve_all(self, slot: Connection, change: int) -> None:
+        """The handlers of a slot's resource can be called from now on, or no longer."""
+        for handler in slot.module.handlers.values():
+            if handler.resource is slot.resource:
+                self._serve(handler.message, change)
+
+    def _serve(self, message: MessageType, change: int) -> None:
+        self.changed.setdefault(message, message.serving)
+        message.serving += change
+
+    def handler_came(self, handler: Handler) -> None:
+        """The newest handler takes over what waits for its message."""
+        message = handler.message
+        queued = [] if message.fans_out else self._take_queued(message)
+        message.handlers.append(handler)
+        if handler.resource.capacity:
+            self._serve(message, +1)
+        if handler.pending:
+            handler.resource.limits[message.name] = PendingLimit(handler.pending)
+        handler.module.handlers[message.name] = handler
+        self.route_all(queued)
+
+    def handlers_gone(self, handlers: list[Handler]) -> list[Delivery]:
+        """What waited for those handlers, out of its queues: to be routed to the ones before them, or to wait; but for
+        what was meant for them alone (copies of a broadcast or multi-query).
+        """
+        return [delivery for handler in handlers for delivery in self._handler_gone(handler)]
+
+    def _handler_gone(self, handler: Handler) -> list[Delivery]:
+        message = handler.message
+        queued = self._take_queued(message, handler.resource)
+        message.handlers.remove(handler)
+        if handler.resource.capacity:
+            self._serve(message, -1)
+        handler.resource.limits.pop(message.name, None)
+        del handler.module.handlers[message.name]
+        self._facts.append(HandlerRemoved(message.name, handler.module.name))
+        return queued
+
+    def strand_all(self, messages: Iterable[MessageType]) -> None:
+        """A module is gone, with all that it handled: look at each exception handler that waits for a handler."""
+        waiting = (one for message in messages for one in message.waiting.values() if one.is_stranded)
+        self.stranded.clear()
+        self.stranded.extend(sorted(waiting, key=lambda one: one.arrival))
+
+    def _take_queued(self, message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
+        """The deliveries of a message that wait (for one resource *only*), oldest first, out of their queues."""
+        queued = self.queued(message, only)
+        message.waiting.clear()
+        for delivery in queued:
+            self._leave_queues(delivery)
+        return queued
+
+    @staticmethod
+    def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
+        """The deliveries of a message that wait (for one resource *only*), oldest first."""
+        resources = [only] if only else {handler.resource: None for handler in message.handlers}
+        found = {d.id: d for resource in resources for d in resource.queued() if d.message is message}
+        found.update(message.waiting)
+        return sorted(found.values(), key=lambda delivery: delivery.arrival)
+
+
+def _goes_on(resource: ModuleResource) -> bool:
+    """Whether it is plain that what waits will be handled: a handler that nothing blocks is before it."""
+    if resource.held_by is not None or resource.claims:
+        return False
+    for slot in resource.slots:
+        if not slot.waits:
+            return True
+    return not resource.slots
+
+
+def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
+    """The sender's own slot, if it blocks for this answer there: such a message ignores capacity and reservations, or
+    it would wait for itself (TCA 8.5: self-queries). As long as a lock is held it waits: that keeps out its owner, too.
+    """
+    sender = delivery.sender
+    if (
+        not delivery.message.message_class.has_reply
+        or sender is None
+        or sender.resource is None
+        or sender not in sender.resource.slots
+    ):
+        return None
+    return sender if sender.resource in resources else None

@@ -1,0 +1,359 @@
+"""What holds which moment back: constraints put in force, undone, and handed on by killed tasks.
+
+Theory of operation. Every point counts the constraints that still hold it (``Task.held``, six counters packed into
+one integer); every task lists the points that wait for its own (``Task.followers``). A constraint with a delay lets its
+follower go by a timer, set when the leader's point is reached. Knows points; nothing of handlers or resources.
+"""
+
+from typing import NamedTuple
+
+from tca_central.errors import RequestError
+from tca_central.model.clock import Clock, Due, checked_seconds
+from tca_central.model.intervals import SINGLE_MOMENTS, STARTS, comes_after, unified
+from tca_central.model.task_tree import Task, TaskTree
+from tca_central.order.cycles import Place, find_path
+from tca_wire.constraints import (
+    Constraint,
+    Flags,
+    delay_planning,
+    plan_first,
+    sequential_achievement,
+    sequential_planning,
+)
+from tca_wire.journal.facts import Constrained
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_HANDLING,
+    ROOT,
+    START_ACHIEVING,
+    START_PLANNING,
+    THIS,
+    Moment,
+    Point,
+    TaskId,
+)
+from tca_wire.vocabulary import Refusal
+
+_SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
+_PLAN_FIRST, _DELAY_PLANNING = int(Flags.PLAN_FIRST), int(Flags.DELAY_PLANNING)
+
+_BITS = 24  # per counter of ``held``: 16 million constraints on one point
+_COUNTER = (1 << _BITS) - 1
+_SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
+
+VOID_ENTRIES = 32
+"""Entries of who waits for whom that may be kept when they are void, beyond as many as there are others."""
+
+_NOW = Point(ROOT, Moment.START_ACHIEVING)  # in the journal: the clock's 0
+
+
+class Release:
+    """A delay under way: *moment* of *task* is held until its timer is due."""
+
+    __slots__ = ("constraint", "moment", "task")
+
+    def __init__(self, task: Task, moment: int, constraint: Constraint) -> None:
+        self.task, self.moment, self.constraint = task, moment, constraint
+
+
+class Holds:
+    """The constraints in force."""
+
+    def __init__(self, tree: TaskTree, facts: list[object], clock: Clock) -> None:
+        self.tree = tree
+        self._facts = facts
+        self._clock = clock
+        self.ending: set[Task] = set()  #: killed tasks that end as soon as they are looked at
+
+    # --- putting in force ------------------------------------------------------------------------------------------
+
+    def add(self, constraint: Constraint, *, check: bool) -> list[Constraint]:
+        """Put one constraint in force; those that hold anything now, [] if it is met already.
+
+        Raises RequestError if it can never be met (looked for where *check*), or comes too late.
+        """
+        if constraint.delay:
+            checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
+        before, after = self.before(constraint), self.place(constraint.after)
+        if not constraint.delay and (before is None or before.task.reached & before.moment):
+            return []
+        if after is None or after.task.reached & after.moment:
+            raise RequestError(Refusal.TOO_LATE, f"constraint {constraint} comes too late: {constraint.after} is past")
+        task, moment = after
+        if before == (task, START_ACHIEVING) and moment == START_PLANNING and not constraint.delay:
+            return [constraint] if self._delay_planning(task, constraint) else []
+        if task.held >> _SHIFT[moment] & _COUNTER == _COUNTER:
+            raise RequestError(Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already")
+        if before is None or before.task.reached & before.moment:
+            return [self._delay(constraint, task, moment)]
+        if check:
+            self._refuse_cycles(constraint, after, before)
+        if constraint.delay:  # as it is told of when the delay is over
+            constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
+        self.hold(before.task, before.moment, task, moment, constraint.delay)
+        inherited = self.inherit(before.task, before.moment, task, moment) if before.task.killed else []
+        return [constraint, *inherited]
+
+    def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
+        """Hold a moment for some time from now on; the constraint as the journal has it."""
+        recorded = Constraint(_NOW, constraint.after, self._clock.now + constraint.delay)
+        task.held += 1 << _SHIFT[moment]
+        self._release_later(task, moment, recorded, constraint.delay)
+        return recorded
+
+    def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
+        release = Release(task, moment, constraint)
+        task.more.pending[release] = self._clock.after(delay, Due.RELEASE, release)
+
+    def hold(self, leader: Task, its_moment: int, task: Task, moment: int, delay: float = 0) -> None:
+        """From now on *moment* of *task* waits for *its_moment* of *leader*, and *delay* seconds more."""
+        if leader.followers is None:
+            leader.followers = []
+        leader.followers.append((its_moment, task, moment, delay))
+        if leader.parent is not task.parent:
+            self.tree.across[leader] = None
+        if task.leaders is None:
+            task.leaders = []
+        task.leaders.append((moment, leader.id, its_moment))
+        task.held += 1 << _SHIFT[moment]
+        if len(task.leaders) > VOID_ENTRIES and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES:
+            task.leaders = [entry for entry in task.leaders if self._is_ahead(entry)]
+
+    def _is_ahead(self, leading: tuple[int, int, int]) -> bool:
+        """Whether what an entry of ``leaders`` waits for is still to come."""
+        leader = self.tree.tasks.get(leading[1])
+        return leader is not None and not leader.reached & leading[2]
+
+    def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
+        """Planning starts no earlier than achieving, which starts no earlier than planning: they start together. So
+        this is no count on a point; whatever holds back either holds back both. Whether it is so only from now on.
+        """
+        if task.delayed:
+            return False
+        if task.children or task.followers:
+            text = f"{constraint}: planning can only be delayed when the goal is sent"
+            raise RequestError(Refusal.TOO_LATE, text)
+        self._refuse_cycle(constraint, Place(task, END_HANDLING), Place(task, START_ACHIEVING))
+        task.delayed = True
+        return True
+
+    def _refuse_cycles(self, constraint: Constraint, after: Place, before: Place) -> None:
+        """Raises RequestError if a constraint can never be met. From a killed task what it waited for is inherited."""
+        self._refuse_cycle(constraint, after, before)
+        if before.task.killed:
+            for (_, its_moment), leader in self._what_holds(*before, _Ways(set(), {})).items():
+                self._refuse_cycle(constraint, after, Place(leader, its_moment))
+
+    def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
+        """Refuse a constraint from *goal* to *start* if *start* must already come before *goal*."""
+        if (path := find_path(self.tree, start, goal)) is not None:
+            raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: {_describe_cycle(path)}")
+
+    def undo(self, added: list[Constraint]) -> None:
+        """Take back what ``add`` has just put in force."""
+        for constraint in reversed(added):
+            after = self.place(constraint.after)
+            assert after is not None
+            if constraint.before.task == ROOT:
+                self._undo_delay(after.task, constraint)
+                continue
+            before = self.place(constraint.before)
+            assert before is not None
+            if before == (after.task, START_ACHIEVING) and after.moment == START_PLANNING and not constraint.delay:
+                after.task.delayed = False
+                continue
+            assert before.task.followers is not None
+            assert after.task.leaders is not None
+            before.task.followers.pop()
+            after.task.leaders.pop()
+            after.task.held -= 1 << _SHIFT[after.moment]
+
+    def _undo_delay(self, task: Task, constraint: Constraint) -> None:
+        pending = task.more.pending
+        for release in [one for one in pending if isinstance(one, Release) and one.constraint is constraint]:
+            self._clock.cancel(pending.pop(release))
+            task.held -= 1 << _SHIFT[release.moment]
+
+    # --- letting go ------------------------------------------------------------------------------------------------
+
+    def let_go(self, task: Task, moments: int) -> list[Task]:
+        """*task* has reached *moments*: whoever waited for them and for no delay is held less; those tasks."""
+        assert task.followers is not None
+        freed = []
+        for at, follower, its_moment, delay in task.followers:
+            if not at & moments:
+                continue
+            if delay:
+                if follower.reached != ALL_MOMENTS:
+                    constraint = _constraint(task, at, follower, its_moment, delay)
+                    self._release_later(follower, its_moment, constraint, delay)
+                continue
+            follower.held -= 1 << _SHIFT[its_moment]
+            if not follower.held:
+                follower.leaders = None
+            freed.append(follower)
+        task.followers = [follower for follower in task.followers if not follower[0] & moments] or None
+        return freed
+
+    @staticmethod
+    def release(release: Release) -> None:
+        """A delay is over."""
+        del release.task.more.pending[release]
+        release.task.held -= 1 << _SHIFT[release.moment]
+        if not release.task.held:
+            release.task.leaders = None
+
+    def forget(self, task: Task) -> None:
+        """A killed task has ended while it was held: whoever would have let it go need not know it any more. They are
+        looked through when half of what they know is void, so that this costs the same for each.
+        """
+        for entry in task.leaders or ():
+            leader = self.tree.tasks.get(entry[1])
+            if leader is None or leader.reached & entry[2] or not leader.followers:
+                continue
+            rare = leader.more
+            rare.void_followers += 1
+            if rare.void_followers > len(leader.followers) // 2 + VOID_ENTRIES:
+                leader.followers = [one for one in leader.followers if one[1].reached != ALL_MOMENTS] or None
+                rare.void_followers = 0
+        task.leaders = None
+
+    # --- killed tasks ----------------------------------------------------------------------------------------------
+
+    def bequeath(self, killed: list[Task]) -> None:
+        """What waits for killed tasks goes on waiting for what those waited for: the end of a sequence does not
+        overtake its beginning because its middle was killed. Only what goes on inherits, and from what goes on: so the
+        kill of a sequence costs its length.
+        """
+        self.ending.update(_ending(killed))
+        ways = _Ways(set(killed), {})
+        for task in killed:
+            if task.leaders:
+                for at, follower, held, _ in list(task.followers or ()):
+                    if follower not in self.ending and (added := self.inherit(task, at, follower, held, ways)):
+                        self._facts.append(Constrained(added))
+
+    def inherit(
+        self, killed: Task, at: int, follower: Task, held: int, ways: "_Ways | None" = None
+    ) -> list[Constraint]:
+        """Hold moment *held* of a follower of *killed* at *at* by all that holds *killed* there or before; by what."""
+        if follower.reached & held:
+            return []
+        holding = self._what_holds(killed, at, ways or _Ways(set(), {}))
+        for (_, its_moment), leader in holding.items():
+            self.hold(leader, its_moment, follower, held)
+        return [_constraint(leader, its_moment, follower, held) for (_, its_moment), leader in holding.items()]
+
+    def _what_holds(self, killed: Task, at: int, ways: "_Ways") -> "dict[tuple[int, int], Task]":
+        """What a moment of a killed task waits for and is not past, also by way of others that were killed with it:
+        leaders and their moments. Of killed ones those that go on, because handlers of them run or something is left to
+        do. From those that were killed before it has inherited already.
+        """
+        origin, known = (int(killed.id), at), ways.known
+        if origin in known:
+            return known[origin]
+        found: dict[tuple[int, int], Task] = {}
+        frontier, seen = [(killed, at)], {origin}
+        for task, moment in frontier:  # grows while it is walked
+            for its_own, leader_id, its_moment in task.leaders or ():
+                leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
+                first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
+                if leader is None or leader.reached & its_moment or moment not in comes_after(task.is_goal, first):
+                    continue
+                if leader not in self.ending:
+                    found[place] = leader
+                if place in known:
+                    found.update(known[place])
+                elif leader in ways.killed and place not in seen:
+                    seen.add(place)
+                    frontier.append((leader, its_moment))
+        known[origin] = found
+        return found
+
+    # --- points ----------------------------------------------------------------------------------------------------
+
+    def before(self, constraint: Constraint) -> Place | None:
+        """What a constraint waits for; None if that is past."""
+        if constraint.before.task != ROOT:
+            return self.place(constraint.before)
+        if constraint.before.moment & STARTS:
+            return None
+        raise RequestError(Refusal.CYCLE, f"constraint {constraint} can never be met: the root never ends")
+
+    def place(self, point: Point) -> Place | None:
+        """The live task and moment of a point; None if the task has ended."""
+        if int(point.moment) not in SINGLE_MOMENTS:
+            raise RequestError(Refusal.PROTOCOL, f"{int(point.moment)} is no moment: one bit of 1 to 32 is")
+        task = self.tree.task(point.task)
+        return None if task is None else Place(task, unified(task.is_goal, int(point.moment)))
+
+
+class _Ways(NamedTuple):
+    """What is looked through while tasks are killed together; *known* by task and moment: leaders by theirs."""
+
+    killed: set[Task]
+    known: dict[tuple[int, int], dict[tuple[int, int], Task]]
+
+
+def _ending(killed: list[Task]) -> set[Task]:
+    """Those of tasks that have just been killed, parents first, that end at once: of which no handler runs, which leave
+    nothing to be done, and under which all do.
+    """
+    staying: set[Task] = set()
+    doomed = set(killed)
+    for task in reversed(killed):
+        is_left = task.rare is not None and (task.rare.parting or task.rare.watch is not None)
+        others = any(child not in doomed or child in staying for child in (task.children or {}).values())
+        if task.is_running or is_left or others:
+            staying.add(task)
+    return doomed - staying
+
+
+def _constraint(leader: Task, its_moment: int, follower: Task, moment: int, delay: float = 0) -> Constraint:
+    points = Point(TaskId(leader.id), Moment(its_moment)), Point(TaskId(follower.id), Moment(moment))
+    return Constraint(*points, delay)
+
+
+def is_held(task: Task, moment: int) -> bool:
+    """Whether a constraint holds that moment of a task back."""
+    return bool(task.held >> _SHIFT[moment] & _COUNTER)
+
+
+def held_counts(task: Task) -> dict[int, int]:
+    """The number of unmet constraints per moment of a task; for checks and questions."""
+    return {moment: count for moment, shift in _SHIFT.items() if (count := task.held >> shift & _COUNTER)}
+
+
+def from_flags(flags: Flags, task: Task, last: Task | None) -> list[Constraint]:
+    """The constraints that flags stand for. On a command's planning, which is over at birth, they hold nothing."""
+    this, value = TaskId(task.id), int(flags)
+    constraints = []
+    if last is not None:
+        if value & _SEQ_ACH:
+            constraints.append(sequential_achievement(TaskId(last.id), this))
+        if value & _SEQ_PLANNING and task.is_goal:
+            constraints.append(sequential_planning(TaskId(last.id), this))
+    if value & _DELAY_PLANNING and task.is_goal:
+        constraints.append(delay_planning(this))
+    if value & _PLAN_FIRST:
+        constraints.append(plan_first(this))
+    return constraints
+
+
+def resolve(constraint: Constraint, this: TaskId) -> Constraint:
+    """The constraint with THIS replaced by the new task's id."""
+    before, after = constraint.before, constraint.after
+    return Constraint(
+        Point(this, before.moment) if before.task == THIS else before,
+        Point(this, after.moment) if after.task == THIS else after,
+        constraint.delay,
+    )
+
+
+def _describe_cycle(path: list[Place]) -> str:
+    more = len(path) - 8
+    shown = path if more <= 0 else path[:4] + path[-4:]
+    points = [str(Point(TaskId(place.task.id), Moment(place.moment))) for place in shown]
+    if more > 0:
+        points.insert(4, f"... {more} more ...")
+    return f"{' <= '.join([*points, points[0]])} would be a circle"

@@ -1,0 +1,1 @@
+"""What central sends itself: copies for many handlers, its own messages, notices, routes."""

@@ -1,0 +1,116 @@
+"""Which messages are handled: who waits until they are, and who is told when that changes.
+
+A message is handled as long as a handler of it has a slot to be called in; ``MessageType.serving`` counts those.
+"""
+
+from collections.abc import Iterable
+
+from tca_central.errors import RequestError
+from tca_central.model.registry import Connection, MessageType
+from tca_central.outgoing import notices
+from tca_central.state import State
+from tca_wire.messages.notices import HANDLERS_CHANGED, HandlerCount
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Answer
+from tca_wire.vocabulary import Refusal
+
+MOST_AWAITED = 1000
+"""Messages in one request."""
+
+
+class HandledWait:
+    """A connection waits until each of some messages is handled, all at the same time."""
+
+    __slots__ = ("connection", "messages", "missing", "number", "promised")
+
+    def __init__(
+        self, connection: Connection, number: int, messages: Iterable[MessageType], promised: Iterable[str] = ()
+    ) -> None:
+        self.connection, self.number = connection, number
+        self.promised = tuple(promised)  #: messages that will be handled when this wait is over
+        self.messages = tuple(messages)
+        self.missing = sum(not message.serving for message in self.messages)  #: number of those that nobody handles
+        for message in self.messages:
+            message.awaited_by[self] = None
+
+    def end(self) -> None:
+        """Nobody waits any more."""
+        for message in self.messages:
+            del message.awaited_by[self]
+
+
+def on_wait_until_handled(central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes) -> None:
+    """A module waits until somebody handles all messages that it needs."""
+    if not header.number:
+        raise RequestError(Refusal.PROTOCOL, "a wait until messages are handled needs a request number")
+    if len(header.messages) > MOST_AWAITED:
+        text = f"{len(header.messages)} messages in one wait: {MOST_AWAITED} are allowed, send several requests"
+        raise RequestError(Refusal.OVERLOAD, text)
+    known = central.registry.messages
+    for name in header.messages:
+        if name not in known:
+            raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{name}': register it first")
+    messages = [known[name] for name in dict.fromkeys(header.messages)]
+    wait = HandledWait(connection, header.number, messages, header.promised)
+    connection.outstanding[header.number] = wait
+    if wait.missing and wait.promised:
+        _warn_of_circle(central, wait)
+    _answer_if_over(central, wait)
+
+
+def _warn_of_circle(central: State, newest: HandledWait) -> None:
+    """Tell all who now wait for each other, and who waits for them, what they wait for. Another module may still come
+    and handle it, so that nothing is refused. Looks through all such waits: there are some at the start, hardly later.
+    """
+    left = {wait: None for message in central.registry.messages.values() for wait in message.awaited_by}
+    promisers: dict[str, list[HandledWait]] = {}
+    for wait in left:
+        for name in wait.promised:
+            promisers.setdefault(name, []).append(wait)
+    # Until only those are left of which each waits for what only others of them will handle.
+    while len(stuck := {wait: by for wait in left if (by := _held_by(wait, promisers, left))}) < len(left):
+        left = dict.fromkeys(stuck)
+    circle: dict[HandledWait, str] = {}
+    while newest in stuck and newest not in circle:
+        message, following = stuck[newest]
+        module, other = newest.connection.module.name, following.connection.module.name
+        circle[newest] = f"'{module}' waits for '{message}', which '{other}' will handle"
+        newest = following
+    text = f"modules require each other: {'; '.join(circle.values())}: so none of them begins, unless another comes"
+    for wait in circle:
+        central.tell(wait.connection, Answer(wait.number, text=text, more=True))
+
+
+def _held_by(
+    wait: HandledWait, promisers: dict[str, list[HandledWait]], among: Iterable[HandledWait]
+) -> tuple[str, HandledWait] | None:
+    """A message that a wait is for and nobody handles, and one who promises it, where all who do are *among* these."""
+    for message in wait.messages:
+        others = promisers.get(message.name, ())
+        if others and not message.serving and all(other in among for other in others):
+            return message.name, others[0]
+    return None
+
+
+def _answer_if_over(central: State, wait: HandledWait) -> None:
+    if not wait.missing:
+        wait.end()
+        del wait.connection.outstanding[wait.number]
+        central.send(wait.connection, wait.number, Answer(wait.number))
+
+
+def tell_changes(central: State) -> None:
+    """Tell whoever wants to know which messages are handled by more or fewer than before the event."""
+    changed = [(message, before) for message, before in central.dispatcher.changed.items() if message.serving != before]
+    central.dispatcher.changed.clear()
+    waits: dict[HandledWait, None] = {}
+    for message, before in changed:
+        waits |= message.awaited_by
+        if not (before and message.serving):
+            for wait in message.awaited_by:
+                wait.missing += 1 if before else -1
+    for wait in waits:
+        _answer_if_over(central, wait)
+    for message, _ in changed:
+        if not message.is_notice:
+            notices.tell(central, HANDLERS_CHANGED, HandlerCount(message.name, message.serving))

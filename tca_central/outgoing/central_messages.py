@@ -1,0 +1,94 @@
+"""Messages that central makes itself, and the telling of those who handle a task that it is suspended."""
+
+from typing import Any
+
+from tca_central.model.intervals import REACHED_AT_BIRTH_BY_COMMAND
+from tca_central.model.registry import Delivery, MessageType
+from tca_central.model.task_tree import Task
+from tca_central.outgoing.fan_out import route_statement
+from tca_central.state import State
+from tca_wire.constraints import Flags
+from tca_wire.journal import facts
+from tca_wire.messages.formats import NIL, NO_DATA
+from tca_wire.packets.headers import Suspended
+from tca_wire.points import ROOT, TaskId
+from tca_wire.vocabulary import CENTRAL, Role
+
+
+def make_task(
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, about: Delivery | None = None,
+    context: Any = None,
+) -> Task:  # fmt: skip
+    """A new task under *parent*, made for *about* (None: for *parent*), which waits for nothing above it, and which
+    outlives the kill of *parent* where it handles a failure or leaves things safe.
+    """
+    about = about or parent
+    task = Task(TaskId(central.new_id()), message, body, None)
+    task.role, task.is_free, task.since = role, True, central.clock.now
+    task.survives = role.survives
+    task.context, task.sent_by = context, about.sent_by
+    mark = len(central.facts)
+    constraints = central.agenda.add(task, parent, Flags.NONE, [])
+    birth = facts.Received(
+        task.id, message.name, message.message_class, CENTRAL, TaskId(parent.id), 0, False, body, constraints, role,
+        about.message_id,
+    )  # fmt: skip
+    central.facts[mark:mark] = [birth, *at_birth(task)]
+    return task
+
+
+def make_delivery(
+    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
+) -> Delivery:
+    """A new message that is no task, recorded but not on its way yet."""
+    made = Delivery(central.new_id(), message, body, None)
+    made.role, made.context = role, context
+    made.sent_by = about.sent_by if about is not None else None
+    number = about.message_id if about is not None else 0
+    birth = facts.Received(
+        made.id, message.name, message.message_class, CENTRAL, ROOT, 0, False, body, [], role, number
+    )  # fmt: skip
+    central.facts.append(birth)
+    return made
+
+
+def make_statement(
+    central: State, message: MessageType, body: bytes, role: Role, *, about: Delivery | None, context: Any = None
+) -> Delivery:
+    """A new inform or broadcast, on its way to whoever handles it."""
+    made = make_delivery(central, message, body, role, about=about, context=context)
+    route_statement(central, made)
+    return made
+
+
+def make(
+    central: State, message: MessageType, body: bytes, parent: Task, role: Role, *, context: Any = None
+) -> Delivery:
+    """A new task under *parent* or, if the message is none, a new statement."""
+    if message.message_class.is_task:
+        return make_task(central, message, body, parent, role, context=context)
+    return make_statement(central, message, body, role, about=parent, context=context)
+
+
+def data_for(message: MessageType, body: bytes) -> bytes:
+    """What a message gets of data that it may not want: none if it is declared without."""
+    return NIL if message.format.data == NO_DATA else body
+
+
+def at_birth(task: Task) -> list[facts.Fact]:
+    """What is reached as soon as there is such a task."""
+    return [] if task.is_goal else [facts.Reached(TaskId(task.id), REACHED_AT_BIRTH_BY_COMMAND)]
+
+
+def suspend(central: State, task: Task, *, resume: bool, by: str = CENTRAL) -> None:
+    """Suspend or resume a task with all under it, as *by* wants; handlers that run are told."""
+    changed = central.agenda.suspend(task, resume=resume)
+    if changed:
+        central.facts.append(facts.SuspendedOrResumed(TaskId(task.id), not resume, by))
+        if not resume:
+            central.tree.suspended.setdefault(task.id, (central.clock.now, by))
+    for one in changed:
+        if resume:
+            central.tree.suspended.pop(one.id, None)
+        if one.slot is not None:
+            central.tell(one.slot, Suspended(one.given_as, not resume))

@@ -1,0 +1,173 @@
+"""Which messages go from module to module directly, and who is told so (TCA 8.5: direct connections).
+
+Central gives a *route*, the entrances of the slots that may be sent a message, to whoever sends such a message through
+central; as long as that is so, it tells them of every change. A message has a route if its newest handler wants it
+and nothing has to see it on its way: no wiretap, no pending limit, no lock, no other handler that shares it. What has
+been told is only a licence: a sender may use central at any time, and does until it has reached an entrance.
+"""
+
+import math
+from collections.abc import Iterable
+
+from tca_central.errors import RequestError
+from tca_central.model.registry import Connection, Delivery, MessageType, ModuleResource
+from tca_central.model.resources import Resource
+from tca_central.state import State
+from tca_wire.journal import facts
+from tca_wire.packets.parts import HandlerFormat
+from tca_wire.packets.routes import MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
+from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Refusal
+
+DIRECT = frozenset({MessageClass.INFORM, MessageClass.QUERY})
+"""Classes of messages that may go directly: tasks belong into the tree, and the others go to many."""
+
+
+def check_entrance(entrance: Entrance) -> None:
+    """Raises RequestError if modules can't be sent there."""
+    is_address = entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
+    if not is_address or max(len(entrance.endpoint), len(entrance.key)) > 2 * Limit.NAME:
+        raise RequestError(
+            Refusal.PROTOCOL, f"{entrance.endpoint!r:.60} is no entrance: an ipc:// or tcp:// address is"
+        )
+
+
+def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
+    """Raises RequestError if messages of that class can't be handled so."""
+    if handled.direct and message_class not in DIRECT:
+        text = f"{message_class} '{handled.message}' can't be sent directly: only informs and queries can"
+        raise RequestError(Refusal.PROTOCOL, text)
+
+
+# --- routes ----------------------------------------------------------------------------------------------------------
+
+
+def route_of(message: MessageType) -> tuple[Connection, ...]:
+    """The slots that may be sent a message directly; none if it has to go through central."""
+    if not message.handlers or message.taps:
+        return ()
+    newest = message.handlers[-1]
+    if newest.resource.held_by is not None or newest.resource.claims:
+        return ()
+    if not newest.direct or newest.pending or len(list(message.candidates())) > 1:
+        return ()
+    slots = tuple(newest.resource.slots)
+    return slots if all(slot.entrance is not None for slot in slots) else ()
+
+
+def review(central: State, messages: Iterable[MessageType]) -> None:
+    """The handlers, slots or wiretaps of messages have changed: whoever knows their routes learns the new ones."""
+    for message in messages:
+        route = route_of(message)
+        if route != message.route:
+            message.route = route
+            for connection in list(message.told):
+                _say_route(central, connection, message)
+
+
+def review_slots(central: State, slot: Connection) -> None:
+    """A slot of a resource has come or gone."""
+    handlers = slot.module.handlers.values()
+    review(central, [handler.message for handler in handlers if handler.resource is slot.resource])
+
+
+def review_copies(central: State, resource: Resource[Connection, Delivery]) -> None:
+    """Somebody wants a resource for himself, in all copies of its module, or does no longer."""
+    for copy in resource.copies:
+        if (slot := next(iter(copy.slots), None)) is not None:
+            review_slots(central, slot)
+
+
+def tell_sender(central: State, connection: Connection, message: MessageType) -> None:
+    """A connection has sent a message through central that has a route: it may do without central from now on."""
+    if connection not in message.told:
+        message.told[connection] = None
+        connection.routes[message] = None
+        _say_route(central, connection, message)
+
+
+def _say_route(central: State, connection: Connection, message: MessageType) -> None:
+    route = message.route
+    if connection.resource is not None and any(slot.resource is connection.resource for slot in route):
+        route = ()  # what a resource asks itself is handled inside its wait: that needs central
+    for slot in route:
+        _watch(connection, slot)
+    entrances = [slot.entrance for slot in route if slot.entrance is not None]
+    central.tell(connection, Route(message.name, entrances))
+
+
+def _watch(connection: Connection, slot: Connection) -> None:
+    slot.watchers[connection] = None
+    connection.watches[slot] = None
+
+
+def forget_sender(connection: Connection) -> None:
+    """A connection is gone, or may have missed what it was told: it knows no routes any more."""
+    for message in connection.routes:
+        del message.told[connection]
+    for slot in connection.watches:
+        slot.watchers.pop(connection, None)
+    connection.routes.clear()
+    connection.watches.clear()
+
+
+# --- entrances -------------------------------------------------------------------------------------------------------
+
+
+def slot_gone(central: State, slot: Connection, why: str, *, lost: bool) -> None:
+    """A slot is gone, and its routes have been reviewed: who may have sent it queries learns that it answers none."""
+    if slot.entrance is not None:
+        gone = EntranceGone(slot.entrance.endpoint, f"module '{slot.module.name}' was lost: {why}", lost)
+        for connection in slot.watchers:
+            del connection.watches[slot]
+            central.tell(connection, gone)
+        slot.watchers.clear()
+
+
+def on_watch_entrance(central: State, connection: Connection, header: WatchEntrance, _: bytes) -> None:
+    """A sender comes back that has queries open at an entrance."""
+    for slot in central.registry.connections.values():  # seldom: once for each entrance after a break
+        if slot.entrance is not None and slot.entrance.endpoint == header.endpoint:
+            _watch(connection, slot)
+            return
+    central.tell(connection, EntranceGone(header.endpoint, "the module was lost meanwhile"))
+
+
+# --- what became of direct messages ----------------------------------------------------------------------------------
+
+
+def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:
+    """A connection reports; the journal has it."""
+    if len(header.notes) + len(header.losses) > 2 * MOST_NOTES:
+        raise RequestError(Refusal.OVERLOAD, f"more than {2 * MOST_NOTES} notes in one report: send several")
+    module, resource = connection.module.name, connection.resource.name if connection.resource else ""
+    for note in header.notes:
+        if not _is_time(note.ago) or not _is_time(note.seconds):
+            raise RequestError(Refusal.PROTOCOL, f"a note of '{note.message:.60}' has times that are none")
+    names = [name for note in header.notes for name in (note.message, note.sender, note.failure)]
+    for name in (*names, *(loss.message for loss in header.losses)):
+        if not name.isprintable() or len(name) > Limit.NAME:
+            raise RequestError(Refusal.PROTOCOL, f"a note says {name!r:.60}, which is no name")
+    for note in header.notes:
+        ended = max(0.0, central.clock.now - note.ago)
+        fact = facts.HandledDirectly(
+            note.message, module, resource, note.sender, note.origin, note.size, ended, note.seconds, note.outcome,
+            note.failure,
+        )  # fmt: skip
+        central.facts.append(fact)
+        _count(central, connection.resource, note)
+    central.facts.extend(facts.LostDirectly(module, loss.message, loss.number) for loss in header.losses)
+
+
+def _count(central: State, resource: ModuleResource | None, note: Note) -> None:
+    """A direct message counts like one that central delivered."""
+    has_failed = note.outcome is Outcome.FAILED
+    if (message := central.registry.messages.get(note.message)) is not None:
+        message.delivered += 1
+        message.failed += has_failed
+    if resource is not None:
+        resource.delivered += 1
+        resource.busy += note.seconds
+
+
+def _is_time(seconds: float) -> bool:
+    return math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME

@@ -1,0 +1,41 @@
+"""One message to many handlers: a delivery of its own for each. Knows nothing of replies."""
+
+from tca_central.model.registry import Delivery, ModuleResource
+from tca_central.state import State
+from tca_central.status.whereabouts import why_full
+from tca_wire.journal import facts
+from tca_wire.vocabulary import MessageClass
+
+
+def copy_of(central: State, original: Delivery) -> Delivery:
+    """A delivery of the same message, for one of those who handle it."""
+    copy = Delivery(central.new_id(), original.message, original.body, original.sender)
+    copy.message_id, copy.priority, copy.origin = original.id, original.priority, original.origin
+    copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
+    return copy
+
+
+def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
+    """One delivery for each handler that has somebody to handle it."""
+    targets = [handler.resource for handler in original.message.handlers if handler.resource.capacity]
+    return [(copy_of(central, original), target) for target in targets]
+
+
+def route_statement(central: State, original: Delivery) -> None:
+    """Send an inform on its way to its handler, or a broadcast to every handler."""
+    if original.message.message_class is MessageClass.INFORM:
+        route_or_drop(central, original)
+        return
+    for_each = copies(central, original)
+    for copy, resource in for_each:
+        route_or_drop(central, copy, resource)
+    if not for_each:
+        central.facts.append(facts.Dropped(original.id, "nobody listens"))
+
+
+def route_or_drop(central: State, delivery: Delivery, *targets: ModuleResource) -> None:
+    """Deliver or queue what nobody waits for; too much of it is dropped."""
+    if central.dispatcher.is_full(delivery.message, *targets):
+        central.facts.append(facts.Dropped(delivery.id, why_full(delivery.message, *targets)))
+    else:
+        central.dispatcher.route(delivery, *targets)

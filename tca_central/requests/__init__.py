@@ -1,0 +1,1 @@
+"""What modules ask for: a function for each message."""

@@ -1,0 +1,86 @@
+"""Who asked and went on waits after all; who waited gives up, and is told why there was no answer yet."""
+
+from tca_central.locks.claims import give_up_claim
+from tca_central.model.registry import Connection, Delivery
+from tca_central.model.resources import Claim
+from tca_central.outgoing.availability import HandledWait
+from tca_central.requests.waiting import Wait
+from tca_central.state import Collector, State
+from tca_central.status.whereabouts import end_of, why_not_reached, why_unanswered
+from tca_wire.journal import facts
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted, Answer
+from tca_wire.text.facts_in_words import GAVE_UP
+
+
+def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
+    """Who sent a query or multi-query now waits for its answer. Whether that is a deadlock nobody looks: what a module
+    asks its own resource may have been given to it before it waits, and is handled within the wait.
+    """
+    due = connection.outstanding.get(header.request)
+    if not isinstance(due, Delivery | Collector):
+        return
+    central.facts.append(facts.Awaited(due.id))
+    if header.blocking and header.request not in connection.waits:
+        central.block(connection, header.request, due.origin, brief=True)
+
+
+def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
+    """The sender no longer waits for an answer."""
+    connection.taken.pop(header.request, None)
+    answer, body = _so_far(central, connection.outstanding.get(header.request), header.number)
+    why = answer.text.partition("\n")[0]
+    give_up(central, connection, header.request, f"{GAVE_UP}: {why}" if why else GAVE_UP)
+    if header.number:
+        central.send(connection, header.number, answer, body)
+
+
+def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
+    """The sender no longer needs what it has locked or reserved."""
+    connection.taken.pop(header.request, None)
+    claim = central.claims.get((connection, header.request))
+    had = claim.id if claim is not None and claim.is_granted else 0
+    give_up(central, connection, header.request)
+    central.send(connection, header.number, Accepted(header.number, had))
+
+
+def _so_far(central: State, due: object, number: int) -> tuple[Answer, bytes]:
+    """What is said to who no longer waits: why there was no answer yet (as text; "" if there is nothing to say), and of
+    a multi-query to which nobody has replied also with what others have failed.
+    """
+    why = ""
+    if isinstance(due, Collector):
+        return end_of(central, due, number)
+    if isinstance(due, Wait):
+        task = central.tree.tasks.get(due.task_id)
+        why = why_not_reached(central, task) if task is not None else ""
+    elif isinstance(due, Delivery):
+        why = why_unanswered(central, due)
+    return Answer(number, text=why), b""
+
+
+def give_up(central: State, connection: Connection, number: int, why: str = GAVE_UP) -> None:
+    """Forget that an answer is due; a query that no handler has yet is dropped."""
+    central.unblock(connection, number)
+    due = connection.outstanding.pop(number, None)
+    if isinstance(due, Wait):
+        if (task := central.tree.tasks.get(due.task_id)) is not None:
+            central.agenda.stop_waiting(task, due)
+        central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))
+    elif isinstance(due, HandledWait):
+        due.end()
+    elif due is None or isinstance(due, Claim):
+        give_up_claim(central, connection, number, why)
+    elif isinstance(due, Collector):
+        for delivery in due.pending.values():
+            _abandon(central, delivery)
+        central.facts.append(facts.Dropped(due.id, why))
+    elif isinstance(due, Delivery):
+        _abandon(central, due)
+        central.facts.append(facts.Dropped(due.id, why))
+
+
+def _abandon(central: State, delivery: Delivery) -> None:
+    if delivery.queues is not None:
+        central.dispatcher.withdraw(delivery)
+        central.collectors.pop(delivery.id, None)

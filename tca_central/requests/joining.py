@@ -1,0 +1,286 @@
+"""Modules come, declare messages, offer handlers, and go. One function a message; HANDLERS in core.py says which."""
+
+from tca_central.control.keeping import release_all
+from tca_central.control.monitors import check_parts
+from tca_central.errors import RequestError
+from tca_central.events import ConnectionId
+from tca_central.locks import claims
+from tca_central.model.intervals import FAILURE, RETURNED
+from tca_central.model.registry import Connection, Delivery, Handler, Module
+from tca_central.model.task_tree import Task, to_be_fired
+from tca_central.outgoing import direct_routes as direct
+from tca_central.outgoing import notices
+from tca_central.requests.giving_up import give_up
+from tca_central.requests.sending import fail_delivery
+from tca_central.requests.variables import forget_unfit_value, tell_new_watcher
+from tca_central.state import Failure, State, cancelled, deliver
+from tca_central.watching.taps import happened, listeners_come
+from tca_wire.journal import facts
+from tca_wire.messages.declarations import D
+from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.messages.notices import COMMANDS, MODULE_JOINED, MODULE_LEFT, Arrival, Departure, Notice
+from tca_wire.packets import headers
+from tca_wire.packets.headers import PROTOCOL_VERSION, Accepted, Cancelled
+from tca_wire.packets.parts import HandlerFormat
+from tca_wire.points import START_HANDLING
+from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
+
+MOST_LATE = 8
+"""Answers of a lost connection that are expected to come all the same; more than one if nested."""
+
+
+def hello(central: State, connection_id: ConnectionId, header: headers.Hello) -> None:
+    """A connection introduces itself, for the first time or after a reconnect."""
+    registry = central.registry
+    _check(header)
+    module, is_new = registry.module(header.module or "module", header.incarnation, header.process)
+    if is_new:
+        central.facts.append(facts.ModuleJoined(module.name, header.process))
+        _tell(central, module, MODULE_JOINED, Arrival(module.name, header.process))
+    session = f"{header.incarnation}/{header.connection}"
+    connection = module.connections.get(session)
+    if connection is not None:  # the same one, reconnected before its loss was noticed
+        del registry.connections[connection.id]
+        connection.id = connection_id
+        registry.connections[connection_id] = connection
+    else:
+        connection = Connection(connection_id, session, module)
+        connection.entrance = header.entrance if header.resource else None
+        _join(central, connection, header.resource)
+    connection.pulse = header.pulse
+    on_hello_again(central, connection, header, b"")
+    _tell_again(central, connection)
+
+
+def _tell_again(central: State, connection: Connection) -> None:
+    """Say what a connection that came back may not have heard."""
+    for orphan in connection.orphans:  # has failed meanwhile; whoever handles it still is to end
+        central.tell(connection, Cancelled(orphan, "its connection to central was lost"))
+    connection.orphans = []
+    for number, taken in connection.taken.items():
+        central.tell(connection, headers.Taken(number, taken.text))
+    for delivery in list(central.dispatcher.attended.values()):
+        if delivery.slot is connection:  # it may have been lost on the way; who has it ignores it
+            central.tell(connection, deliver(delivery), delivery.body)
+            if isinstance(delivery, Task) and (delivery.killed or delivery.again):
+                central.tell(connection, cancelled(delivery))
+
+
+def _check(header: headers.Hello) -> None:
+    """Raises RequestError if central can't do with it."""
+    if header.version != PROTOCOL_VERSION:
+        text = f"module '{header.module}' speaks protocol {header.version}, central {PROTOCOL_VERSION}: use one version"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if not all(
+        name.isprintable() and len(name) <= Limit.NAME for name in (header.module, header.resource, header.process)
+    ):
+        raise RequestError(Refusal.PROTOCOL, f"{header.module!r:.40} is no module name")
+    if len(header.pulse) > Limit.NAME:
+        raise RequestError(Refusal.PROTOCOL, f"a pulse is named by at most {Limit.NAME:d} bytes")
+    if header.entrance is not None:
+        direct.check_entrance(header.entrance)
+
+
+def _join(central: State, connection: Connection, resource_name: str) -> None:
+    module = connection.module
+    if before := central.registry.lost.pop(connection.session, None):
+        connection.answers, connection.last_number = before.answers, before.last_number
+        connection.orphans, connection.late, connection.taken = before.orphans, before.late, before.taken
+    module.connections[connection.session] = connection
+    central.registry.connections[connection.id] = connection
+    if resource_name:
+        resource = central.registry.resource(module, resource_name)
+        central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity + 1))
+        central.dispatcher.slot_came(connection, resource)
+        direct.review_slots(central, connection)
+
+
+def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
+    """A connection that is known asks whether it still is."""
+    direct.forget_sender(connection)
+    welcome = headers.Welcome(header.number, PROTOCOL_VERSION, connection.module.name, central.epoch)
+    central.tell(connection, welcome)
+
+
+def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
+    """A connection closes of its own will."""
+    leave(central, connection, "it said goodbye", lost=False)
+
+
+def leave(central: State, connection: Connection, why: str, *, lost: bool) -> None:
+    """A connection is gone. What it had been given and not finished failed (*lost*) or goes to another handler."""
+    module = connection.module
+    central.registry.forget_connection(connection)
+    direct.forget_sender(connection)
+    for number in list(connection.outstanding):
+        give_up(central, connection, number)
+    claims.end_of_connection(central, connection)
+    if connection.resource is None:
+        remove_handlers(central, list(module.handlers.values()))
+        if module.connections:
+            _is_leaving(central)
+    orphans = central.dispatcher.slot_gone(connection)
+    for delivery in orphans:
+        _orphan(connection, delivery, why)
+    if connection.resource is not None:
+        resource = connection.resource
+        central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
+        direct.review_slots(central, connection)
+        direct.slot_gone(central, connection, why, lost=lost)
+    _connection_gone(central, module, why)
+    for delivery in orphans:
+        if lost or delivery.message.fans_out or (isinstance(delivery, Task) and delivery.killed):
+            _lose(central, delivery, module, why, lost=lost)
+        else:
+            _hand_on(central, delivery)
+
+
+def _orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+    """A connection is gone that had a delivery. If it comes back it may still answer, and learns why that is late."""
+    message = delivery.message
+    what = str(delivery) if isinstance(delivery, Task) else f"{message.message_class} '{message.name}'"
+    connection.orphans.append(delivery.given_as)
+    connection.late[delivery.given_as] = f"the answer of {what} came too late: the module had been lost ({why})"
+    if len(connection.late) > MOST_LATE:
+        del connection.late[next(iter(connection.late))]
+
+
+def _is_leaving(central: State) -> None:
+    """A module handles nothing any more, and is not gone: what its slots have at work ends first. Only when they are
+    gone exception handlers that wait for it are passed over (decision 59).
+    """
+    central.dispatcher.stranded.clear()
+
+
+def _connection_gone(central: State, module: Module, why: str) -> None:
+    """Perhaps the last one, or the last that had anything at work of a module that goes on sending."""
+    if not module.connections:
+        _forget(central, module, why)
+    elif not module.handlers and not module.has_slots:
+        central.dispatcher.strand_all(central.registry.messages.values())
+
+
+def _forget(central: State, module: Module, why: str) -> None:
+    """A module is gone, with all that it handled, had and kept."""
+    remove_handlers(central, list(module.handlers.values()))
+    central.dispatcher.strand_all(central.registry.messages.values())
+    claims.end_on_module(central, module, why)
+    release_all(central, module)
+    central.registry.forget_module(module)
+    central.tree.forget_module(module.name)
+    central.facts.append(facts.ModuleLeft(module.name, why))
+    _tell(central, module, MODULE_LEFT, Departure(module.name, why))
+
+
+def _tell(central: State, module: Module, notice: Notice[D], data: D) -> None:
+    """Who comes and goes, but for commands that people type: who suspends the robot when a program leaves does not mean
+    these.
+    """
+    if not module.name.startswith(COMMANDS):
+        notices.tell(central, notice, data)
+
+
+def _lose(central: State, delivery: Delivery, module: Module, why: str, *, lost: bool) -> None:
+    """What only that handler could have finished."""
+    if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
+        central.facts.append(facts.Dropped(delivery.id, f"module '{module.name}' left before it began with it"))
+        return
+    if isinstance(delivery, Task) and delivery.given_as != delivery.id:
+        central.facts.append(facts.Returned(delivery.given_as, Outcome.FAILED, b""))
+    happened(central, delivery, RETURNED | FAILURE)
+    fail_delivery(central, delivery, Failure(MODULE_LOST, f"module '{module.name}' was lost: {why}"))
+
+
+def _hand_on(central: State, delivery: Delivery) -> None:
+    """Who left had not begun with it: somebody else may."""
+    if not isinstance(delivery, Task):
+        central.dispatcher.route(delivery)
+        return
+    is_tapped = bool(to_be_fired(delivery, START_HANDLING))
+    if delivery.suspended or delivery.again or is_tapped:  # it will not be queued at once
+        central.facts.append(facts.Unqueued(delivery.given_as))
+    central.agenda.hand_back(delivery)
+
+
+# --- messages and handlers -------------------------------------------------------------------------------------------
+
+
+def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
+    """A module declares messages and handlers: all of them or none."""
+    module, registry = connection.module, central.registry
+    new = {declared.name: declared.message_class for declared in header.messages}
+    for declared in header.messages:
+        registry.check(declared, module)
+        check_parts(central, declared, new)
+    for handled in header.handlers:
+        if handled.message not in new and handled.message not in registry.messages:
+            raise RequestError(Refusal.UNKNOWN, f"nobody has declared message '{handled.message}'")
+        if handled.pending < 0:
+            text = f"{handled.pending} of '{handled.message}' can't wait: the limit is 1 or more, or 0 for none"
+            raise RequestError(Refusal.PROTOCOL, text)
+        direct.check_handler(handled, new.get(handled.message) or registry.messages[handled.message].message_class)
+    for declared in header.messages:
+        message, is_new = registry.declare(declared, module)
+        if is_new:
+            central.facts.append(
+                facts.FormatDefined(message.name, message.message_class, declared.data, declared.reply, module.name)
+            )
+            forget_unfit_value(central, message)
+    listeners_come(central, [handled.message for handled in header.handlers])
+    for handled in header.handlers:
+        _add_handler(central, module, handled)
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
+    if handled.message in module.handlers:
+        remove_handlers(central, [module.handlers[handled.message]])
+    resource = central.registry.resource(module, handled.resource)
+    central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
+    message = central.registry.messages[handled.message]
+    # Of a variable only the newest value is wanted.
+    pending = 1 if message.message_class is MessageClass.VARIABLE else handled.pending
+    handler = Handler(message, module, resource, handled.pool, pending, direct=handled.direct)
+    central.dispatcher.handler_came(handler)
+    direct.review(central, [message])
+    tell_new_watcher(central, handler)
+
+
+def on_unregister(central: State, connection: Connection, header: headers.Unregister, _: bytes) -> None:
+    """A module stops handling messages; those under way are finished."""
+    handlers = connection.module.handlers
+    names = header.messages or list(handlers)
+    remove_handlers(central, [handlers[name] for name in names if name in handlers])
+    if not header.messages and connection.module.has_slots:
+        _is_leaving(central)
+    central.send(connection, header.number, Accepted(header.number))
+
+
+def remove_handlers(central: State, handlers: list[Handler]) -> None:
+    """Handlers are gone; what waited for them goes elsewhere, or was meant for them alone and fails or is dropped."""
+    queued = central.dispatcher.handlers_gone(handlers)
+    _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
+    for delivery in queued:
+        if not delivery.message.fans_out:
+            continue
+        why = f"module '{handlers[0].module.name}' no longer handles it"
+        if delivery.message.message_class.has_reply:
+            fail_delivery(central, delivery, Failure(MODULE_LOST, why))
+        else:
+            central.facts.append(facts.Dropped(delivery.id, why))
+    direct.review(central, [handler.message for handler in handlers])
+
+
+def _route_again(central: State, queued: list[Delivery]) -> None:
+    """What waited goes to the handlers before those that are gone, or waits. Where exception handlers are passed over
+    instead that may end other tasks, which must not be delivered first.
+    """
+    stranded = [delivery for delivery in queued if delivery.is_stranded]
+    others = [delivery for delivery in queued if not delivery.is_stranded]
+    central.dispatcher.route_all(stranded)
+    if stranded:
+        tasks = [one for one in others if isinstance(one, Task)]
+        central.facts.extend(facts.Unqueued(task.given_as) for task in tasks)
+        central.agenda.startable.extend(tasks)
+        others = [one for one in others if not isinstance(one, Task)]
+    central.dispatcher.route_all(others)

@@ -1,0 +1,84 @@
+"""Shared variables as modules see them: set, got, exchanged, watched (TCA 7.7: SetVar, GetVar, GetSetVar, WatchVar).
+
+A variable is a message of its own class, and those who handle it watch it: each gets every new value, of those that
+wait for it only the newest. There is no unhandled variable: the value is kept for whoever comes.
+"""
+
+from tca_central.errors import RequestError
+from tca_central.model.registry import Connection, Delivery, Handler, MessageType
+from tca_central.model.variables import Value
+from tca_central.outgoing.fan_out import copy_of
+from tca_central.state import State
+from tca_wire.journal import facts
+from tca_wire.messages.formats import first_difference
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted, Answer
+from tca_wire.points import ROOT
+from tca_wire.vocabulary import MessageClass, Refusal
+
+NEVER_SET = b""
+"""The body that says that a variable has no value; no value is empty."""
+
+
+def _variable(central: State, name: str) -> MessageType:
+    message = central.registry.messages.get(name)
+    if message is None:
+        raise RequestError(Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first")
+    if message.message_class is not MessageClass.VARIABLE:
+        raise RequestError(Refusal.PROTOCOL, f"'{name}' is no variable but a message of class {message.message_class}")
+    return message
+
+
+def _check_number(header: headers.GetVariable | headers.SetVariable) -> None:
+    if not header.number:
+        raise RequestError(Refusal.PROTOCOL, f"a question for variable '{header.variable}' needs a request number")
+
+
+def _value(central: State, message: MessageType) -> bytes:
+    known = central.variables.values.get(message.name)
+    return known.body if known else NEVER_SET
+
+
+def on_get_variable(central: State, connection: Connection, header: headers.GetVariable, _: bytes) -> None:
+    """A module asks for the value. The answer is not kept: who has to repeat the question wants the newest value."""
+    _check_number(header)
+    central.tell(connection, Answer(header.number), _value(central, _variable(central, header.variable)))
+
+
+def on_set_variable(central: State, connection: Connection, header: headers.SetVariable, body: bytes) -> None:
+    """A module sets a variable, and is told the value before if it exchanges."""
+    message = _variable(central, header.variable)
+    if header.swap:
+        _check_number(header)
+    if body == NEVER_SET:
+        raise RequestError(Refusal.PROTOCOL, f"variable '{message.name}' can't be set to nothing: give a value")
+    central.variables.check_room(message.name, body)
+    before = _value(central, message)
+    made = Delivery(central.new_id(), message, body, connection)
+    made.origin = header.origin
+    sender, kind = connection.module.name, message.message_class
+    central.facts.append(facts.Received(made.id, message.name, kind, sender, ROOT, header.origin, False, body, []))
+    central.variables.put(message.name, Value(body, message.format.data, sender, made.id))
+    for handler in message.handlers:  # also one without slots: it gets the newest value when they come
+        central.dispatcher.route(copy_of(central, made), handler.resource)
+    if header.swap:
+        central.send(connection, header.number, Answer(header.number), before)
+    elif header.number:
+        central.send(connection, header.number, Accepted(header.number, made.id))
+
+
+def tell_new_watcher(central: State, handler: Handler) -> None:
+    """Who begins to watch a variable is given its value at once."""
+    message = handler.message
+    if message.message_class is MessageClass.VARIABLE and (value := central.variables.values.get(message.name)):
+        copy = Delivery(central.new_id(), message, value.body, None)
+        copy.message_id = value.message_id
+        central.dispatcher.route(copy, handler.resource)
+
+
+def forget_unfit_value(central: State, message: MessageType) -> None:
+    """A variable was declared anew, all who knew it being gone: a value of another format is no value of it."""
+    value = central.variables.values.get(message.name)
+    if value is not None and first_difference(value.format, message.format.data):
+        central.variables.forget(message.name)
+        central.facts.append(facts.Dropped(value.message_id, "its variable was declared anew with another format"))

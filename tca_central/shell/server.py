@@ -1,0 +1,386 @@
+"""The ZeroMQ shell around the core: the only file of central that knows sockets and clocks.
+
+A turn of the loop: read what has arrived, let it happen, journal it, send what follows. Messages to one connection
+that arise in the same turn leave in one packet. A connection that takes no more has its packets kept, up to a bound.
+"""
+
+import contextlib
+import fcntl
+import logging
+import os
+import socket as sockets
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import zmq
+import zmq.utils.monitor
+
+from tca_central.core import Central
+from tca_central.errors import CentralError
+from tca_central.events import BadBytes, ConnectionId, ConnectionLost, Effect, Event, Received, Record, Tick, Transmit
+from tca_central.shell.journal_writer import JournalWriter
+from tca_central.shell.pulses import Pulses
+from tca_wire.endpoint import default_folder
+from tca_wire.errors import ProtocolError
+from tca_wire.journal import facts
+from tca_wire.packets import codec
+from tca_wire.packets.headers import Beat, Closing, ToModule
+from tca_wire.text.printable import first_line, printable
+from tca_wire.vocabulary import Limit
+
+log = logging.getLogger("tca.central")
+
+# As plain integers: combining pyzmq's enum members costs a microsecond each time.
+_EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)
+_DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
+
+_OPTIONS = (
+    (zmq.ROUTER_MANDATORY, 1),
+    (zmq.SNDHWM, 1000),
+    (zmq.RCVHWM, 1000),
+    (zmq.MAXMSGSIZE, int(Limit.PACKET)),
+    (zmq.LINGER, 1000),
+    (zmq.HANDSHAKE_IVL, 2000),
+    # No HEARTBEAT_IVL: docs/decisions/0063-the-pulse-of-a-process.md
+    (zmq.TCP_MAXRT, 5000),  # milliseconds that a line may take nothing, and central's beats are always on the way
+)
+
+_BEAT = codec.pack_item(Beat())
+BEAT_PERIOD = 1.0
+LOST_AFTER = 5
+"""Beats without a word from a process that has a pulse: it stands still, and counts as lost."""
+PACKETS_PER_TURN = 256
+TURNS_OF_LAST_WORDS = 1000  # a flood from others must not hide for ever that somebody is gone
+OUTBOX_BYTES = 64 << 20
+PACKET_BYTES = 64 << 10  # a packet is closed when it holds this much
+
+
+class Outbox:
+    """What has still to be sent to one connection."""
+
+    __slots__ = ("bytes", "packets", "turn")
+
+    def __init__(self) -> None:
+        self.turn: list[bytes] = []  #: items of this turn
+        self.packets: deque[bytes] = deque()  #: packets that the connection did not take yet
+        self.bytes = 0
+
+
+class Server:
+    """Central as a daemon: the core, its journal and its socket."""
+
+    def __init__(
+        self, central: Central, journal: JournalWriter | None, endpoint: str, *, lost_after: int = LOST_AFTER
+    ) -> None:
+        """*lost_after*: seconds of silence from a process that stands still; 0: none are too many."""
+        self.central = central
+        self.journal = journal
+        self.stopping = ""  #: why the loop shall end
+        self._began = time.monotonic()
+        self._outboxes: dict[ConnectionId, Outbox] = {}
+        self._dirty: dict[ConnectionId, Outbox] = {}  #: those with something to send
+        self._too_slow: dict[ConnectionId, str] = {}
+        self._unseen: set[str] = set()  #: conditions that nobody handles, and of which the log has warned
+        self._next_beat = self._next_pulse = BEAT_PERIOD
+        self._lost_after = lost_after
+        self._pulses = Pulses(lost_after)
+        self._context = zmq.Context()
+        self._lock = _lock_of(endpoint)
+        self.socket = self._bind(endpoint)
+        self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
+        self._monitor = self.socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._wake, self._woken = sockets.socketpair()
+        self._poller = zmq.Poller()
+        self._poller.register(self._woken, zmq.POLLIN)
+        self._poller.register(self.socket, zmq.POLLIN)
+        self._poller.register(self._monitor, zmq.POLLIN)
+
+    def stop(self, why: str) -> None:
+        """End the loop; may be called from a signal handler or another thread."""
+        self.stopping = why
+        with contextlib.suppress(OSError):  # the loop may have seen it already, and be over
+            self._wake.send(b".")
+
+    # --- the loop --------------------------------------------------------------------------------------------------
+
+    def serve(self) -> None:
+        """Run until ``stopping`` says why to stop."""
+        while not self.stopping:
+            for event in self._events():
+                for effect in self._handle(event):
+                    self._perform(effect)
+            self._flush()
+
+    def _handle(self, event: Event) -> list[Effect]:
+        """What an event brings about. An error of central's own ends it: nobody knows what it has changed already
+        (docs/decisions/0052-an-error-of-centrals-own-ends-it.md).
+        """
+        try:
+            return self.central.handle(event)
+        except Exception as error:
+            what, who = type(event).__name__, ""
+            if isinstance(event, Received):
+                what = type(event.header).__name__
+                sender = self.central.registry.connections.get(event.connection)
+                who = f" of module '{sender.module.name}'" if sender is not None else ""
+            self.stopping = f"internal error: {type(error).__name__} in event {self.central.events}, {what}{who}"
+            log.exception("%s\n%r", self.stopping, event)
+            msg = f"{self.stopping}; this is a bug in central, please report it with the journal"
+            raise CentralError(msg) from error
+
+    def _events(self) -> Iterator[Event]:
+        """What has happened since the last turn; waits for something to happen, at most until the next beat."""
+        ready = dict(self._poller.poll(self._patience()))
+        if self.socket in ready:
+            yield from self._received()
+        if self._monitor in ready or self.now() >= self._next_beat:
+            yield from self._lost()
+        if self.now() >= self._next_pulse:
+            yield from self._silent()
+        due = self.central.clock.next
+        if due is not None and due <= self.now():
+            yield Tick(self.now())
+
+    def _perform(self, effect: Record | Transmit) -> None:
+        if isinstance(effect, Record):
+            if self.journal is not None:
+                self.journal.add(effect.entry)
+            self._log_what_people_should_know(effect)
+        else:
+            self._put(effect.connection, effect.header, effect.body)
+
+    def _log_what_people_should_know(self, record: Record) -> None:
+        """Failures, refusals, comings and goings, monitors that see nothing, a line each."""
+        for fact in record.entry.facts:
+            if type(fact) in _TOLD:
+                level, words = _TOLD[type(fact)]
+                log.log(level, words(fact))
+            elif isinstance(fact, facts.Failed):
+                what = record.failed[fact.id]
+                said = printable(first_line(fact.text))
+                log.warning("failure '%s' of %s%s", fact.failure, what, f": {said}" if said else "")
+            elif isinstance(fact, facts.Queued) and not fact.module and fact.id in self.central.asked:
+                watch = self.central.asked[fact.id]
+                what = watch.condition.message.name
+                if what not in self._unseen:
+                    self._unseen.add(what)
+                    log.warning("%s sees nothing until somebody handles its condition '%s'", watch.task, what)
+            elif isinstance(fact, facts.HandlerAdded):
+                self._unseen.discard(fact.message)
+
+    def _flush(self) -> None:
+        """End a turn: first the journal, then the messages that it justifies."""
+        if self.journal is not None:
+            try:
+                self.journal.flush()
+            except CentralError:
+                self._outboxes.clear()  # what could not be recorded must not be said
+                self._dirty.clear()
+                raise
+        for connection, outbox in list(self._dirty.items()):
+            self._send(connection, outbox)
+
+    def now(self) -> float:
+        """Seconds since central began, on a clock that never jumps."""
+        return time.monotonic() - self._began
+
+    def _patience(self) -> int:
+        """Milliseconds until something is due: the next beat, or a timer, or another try with a slow connection."""
+        if self._dirty:
+            return 10
+        due = self.central.clock.next
+        until = min(self._next_beat, self._next_pulse)
+        if due is not None:
+            until = min(due, until)
+        return max(0, int((until - self.now()) * 1000) + 1)
+
+    # --- receiving -------------------------------------------------------------------------------------------------
+
+    def _received(self) -> Iterator[Event]:
+        for _ in range(PACKETS_PER_TURN):
+            if not self._has_arrived():
+                return
+            routing_id, *frames = self.socket.recv_multipart(_DONTWAIT)
+            connection, now = ConnectionId(routing_id), self.now()
+            self._pulses.heard.add(routing_id)
+            try:
+                if len(frames) != 1:
+                    msg = f"{len(frames)} frames; a packet is one"
+                    raise ProtocolError(msg)  # noqa: TRY301
+                if frames[0] == _BEAT:  # sent back by a pulse
+                    continue
+                items = codec.unpack_to_central(frames[0])
+            except ProtocolError as error:
+                yield BadBytes(now, connection, str(error))
+                continue
+            for header, body in items:
+                yield Received(now, connection, header, body)
+
+    def _lost(self) -> Iterator[Event]:
+        """Beat to every connection; the socket knows which are gone (a monitor event tells only that some are)."""
+        while self._monitor.poll(0):
+            zmq.utils.monitor.recv_monitor_message(self._monitor)
+        self._next_beat = self.now() + BEAT_PERIOD
+        for connection, why in self._too_slow.items():
+            yield ConnectionLost(self.now(), connection, why)
+        self._too_slow.clear()
+        gone = []
+        for connection in list(self.central.registry.connections):
+            try:
+                self.socket.send_multipart((connection, _BEAT), zmq.DONTWAIT)
+            except zmq.Again:
+                continue
+            except zmq.ZMQError:
+                gone.append(connection)
+        if gone:
+            yield from self._last_words()
+        for connection in gone:
+            yield ConnectionLost(self.now(), connection)
+        for stranger in [known for known in self._outboxes if known not in self.central.registry.connections]:
+            self._forget(stranger)
+
+    def _silent(self) -> Iterator[Event]:
+        """Beat to every process; those that stand still do not send it back, whatever the kernel says of them."""
+        self._next_pulse = self.now() + BEAT_PERIOD
+        known, pulses = self.central.registry.connections, self._pulses
+        beating = pulses.beat(known.values()) if self._lost_after else set()
+        if pulses.silent():
+            yield from self._last_words()  # their sign of life may have come, and not been read
+            pulses.listen(known.values())
+        silent = pulses.silent()
+        for connection in [one for one in known.values() if one.pulse in silent]:
+            yield ConnectionLost(self.now(), connection.id, f"its process was silent for {self._lost_after} s")
+        for pulse in beating - silent:
+            try:
+                self.socket.send_multipart((pulse, _BEAT), zmq.DONTWAIT)
+            except zmq.Again:
+                continue  # more than enough are on their way
+            except zmq.ZMQError:
+                pulses.gone(pulse)
+            else:
+                pulses.sent(pulse)
+
+    def _last_words(self) -> Iterator[Event]:
+        """What has arrived by now: a connection that is gone may have said goodbye before it went."""
+        for _ in range(TURNS_OF_LAST_WORDS):
+            if not self._has_arrived():
+                return
+            yield from self._received()
+
+    def _has_arrived(self) -> bool:
+        # Asking is cheaper than the exception that a socket without messages raises.
+        return bool(int(self.socket.getsockopt(_EVENTS)) & _POLLIN)
+
+    # --- sending ---------------------------------------------------------------------------------------------------
+
+    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+        outbox = self._outboxes.get(connection)
+        if outbox is None:
+            self._outboxes[connection] = outbox = Outbox()
+        item = codec.pack_item(header, body)
+        outbox.turn.append(item)
+        outbox.bytes += len(item)
+        self._dirty[connection] = outbox
+
+    def _send(self, connection: ConnectionId, outbox: Outbox) -> None:
+        outbox.packets.extend(_packets(outbox.turn))
+        outbox.turn.clear()
+        try:
+            while outbox.packets:
+                self.socket.send(connection, _SNDMORE)
+                self.socket.send(outbox.packets[0], _DONTWAIT)
+                outbox.bytes -= len(outbox.packets.popleft())
+        except zmq.Again:
+            if outbox.bytes > OUTBOX_BYTES:
+                self._too_slow[connection] = f"it reads too slowly: {outbox.bytes} bytes wait for it"
+                self._next_beat = 0.0
+                self._forget(connection)
+            return
+        except zmq.ZMQError:  # gone; the next beat tells the core
+            self._next_beat = 0.0
+            self._forget(connection)
+            return
+        del self._dirty[connection]
+
+    def _forget(self, connection: ConnectionId) -> None:
+        self._outboxes.pop(connection, None)
+        self._dirty.pop(connection, None)
+
+    # --- beginning and end -----------------------------------------------------------------------------------------
+
+    def _bind(self, endpoint: str) -> zmq.Socket[bytes]:
+        socket = self._context.socket(zmq.ROUTER)
+        for option, value in _OPTIONS:
+            socket.setsockopt(option, value)
+        try:
+            socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            socket.close()
+            reason = "another program uses it" if error.errno == zmq.EADDRINUSE else error.strerror
+            msg = f"can't listen on {endpoint}: {reason}; choose another address with --bind"
+            raise CentralError(msg) from None
+        return socket
+
+    def close(self) -> None:
+        """Say goodbye to the modules, close the journal, free the address."""
+        for connection in self.central.registry.connections:
+            self._put(connection, Closing(self.stopping), b"")
+        with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
+            self._flush()
+            if self.journal is not None:
+                self.journal.close(self.central.events + 1, self.now(), self.stopping or "an error")
+        self.socket.disable_monitor()
+        self._monitor.close()
+        self.socket.close()
+        self._context.term()
+        self._wake.close()
+        self._woken.close()
+        if self._lock >= 0:
+            os.close(self._lock)
+
+
+def _packets(items: list[bytes]) -> Iterator[bytes]:
+    """Items joined into packets of a sensible size."""
+    size, begin = 0, 0
+    for at, item in enumerate(items):
+        if size and size + len(item) > PACKET_BYTES:
+            yield b"".join(items[begin:at])
+            size, begin = 0, at
+        size += len(item)
+    if size:
+        yield b"".join(items[begin:])
+
+
+def _lock_of(endpoint: str) -> int:
+    """Make sure that no other central has this Unix socket: ZeroMQ itself would take it over without a word."""
+    if not endpoint.startswith("ipc:///"):
+        return -1
+    path = Path(endpoint.removeprefix("ipc://"))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        owner = path.parent.stat().st_uid
+        if path.parent == default_folder() and owner == os.getuid():
+            path.parent.chmod(0o700)  # whoever made it: only its owner shall enter
+        lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        msg = f"can't listen on {endpoint}: another central uses it; stop that one, or choose another with --bind"
+        raise CentralError(msg) from None
+    except OSError as error:
+        msg = f"can't listen on {endpoint}: {error.strerror}; choose another address with --bind"
+        raise CentralError(msg) from None
+    if owner not in (os.getuid(), 0):
+        msg = f"{path.parent} belongs to another user: choose another address with --bind"
+        raise CentralError(msg)
+    return lock
+
+
+_TOLD: dict[type, tuple[int, Callable[[Any], str]]] = {
+    facts.RequestRefused: (logging.WARNING, lambda fact: f"refused module '{fact.sender}': {fact.text}"),
+    facts.Ignored: (logging.WARNING, lambda fact: f"nothing done for module '{fact.sender}': {fact.text}"),
+    facts.ModuleJoined: (logging.INFO, lambda fact: f"module '{fact.module}' joined ({fact.process})"),
+    facts.ModuleLeft: (logging.INFO, lambda fact: f"module '{fact.module}' left: {fact.why}"),
+}

@@ -1,0 +1,1 @@
+"""What central tells about itself. Changes nothing."""

@@ -1,0 +1,271 @@
+"""What central tells people about itself: one function a topic, plain values out. Changes nothing."""
+
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
+from tca_central.model.registry import Handler, MessageType, ModuleResource
+from tca_central.model.task_tree import Kept, Task
+from tca_central.order.holds import held_counts
+from tca_central.state import State
+from tca_central.status.load import load
+from tca_wire.points import ALL_MOMENTS, Moment, describe_moments
+from tca_wire.vocabulary import CENTRAL, MessageClass, Outcome
+
+SHOWN_TASKS = 10_000
+SHOWN_BYTES = 512  # of a variable's value
+
+
+def overview(central: State) -> dict[str, Any]:
+    """Counts of everything."""
+    registry = central.registry
+    return {
+        "epoch": central.epoch,
+        "events": central.events,
+        "modules": len(registry.modules),
+        "connections": len(registry.connections),
+        "messages": len(registry.messages),
+        "variables": len(central.variables.values),
+        "tasks": len(central.tree.tasks),
+        "kept tasks": len(central.kept),
+        "exception handlers": len(central.attached),
+        "wiretaps": len(central.taps),
+        "being handled": len(central.dispatcher.attended),
+        "waiting for a handler": sum(len(message.waiting) for message in registry.messages.values()),
+        "newest id": central.tree.newest,
+    }
+
+
+def modules(central: State) -> list[dict[str, Any]]:
+    """Each module with its resources and what they do."""
+    busy: dict[tuple[str, str], list[int]] = {}
+    for delivery in central.dispatcher.attended.values():
+        if delivery.slot is not None and delivery.slot.resource is not None:
+            resource = delivery.slot.resource
+            busy.setdefault((resource.module, resource.name), []).append(delivery.id)
+    return [
+        {
+            "module": module.name,
+            "process": module.process,
+            "handles": sorted(module.handlers),
+            "resources": [
+                {
+                    "resource": resource.name,
+                    "capacity": resource.capacity,
+                    "handling": busy.get((module.name, resource.name), []),
+                    "waiting": resource.waiting,
+                    **_claims(resource),
+                }
+                for resource in module.resources.values()
+            ],
+        }
+        for module in central.registry.modules.values()
+    ]
+
+
+def _claims(resource: ModuleResource) -> dict[str, Any]:
+    """Who has or wants a resource for himself."""
+    held_by = resource.held_by
+    owner = held_by.slot.module.name if held_by is not None else ""
+    is_reserved = held_by is not None and held_by.admits_owner
+    return {
+        "locked_by": "" if is_reserved else owner,
+        "reserved_by": owner if is_reserved else "",
+        "claims": len(resource.claims),
+    }
+
+
+def messages(central: State) -> list[dict[str, Any]]:
+    """Each message with its class, its handlers (newest first) and how many wait for one."""
+    return [
+        {
+            "message": message.name,
+            "class": str(message.message_class),
+            "handlers": [handler.module.name for handler in reversed(message.handlers)],
+            "handled_by": [_handler(handler) for handler in reversed(message.handlers)],
+            "awaited_by": [wait.connection.module.name for wait in message.awaited_by],
+            "waiting": len(message.waiting),
+            "data": message.format.data,
+            "reply": message.format.reply,
+        }
+        for message in central.registry.messages.values()
+    ]
+
+
+def _handler(handler: Handler) -> dict[str, Any]:
+    resource = handler.resource
+    return {
+        "module": handler.module.name,
+        "resource": resource.name,
+        "pool": handler.pool,
+        "pending": handler.pending,
+        "direct": bool(handler.message.route) and handler is handler.message.handlers[-1],
+        "capacity": resource.capacity,
+        "waiting": resource.waiting,
+    }
+
+
+def tree(central: State) -> list[dict[str, Any]]:
+    """The live tasks, parents first, at most SHOWN_TASKS."""
+    everything = itertools.islice(central.tree.subtree(central.tree.root), 1, 1 + SHOWN_TASKS)
+    return [describe(task) for task in everything]
+
+
+def _kept_under(task: Task | Kept) -> Iterable[Kept]:
+    """Ended tasks that hang under it."""
+    if isinstance(task, Task):
+        return task.rare.kept.values() if task.rare else ()
+    return task.kept.values()
+
+
+def describe(task: Task | Kept) -> dict[str, Any]:
+    """A task in plain values."""
+    return _describe_living(task) if isinstance(task, Task) else _describe_kept(task)
+
+
+def _describe_kept(task: Kept) -> dict[str, Any]:
+    outcome, failure, text, _ = task.outcome
+    return {
+        "task": int(task.id),
+        "parent": int(task.parent.id) if task.parent else 0,
+        "message": task.message.name,
+        "class": str(task.message.message_class),
+        "role": str(task.role),
+        "reached": describe_moments(ALL_MOMENTS),
+        "held": {},
+        "module": "",
+        "suspended": False,
+        "killed": text if outcome is Outcome.KILLED else "",
+        "failure": failure,
+        "outcome": str(outcome),
+    }
+
+
+def _describe_living(task: Task) -> dict[str, Any]:
+    return {
+        "task": int(task.id),
+        "parent": int(task.parent.id) if task.parent else 0,
+        "message": task.message.name,
+        "class": str(task.message.message_class),
+        "role": str(task.role),
+        "reached": describe_moments(task.reached),
+        "held": {describe_moments(Moment(moment))[0]: count for moment, count in held_counts(task).items()},
+        "module": task.slot.module.name if task.slot else "",
+        "suspended": task.suspended,
+        "killed": task.killed,
+        "failure": task.failure[0] if task.failure else "",
+        "outcome": "",
+    }
+
+
+def relatives(central: State, task: Task | Kept | None, relation: str, message: str) -> list[dict[str, Any]]:
+    """Tasks around *task* (of one message, where named), with their data; nearest or oldest first. Living ones, but for
+    the relation "kept", and the task itself.
+    """
+    if task is None:
+        return []
+    living = task if isinstance(task, Task) else None
+    related: dict[str, Iterable[Task | Kept | None]] = {
+        "self": (task,),
+        "parent": (task.parent,),
+        "children": (living.children or {}).values() if living else (),
+        "ancestors": itertools.islice(task.lineage(), 1, None),
+        "descendants": itertools.islice(central.tree.subtree(living), 1, None) if living else (),
+        "kept": _kept_under(task),
+    }
+    wanted = (one for one in related[relation] if one is not None and one.id and message in ("", one.message.name))
+    return [
+        {**describe(one), "data": one.body, "result": one.outcome[3] if isinstance(one, Kept) else b""}
+        for one in itertools.islice(wanted, SHOWN_TASKS)
+    ]
+
+
+def variables(central: State) -> list[dict[str, Any]]:
+    """Each variable with its value as MessagePack (left out if it is long), who set it and who watches it."""
+    found = []
+    for message in central.registry.messages.values():
+        if message.message_class is not MessageClass.VARIABLE:
+            continue
+        value = central.variables.values.get(message.name)
+        found.append(
+            {
+                "variable": message.name,
+                "value": value.body if value and len(value.body) <= SHOWN_BYTES else b"",
+                "bytes": len(value.body) if value else 0,
+                "set_by": value.set_by if value else "",
+                "message": value.message_id if value else 0,
+                "watched_by": [handler.module.name for handler in message.handlers],
+                "data": message.format.data,
+            }
+        )
+    return found
+
+
+def attached(central: State) -> dict[str, Any]:
+    """The exception handlers, wiretaps and monitors in force, oldest first (of monitors those that are handled again
+    last), at most SHOWN_TASKS of each, and in "totals" how many there are. A *task* of 0 without a *message* is the
+    root; a *failure* of "" is any. *gone* are those of the modules that have left.
+    """
+    programs = {module.called for module in central.registry.modules.values()}
+    handlers = [
+        {
+            "id": one.id,
+            "failure": one.failure,
+            "handler": one.handler.name,
+            **_place(one.place),
+            "maximum": one.maximum,
+            "modules": [one.by],
+            "gone": [one.by] * (one.by not in programs),
+            "handled_by": [handler.module.name for handler in one.handler.handlers],
+        }
+        for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
+    ]
+    wiretaps = [
+        {
+            "id": tap.id,
+            "condition": str(tap.condition),
+            "listener": tap.listener.name,
+            **_place(tap.place),
+            "modules": list(tap.holders),
+            "gone": [name for name in tap.holders if not central.registry.is_connected(name)],
+            "handled_by": [handler.module.name for handler in tap.listener.handlers],
+            "is_monitor": tap.listener.message_class.is_monitor,
+        }
+        for tap in itertools.islice(central.taps.values(), SHOWN_TASKS)
+    ]
+    watches = itertools.islice(central.watches.values(), SHOWN_TASKS)
+    monitors = [_monitor(central, watch.task) for watch in watches]
+    totals = {
+        "exception_handlers": len(central.attached), "wiretaps": len(central.taps), "monitors": len(central.watches)
+    }  # fmt: skip
+    return {"exception_handlers": handlers, "wiretaps": wiretaps, "monitors": monitors, "totals": totals}
+
+
+def _monitor(central: State, task: Task) -> dict[str, Any]:
+    sender = task.sender.module.name if task.sender else ""
+    return {
+        "id": int(task.id),
+        "monitor": task.message.name,
+        **_place(task.parent or central.tree.root),
+        "modules": [sender or CENTRAL],
+        "gone": [sender] * (sender != "" and not central.registry.is_connected(sender)),
+    }
+
+
+def _place(place: Task | MessageType) -> dict[str, Any]:
+    """Where something is attached: at a task (with its message; the root has none), or at a message."""
+    if isinstance(place, MessageType):
+        return {"task": 0, "message": place.name}
+    return {"task": int(place.id), "message": place.message.name if place.id else ""}
+
+
+TOPICS = {
+    "status": overview,
+    "modules": modules,
+    "messages": messages,
+    "tree": tree,
+    "variables": variables,
+    "load": load,
+    "attached": attached,
+}
+"""One row per topic that can be asked for."""

@@ -1,0 +1,1 @@
+"""Wiretaps, and tasks that are monitors."""

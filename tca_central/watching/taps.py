@@ -1,0 +1,357 @@
+"""Wiretaps: a listener is sent when something happens to messages that others send (TCA 8.5: msgTap.c).
+
+Theory of operation. Every tap says what it is fired *before* (a moment that it holds back until its listener's
+interval of the same kind has ended) or *at* (something that has happened). What holds, or is a check of what the task
+did, is a child of the tapped task: its failure is looked after there, and it dies with it. What holds nothing hangs
+under the root, so that an observer's failure is not the observed one's. What is sent for a tap is itself not tapped.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from tca_central.errors import RequestError
+from tca_central.model.intervals import (
+    DELIVERED,
+    FAILURE,
+    KILLED,
+    REPLIED,
+    RETURNED,
+    SENT,
+    STARTS,
+    SUCCESS,
+    delivered_at,
+)
+from tca_central.model.registry import Connection, Delivery, MessageType, Module, Tap
+from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
+from tca_central.outgoing import direct_routes as direct
+from tca_central.outgoing.central_messages import data_for, make_statement, make_task
+from tca_central.state import State, involved
+from tca_central.watching.watches import become_monitor, check_options, end_watch, ends_by_itself, enlist
+from tca_wire.journal import facts
+from tca_wire.messages.formats import NO_DATA, first_difference
+from tca_wire.packets import headers
+from tca_wire.packets.headers import Accepted
+from tca_wire.packets.parts import Tapped, WatchOptions
+from tca_wire.points import (
+    ALL_MOMENTS,
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    ROOT,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+    Moment,
+    Point,
+    TaskId,
+)
+from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
+
+MOST_TAPS = 1000
+"""Wiretaps of one message or task."""
+
+
+class _Rule(NamedTuple):
+    """When a tap is fired, and of which classes. A child of the tapped task, if *is_child*; *interval* is which of its
+    ends the tapped moment waits for.
+    """
+
+    classes: frozenset[MessageClass]
+    before: int = 0
+    at: int = 0
+    is_child: bool = False
+    interval: int = 0
+
+
+_ANY = frozenset(MessageClass)
+_QUERIES = frozenset((MessageClass.QUERY, MessageClass.MULTI_QUERY))
+_TASKS = frozenset(one for one in MessageClass if one.is_task)
+_HANDLED = frozenset(one for one in _TASKS if not one.is_monitor)
+_GOALS = frozenset(one for one in _TASKS if one.is_goal)
+
+RULES = {
+    Condition.WHEN_SENT: _Rule(_ANY, at=SENT),
+    Condition.BEFORE_HANDLING: _Rule(_ANY, before=START_HANDLING, is_child=True, interval=END_HANDLING),
+    Condition.WHILE_HANDLING: _Rule(_ANY, at=DELIVERED),
+    Condition.AFTER_HANDLED: _Rule(_ANY, at=RETURNED),
+    Condition.AFTER_REPLIED: _Rule(_QUERIES, at=REPLIED),
+    Condition.AFTER_SUCCESS: _Rule(_HANDLED, at=SUCCESS),
+    Condition.AFTER_FAILURE: _Rule(_HANDLED, at=FAILURE),
+    Condition.WHEN_SUCCESS: _Rule(_HANDLED, at=SUCCESS, is_child=True),
+    Condition.WHEN_FAILURE: _Rule(_HANDLED, at=FAILURE, is_child=True),
+    Condition.BEFORE_PLANNING: _Rule(_GOALS, before=START_PLANNING, is_child=True, interval=END_PLANNING),
+    Condition.WHILE_PLANNING: _Rule(_GOALS, at=START_PLANNING),
+    Condition.AFTER_PLANNED: _Rule(_GOALS, at=END_PLANNING),
+    Condition.WHEN_PLANNED: _Rule(_GOALS, before=END_PLANNING, is_child=True),
+    Condition.BEFORE_ACHIEVING: _Rule(_TASKS, before=START_ACHIEVING, is_child=True, interval=END_ACHIEVING),
+    Condition.WHILE_ACHIEVING: _Rule(_TASKS, at=START_ACHIEVING),
+    Condition.AFTER_ACHIEVED: _Rule(_TASKS, at=END_ACHIEVING),
+    Condition.WHEN_ACHIEVED: _Rule(_TASKS, before=END_ACHIEVING, is_child=True),
+    Condition.WHEN_KILLED: _Rule(_TASKS, at=KILLED),
+}
+"""One row per condition. *When* conditions need no constraint: a task does not end before its children have."""
+
+_WHILE = {
+    Condition.WHILE_HANDLING: Moment.END_HANDLING,
+    Condition.WHILE_PLANNING: Moment.END_PLANNING,
+    Condition.WHILE_ACHIEVING: Moment.END_ACHIEVING,
+}
+"""Their listeners die with the tapped task; those that are monitors watch until this moment of it."""
+
+_PLANNED_BY = {
+    Condition.BEFORE_PLANNING: "'before handling' holds a goal's planning, too, until it is handled",
+    Condition.WHEN_PLANNED: "'after planned' sends it then, too",
+}
+"""Conditions that hold a goal until the listener is planned, and what to do with one that has nothing to plan."""
+
+_LISTENERS = _TASKS - {MessageClass.EXCEPTION} | {MessageClass.INFORM, MessageClass.BROADCAST}
+
+
+class Listening:
+    """What a listener was sent for."""
+
+    __slots__ = ("tap", "tapped")
+
+    def __init__(self, tap: Tap, tapped: Delivery) -> None:
+        self.tap, self.tapped = tap, involved(tapped)
+
+    @property
+    def header(self) -> Tapped:
+        """What the listener's handler is told."""
+        return Tapped(self.tap.condition, self.tapped)
+
+
+# --- adding and removing ---------------------------------------------------------------------------------------------
+
+
+def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes) -> None:
+    """A module taps a message, or one task."""
+    messages = central.registry.messages
+    place: Task | MessageType | None
+    place = messages.get(header.message) if header.message else central.tree.task(header.task)
+    if place is None:
+        which = f"'{header.message}' is not declared" if header.message else f"task {header.task} has ended"
+        raise RequestError(Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped")
+    listener = messages.get(header.listener)
+    if listener is None:
+        raise RequestError(Refusal.UNKNOWN, f"listener '{header.listener}' is not declared")
+    tapped = place.message if isinstance(place, Task) else place
+    _check(header.condition, tapped, listener)
+    if isinstance(place, Task):
+        _check_in_time(header.condition, place)
+    if listener.message_class.is_monitor:
+        _check_monitor(central, header, tapped, listener)
+    tap = _add(central, connection.module, header, listener, tapped, place)
+    tap.holders[connection.module.name] = connection.module.called
+    for other in list(place.more.taps if isinstance(place, Task) else place.taps):
+        is_said_anew = (other.condition, other.listener) == (tap.condition, listener) and other is not tap
+        if is_said_anew and connection.module.name in other.holders:
+            remove(central, other, connection.module)  # its monitor is to watch as is said now
+    _ask_waiting(central, tap)
+    central.send(connection, header.number, Accepted(header.number, tap.id))
+
+
+def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
+    """Raises RequestError if such a message can't be tapped so, or the listener can't listen to it."""
+    if tapped.message_class not in RULES[condition].classes:
+        text = f"{tapped.message_class} '{tapped.name}' can't be tapped '{condition}'"
+        raise RequestError(Refusal.PROTOCOL, f"{text}: that never happens to messages of this class")
+    if listener.message_class not in _LISTENERS or listener.is_notice:
+        what = "notice" if listener.is_notice else listener.message_class
+        text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if condition in _PLANNED_BY and listener.message_class in _TASKS - _GOALS:
+        who = f"{listener.message_class} '{listener.name}'"
+        text = f"{who} has nothing to plan: '{condition}' it would not hold any planning"
+        raise RequestError(Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}")
+    heard = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
+    difference = first_difference(listener.format.data, heard) if listener.format.data != NO_DATA else ""
+    if difference:
+        text = f"listener '{listener.name}' gets the data of '{tapped.name}' and wants others: {difference}"
+        raise RequestError(Refusal.FORMAT, f"{text} (here = the listener, there = the tapped message)")
+
+
+def _check_in_time(condition: Condition, task: Task) -> None:
+    """Raises RequestError if what a task is to be tapped for is past. Its handling may come again, with a retry."""
+    rule = RULES[condition]
+    moments = (rule.before | rule.at) & ALL_MOMENTS & ~START_HANDLING
+    is_killed = condition is Condition.WHEN_KILLED and bool(task.killed)
+    if condition is Condition.WHEN_SENT or is_killed or task.reached & moments:
+        raise RequestError(Refusal.TOO_LATE, f"{task} can't be tapped '{condition}' any more: that is past")
+
+
+def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, listener: MessageType) -> None:
+    """Raises RequestError if a monitor can't listen so: it must come to an end. One that listens *while* something is
+    done to a task does when that is over.
+    """
+    options = header.watch or WatchOptions()
+    check_options(central, listener, options)
+    is_bounded = ends_by_itself(listener, options) or options.for_ever
+    if not is_bounded and not (header.condition in _WHILE and tapped.message_class.is_task):
+        text = f"{listener.message_class} '{listener.name}' that listens '{header.condition}' would never end"
+        raise RequestError(Refusal.PROTOCOL, f"{text}: say how often, how long or until when it watches, or for ever")
+
+
+def _add(
+    central: State,
+    by: Module,
+    header: headers.Tap,
+    listener: MessageType,
+    tapped: MessageType,
+    place: Task | MessageType,
+) -> Tap:
+    """A new tap; the same one added before, by whomever, is that one: it fires once. Monitors that are to watch in
+    different ways are different listeners.
+    """
+    condition = header.condition
+    others = place.more.taps if isinstance(place, Task) else place.taps
+    for other in others:
+        if (other.condition, other.listener, other.watch) == (condition, listener, header.watch):
+            return other
+    if len(others) >= MOST_TAPS:
+        raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
+    tap = Tap(central.new_id(), condition, listener, place)
+    rule = RULES[condition]
+    tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
+    if rule.before and not tapped.message_class.is_task:
+        tap.before, tap.at = 0, DELIVERED  # what is no task can't be held
+    others.append(tap)
+    central.taps[tap.id] = tap
+    task = TaskId(place.id) if isinstance(place, Task) else ROOT
+    central.facts.append(facts.TapAdded(tap.id, condition, listener.name, tapped.name, task, by.name))
+    direct.review(central, [tapped])
+    return tap
+
+
+def remove(central: State, tap: Tap, by: Module, *, for_all: bool = False) -> None:
+    """A module wants a tap no longer: it is taken away if nobody else added it, too, but for copies of the same program
+    that have left; or (*for_all*) in any case. What it has sent stays.
+    """
+    tap.holders.pop(by.name, None)
+    others = () if for_all else tap.holders.items()
+    if any(called != by.called or central.registry.is_connected(name) for name, called in others):
+        return
+    (tap.place.more.taps if isinstance(tap.place, Task) else tap.place.taps).remove(tap)
+    del central.taps[tap.id]
+    central.facts.append(facts.Removed(tap.id, by.name))
+    if isinstance(tap.place, MessageType):
+        direct.review(central, [tap.place])
+
+
+def forget_task(central: State, task: Task) -> None:
+    """A task has ended, and its taps are gone."""
+    for tap in task.rare.taps if task.rare else ():
+        del central.taps[tap.id]
+
+
+# --- who waits already -----------------------------------------------------------------------------------------------
+
+
+def _ask_waiting(central: State, tap: Tap) -> None:
+    """A wiretap has come: what only waits to be given to a handler has to pass it first, as what comes later."""
+    for task in _waiting(central, tap):
+        if tap not in to_be_fired(task, first_moments(task)):
+            continue
+        if tap.listener.handlers or tap.listener.message_class.is_monitor:
+            _hold_back(central, task)
+        else:
+            fire_before(central, task, [tap])
+
+
+def listeners_come(central: State, names: Iterable[str]) -> None:
+    """Messages will be handled that may be nobody's now: what waits and passed a wiretap because nobody handled its
+    listener has to pass it once more.
+    """
+    coming = [central.registry.messages[name] for name in names]
+    new = {message for message in coming if not message.handlers}
+    for tap in central.taps.values() if new else ():
+        if tap.listener in new:
+            for task in _waiting(central, tap):
+                if task.rare is not None and task.rare.fired.get(tap.id) is False:
+                    _hold_back(central, task)
+
+
+def _waiting(central: State, tap: Tap) -> list[Task]:
+    """The tapped tasks that wait for a slot or a handler, oldest first, if the wiretap may hold such."""
+    if not tap.before & STARTS:
+        return []
+    if isinstance(tap.place, Task):
+        return [tap.place] if tap.place.queues is not None else []
+    return [one for one in central.dispatcher.queued(tap.place) if isinstance(one, Task)]
+
+
+def _hold_back(central: State, task: Task) -> None:
+    """Let a task that waits to be given to a handler be looked at anew; it keeps its place among the others."""
+    central.dispatcher.withdraw(task, keep_place=True)
+    central.agenda.ask_again(task)
+
+
+# --- firing ----------------------------------------------------------------------------------------------------------
+
+
+def happened(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
+    """Something has happened to a message: fire the taps for it, with *body* or the message's own data."""
+    for tap in taps_of(tapped):
+        is_reply = tap.condition is Condition.AFTER_REPLIED
+        if tap.at & what and is_reply == (body is not None):
+            _fire(central, tap, tapped, tapped.body if body is None else body)
+
+
+def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
+    """Fire taps before a task goes on, and hold it until their listeners are done."""
+    assert not task.killed, f"{task}: nothing happens between its wish to go on and this"
+    for tap in taps:
+        if tap.id not in central.taps:
+            continue
+        listener = _fire(central, tap, task, task.body)
+        task.more.fired[tap.id] = listener is not None
+        interval = RULES[tap.condition].interval
+        if not isinstance(listener, Task) or not interval or listener.reached & interval:
+            continue
+        if tap.before == START_HANDLING and task.reached & START_HANDLING:  # it is handled once more
+            central.agenda.holds.hold(listener, interval, task, START_HANDLING)
+            continue
+        moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
+        if not task.reached & moment:
+            central.agenda.holds.hold(listener, interval, task, moment)
+    central.agenda.fired(task)
+
+
+def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery | None:
+    """Send the listener of a tap, if anybody handles it."""
+    message = tap.listener
+    if not message.handlers and not message.message_class.is_monitor:
+        central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
+        return None
+    body = data_for(message, body)
+    made: Delivery
+    if message.message_class.is_task:
+        made = _make_task(central, tap, tapped, body)
+    else:
+        context = Listening(tap, tapped)
+        made = make_statement(central, message, body, Role.LISTENER, about=tapped, context=context)
+    central.facts.append(facts.TapFired(tap.id, tapped.message_id, made.id))
+    return made
+
+
+def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
+    """A listener that is a task."""
+    is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
+    parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
+    context = Listening(tap, tapped)
+    listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=tapped, context=context)
+    options = tap.watch or WatchOptions()
+    if isinstance(tapped, Task) and tap.condition in _WHILE:
+        living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
+        for other in living:
+            if other.context.tap is tap and other.more.watch is not None:
+                end_watch(central, other.more.watch, f"{tapped} is handled anew")
+        tapped.more.listeners = [*living, listener]
+        if not ends_by_itself(tap.listener, options) and not options.for_ever:
+            options = replace(options, until=Point(TaskId(tapped.id), _WHILE[tap.condition]))
+    if tap.listener.message_class.is_monitor:
+        become_monitor(central, listener, options)
+        enlist(central, listener)
+    return listener

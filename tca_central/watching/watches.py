@@ -1,0 +1,154 @@
+"""How a task becomes a monitor, what that is doing, and how it stops. The rules are in monitors.py."""
+
+from tca_central.errors import RequestError
+from tca_central.model.clock import Timer, checked_seconds
+from tca_central.model.intervals import RETURNED
+from tca_central.model.registry import Delivery, MessageType
+from tca_central.model.task_tree import Task
+from tca_central.outgoing.central_messages import data_for, make
+from tca_central.state import State, involved
+from tca_wire.journal import facts
+from tca_wire.packets.parts import Watching, WatchOptions
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import MessageClass, Refusal, Role
+
+SHORTEST_PERIOD = 0.001
+"""Seconds between two tests of a condition."""
+
+_ACTION = 1  # which part of a monitor
+_CANCEL = 2  # of a demon monitor
+
+
+class Watch:
+    """A monitor from its birth to its end."""
+
+    __slots__ = ("began", "condition", "count", "fires", "is_over", "options", "parts", "task", "timers",
+                 "waits_for")  # fmt: skip
+
+    def __init__(self, task: Task, options: WatchOptions, parts: list[MessageType | None]) -> None:
+        self.task = task
+        self.options = options
+        self.parts = parts  #: condition and action; of a demon: set-up, action and cancel
+        self.began: float | None = None  #: when it began to watch
+        self.condition: Delivery | None = None  #: the test under way
+        self.count = 0  #: how often its condition held, or it was fired
+        self.fires = 0  #: how many actions it has sent
+        self.timers: list[Timer] = []
+        self.waits_for: Task | None = None  #: whose point is its end
+        self.is_over = False
+
+    @property
+    def is_on(self) -> bool:
+        """Whether it watches now."""
+        return self.began is not None and not self.is_over
+
+    @property
+    def header(self) -> Watching:
+        """What the handlers of its messages are told."""
+        action = self.parts[_ACTION]
+        return Watching(involved(self.task), action.name if action is not None else "")
+
+    def met(self, central: State, _: Task) -> None:
+        """The point at which it ends is reached."""
+        self.waits_for = None
+        end_watch(central, self, "its end point is reached")
+
+
+def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
+    """Raises RequestError if a monitor can't watch so."""
+    polls = message.message_class is MessageClass.POLLING_MONITOR
+    what = f"{message.message_class} '{message.name}'"
+    checked_seconds(options.duration, f"{what} with a duration")
+    if polls:
+        checked_seconds(options.period, f"{what} with a period")
+    if polls and options.period < SHORTEST_PERIOD:
+        raise RequestError(
+            Refusal.PROTOCOL, f"{what} with a period of {options.period:g} s: {SHORTEST_PERIOD:g} s is the shortest"
+        )
+    if options.fire_every < 1 or options.maximum < 0:
+        text = f"{what} that fires every {options.fire_every} times, at most {options.maximum}: 1 and 0 are the lowest"
+        raise RequestError(Refusal.PROTOCOL, text)
+    if options.until is not None:
+        central.agenda.holds.place(options.until)  # raises if there is no such point
+
+
+def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
+    """Whether a monitor has an end of its own: a point monitor tests once."""
+    is_bounded = options.maximum or options.duration or options.until is not None
+    return bool(is_bounded) or message.message_class is MessageClass.POINT_MONITOR
+
+
+def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
+    """Make a new task the monitor that it is; ``check_options`` has passed."""
+    parts = [central.registry.messages.get(part) for part in task.message.parts]
+    task.more.watch = Watch(task, options, parts)
+
+
+def enlist(central: State, task: Task) -> None:
+    """A new task has its place in the tree: a monitor is known among those that watch, or are still to, if it lives."""
+    if task.message.message_class.is_monitor and not task.killed:
+        central.watches[task.id] = task.more.watch
+
+
+def is_put_by_others(central: State, parent: Task, origin: int) -> bool:
+    """Whether a monitor that the handler of delivery *origin* (0: nobody's) puts under *parent* comes from elsewhere
+    than from the handling of *parent*: then nobody puts it there again when that is retried, and a retry spares it.
+
+    Looks who sent what to that handler, back to *parent*. Who helps after a failure comes from elsewhere, and so does
+    what a monitor of others has sent, and what wiretaps have that are fired for *parent* once. Each
+    step leads to something older, so what is older than *parent* ends the search.
+    """
+    one = central.dispatcher.attended.get(origin)
+    is_own = origin == parent.given_as
+    while one is not None and one.id >= parent.id and not is_own:
+        if one.role is Role.LISTENER:
+            tapped, tap = central.tree.tasks.get(one.context.tapped.task), central.taps.get(one.context.tap.id)
+            if tapped is parent:
+                return tap is None or not tap.condition.is_of_handling
+            one = tapped
+        elif one.role.is_of_monitor:
+            one = one.context.task
+        elif isinstance(one, Task):
+            one = None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+        else:  # was sent before it was given to anybody: so this comes to an end whatever modules say
+            is_own = one.origin == parent.given_as
+            one = central.dispatcher.attended.get(one.origin) if one.origin < one.id else None
+        is_own = is_own or one is parent
+    return not is_own
+
+
+def stop(central: State, watch: Watch, why: str) -> None:
+    """Watch no longer; what the monitor has sent comes to its own end."""
+    if watch.is_over:
+        return
+    watch.is_over = True
+    central.watches.pop(watch.task.id, None)
+    for timer in watch.timers:
+        central.clock.cancel(timer)
+    if watch.waits_for is not None:
+        central.agenda.stop_waiting(watch.waits_for, watch)
+        watch.waits_for = None
+    if (condition := watch.condition) is not None:
+        watch.condition = None
+        if condition.queues is not None:
+            central.dispatcher.withdraw(condition)
+            central.facts.append(facts.Dropped(condition.id, "its monitor has ended"))
+        del central.asked[condition.id]
+    if watch.began is None:
+        return
+    central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
+    central.agenda.happened.append((watch.task, RETURNED))
+    if watch.task.message.message_class is MessageClass.DEMON_MONITOR and (cancel := watch.parts[_CANCEL]) is not None:
+        make(central, cancel, data_for(cancel, watch.task.body), watch.task, Role.CANCEL, context=watch)
+
+
+def end_watch(central: State, watch: Watch, why: str) -> None:
+    """A monitor is done: its task is handled, and achieved when what it has sent is. One that has not begun never will
+    watch, and the journal says why.
+    """
+    if not watch.is_over:
+        if watch.began is None:
+            central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
+        stop(central, watch, why)
+        if not watch.task.killed:
+            central.agenda.returned(watch.task)

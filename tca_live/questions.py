@@ -1,0 +1,257 @@
+"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages``, ``variables`` and
+``attached``.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import click
+
+from tca_live.shared import as_json, central_option, json_option, plain, talking
+from tca_module.client import Client
+from tca_wire.errors import BadData
+from tca_wire.messages.formats import decode_untyped
+from tca_wire.text.facts_in_words import by_whom
+from tca_wire.text.printable import printable
+
+_SHOWN = 20  # lines about what waits
+_LONGEST_VALUE = 60  # characters of a variable's value in a table
+
+Rows = list[list[str]]
+
+
+def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
+    """Make a command of a function that returns what to show, as data and as text."""
+
+    def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
+        @click.command(name, help=answer.__doc__)
+        @central_option
+        @json_option
+        def command(central: str | None, *, in_json: bool) -> None:
+            with talking(name, central) as client:
+                data, text = answer(client)
+            click.echo(as_json(data) if in_json else text)
+
+        return command
+
+    return command_of
+
+
+@_question("status")
+def status(client: Client) -> tuple[Any, str]:
+    """Show how central is doing, and what waits for what."""
+    overview, tree, load = client.status("status"), client.status("tree"), client.status("load")
+    overview |= {what: overview[what] - 1 for what in ("modules", "connections")}  # who asks is not counted
+    waiting = [
+        *_waits(load), *_waiting_modules(client), *_suspended_tasks(load, tree), *_killed_tasks(load),
+        *_held_tasks(load, tree),
+    ]  # fmt: skip
+    counts = ((what, number) for what, number in overview.items() if what not in ("epoch", "newest id"))
+    shown = [f"{number} {what.removesuffix('s') if number == 1 else what}" for what, number in counts]
+    parts = [f"central at {client.address}, run {overview['epoch']}", *_wrapped(shown)]
+    if waiting:
+        parts += ["", *_table(["waits", "for"], waiting[:_SHOWN])]
+        parts += [f"... and {len(waiting) - _SHOWN} more"] * (len(waiting) > _SHOWN)
+    data = {**overview, "waiting": [{"what": what, "for": why} for what, why in waiting]}
+    return data, "\n".join(parts)
+
+
+@_question("modules")
+def modules(client: Client) -> tuple[Any, str]:
+    """List the modules that are connected, and what their resources do."""
+    known = [module for module in client.status("modules") if module["module"] != client.name]
+    rows: Rows = []
+    for module in known:
+        resources = module["resources"] or [None]
+        for resource in resources:
+            first = resource is resources[0]
+            handles = ", ".join(module["handles"]) or "-"
+            about = [module["module"], module["process"], handles] if first else ["", "", ""]
+            rows.append([*about[:2], *_about_resource(resource), about[2]])
+    heads = ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
+    return known, "\n".join(_table(heads, rows)) if rows else "no modules are connected"
+
+
+@_question("messages")
+def messages(client: Client) -> tuple[Any, str]:
+    """List the messages that have been declared, and who handles them."""
+    known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
+    rows = [
+        [
+            message["message"],
+            message["class"],
+            ", ".join(map(_handler, message["handled_by"])) or "nobody",
+            str(message["waiting"] or ""),
+        ]
+        for message in known
+    ]
+    text = "\n".join(_table(["message", "class", "handled by", "waiting"], rows))
+    return known, text if rows else "no messages have been declared"
+
+
+def _handler(handler: dict[str, Any]) -> str:
+    return f"{handler['module']} (direct)" if handler["direct"] else str(handler["module"])
+
+
+@_question("variables")
+def variables(client: Client) -> tuple[Any, str]:
+    """List the shared variables: their values, who set them last and who watches them."""
+    known = sorted(client.status("variables"), key=lambda variable: str(variable["variable"]))
+    for variable in known:
+        variable["value"] = _plain(variable["value"])
+    rows = [
+        [
+            variable["variable"],
+            _shown_value(variable),
+            variable["set_by"] or "-",
+            ", ".join(variable["watched_by"]) or "nobody",
+        ]
+        for variable in known
+    ]
+    text = "\n".join(_table(["variable", "value", "set by", "watched by"], rows))
+    return known, text if rows else "no variables have been declared"
+
+
+@_question("attached")
+def attached(client: Client) -> tuple[Any, str]:
+    """List the exception handlers, wiretaps and monitors in force: where they are, and which modules put them there.
+
+    They stay when these modules leave; 'tca detach NUMBER' takes one away.
+    """
+    known = client.status("attached")
+    handlers = [
+        [
+            str(one["id"]), one["failure"] or "any failure", attached_to(one), one["handler"],
+            str(one["maximum"] or ""),
+            _owners(one), _names(one["handled_by"]) or "nobody",
+        ]
+        for one in known["exception_handlers"]
+    ]  # fmt: skip
+    taps = [
+        [
+            str(one["id"]), one["condition"], attached_to(one), one["listener"], _owners(one),
+            "central" if one["is_monitor"] else _names(one["handled_by"]) or "nobody",
+        ]
+        for one in known["wiretaps"]
+    ]  # fmt: skip
+    monitors = [[str(one["id"]), one["monitor"], attached_to(one), _owners(one)] for one in known["monitors"]]
+    tables = [
+        _table(["number", "failure", "of", "exception handler", "at most", "attached by", "handled by"], handlers),
+        _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
+        _table(["number", "monitor", "under", "sent by"], monitors),
+    ]
+    texts = ["\n".join(table) for table in tables if len(table) > 1]
+    texts += [f"only these are told: there are {cut}"] if (cut := attached_in_all(known)) else []
+    return known, "\n\n".join(texts) or "no exception handlers, wiretaps or monitors"
+
+
+def attached_in_all(known: dict[str, Any]) -> str:
+    """Of what so much is attached that central does not tell all, how many there are: "12,000 monitors"; "" if none."""
+    totals: dict[str, int] = known["totals"]
+    cut = [f"{number:,} {kind.replace('_', ' ')}" for kind, number in totals.items() if number > len(known[kind])]
+    return ", ".join(cut)
+
+
+def attached_to(one: dict[str, Any]) -> str:
+    """Where something is attached: "task 7 'walk'", "'walk'", "the root"."""
+    if one["task"]:
+        return f"task {one['task']} '{one['message']}'"
+    return f"'{one['message']}'" if one["message"] else "the root"
+
+
+def _owners(one: dict[str, Any]) -> str:
+    return _names([f"{name} (has left)" if name in one["gone"] else name for name in one["modules"]])
+
+
+def _names(modules: Sequence[str]) -> str:
+    return ", ".join(modules)
+
+
+def _plain(body: bytes) -> Any:
+    """A value as JSON can show it; None where there is none to show."""
+    try:
+        return plain(decode_untyped(body))
+    except BadData:
+        return None
+
+
+def _shown_value(variable: dict[str, Any]) -> str:
+    if not variable["bytes"]:
+        return "(never set)"
+    text = json.dumps(variable["value"], ensure_ascii=False)
+    return f"({variable['bytes']} bytes)" if len(text) > _LONGEST_VALUE or variable["value"] is None else text
+
+
+def _about_resource(resource: dict[str, Any] | None) -> list[str]:
+    if resource is None:
+        return ["-", "", "", ""]
+    handling = _handling(resource)
+    return [resource["resource"], str(resource["capacity"]), handling, str(resource["waiting"] or "")]
+
+
+def _handling(resource: dict[str, Any]) -> str:
+    """The ids of what a resource handles, and who has it for himself."""
+    parts = [", ".join(map(str, resource["handling"]))]
+    parts += [f"{how} by {resource[f'{how}_by']}" for how in ("locked", "reserved") if resource[f"{how}_by"]]
+    return "; ".join(filter(None, parts)) or "-"
+
+
+def _waits(load: dict[str, Any]) -> Iterator[list[str]]:
+    """What waits for a handler, a resource, a reply or a task, the longest first."""
+    for one in load["waits"]:
+        yield [one["what"], f"{one['for']}, {one['busy']}" if one["busy"] else one["for"]]
+    if (left := load["totals"]["waits"] - len(load["waits"])) > 0:
+        yield [f"{left} more", "see 'tca modules' and 'tca messages'"]
+
+
+def _waiting_modules(client: Client) -> Iterator[list[str]]:
+    for message in client.status("messages"):
+        if not any(handler["capacity"] for handler in message["handled_by"]):
+            for module in message["awaited_by"]:
+                yield [f"module '{module}'", f"a module that handles {message['class']} '{message['message']}'"]
+
+
+def _suspended_tasks(load: dict[str, Any], tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    """The topmost suspended tasks: what is under them is, too."""
+    how = {one["task"]: f"{by_whom(one['by'])} for {one['seconds']:.1f} s" for one in load["suspended"]}
+    suspended = {task["task"] for task in tree if task["suspended"]}
+    for task in tree:
+        if task["task"] in suspended and task["parent"] not in suspended:
+            since = how.get(task["task"], "")
+            yield [f"task {task['task']} '{task['message']}'", f"'tca resume {task['task']}': suspended{since}"]
+
+
+def _killed_tasks(load: dict[str, Any]) -> Iterator[list[str]]:
+    """Those whose handlers still run: they were told to return."""
+    for killed in load["killed"]:
+        awaited = f", which waits for {killed['for']}" if killed["for"] else ""
+        returns = f"its handler in '{killed['module']}' to return{awaited}"
+        yield [f"task {killed['what']}, killed: {killed['why']}"[:_LONGEST_VALUE], returns]
+
+
+def _held_tasks(load: dict[str, Any], tree: list[dict[str, Any]]) -> Iterator[list[str]]:
+    """What comes later: after which point, where that is told, and else which of its moments is held."""
+    until = {held["task"]: held["for"] for held in load["held"]}
+    for task in tree:
+        if task["task"] in until:
+            yield [f"task {task['task']} '{task['message']}'", until[task["task"]]]
+            continue
+        for moment, count in task["held"].items():
+            constraints = f"{count} constraint{'s' * (count != 1)}"
+            yield [f"task {task['task']} '{task['message']}'", f"{constraints} on its {moment}"]
+
+
+def _wrapped(parts: Sequence[str], width: int = 100) -> list[str]:
+    lines = [""]
+    for part in parts:
+        joined = f"{lines[-1]}, {part}" if lines[-1] else part
+        lines = [*lines[:-1], joined] if len(joined) <= width else [*lines, part]
+    return lines
+
+
+def _table(heads: list[str], rows: Rows) -> list[str]:
+    """Columns as wide as their widest cell."""
+    cells = [[printable(cell) for cell in row] for row in [heads, *rows]]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]

@@ -1,0 +1,75 @@
+"""What the commands that talk to a running central have in common: options, errors as one line, how values look."""
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+import msgspec
+
+from tca_module.client import Client, connect
+from tca_module.errors import MisuseError, TcaError
+from tca_wire.endpoint import VARIABLE
+from tca_wire.errors import BadData, BadFormat
+from tca_wire.messages.notices import COMMANDS
+from tca_wire.text.printable import printable
+
+
+class _Seconds(click.FloatRange):
+    """A time to wait: 0 or more, and a number ("nan" is none)."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        seconds = float(super().convert(value, param, ctx))
+        if math.isnan(seconds):
+            self.fail(f"{value!r} is no number of seconds", param, ctx)
+        return seconds
+
+
+SECONDS = _Seconds(min=0)
+
+_PATIENCE = 2.0  # seconds that a person waits for central
+
+central_option = click.option("--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}].")
+json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
+
+
+@contextmanager
+def talking(command: str, central: str | None) -> Iterator[Client]:
+    """A client of central for one command. An error is wrong usage (exit code 2), or says that the answer is no (1)."""
+    try:
+        with connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
+            yield client
+    except (MisuseError, BadData, BadFormat) as error:
+        raise click.UsageError(_in_one_line(error)) from None
+    except TcaError as error:
+        raise click.ClickException(_in_one_line(error)) from None
+
+
+def _in_one_line(error: Exception) -> str:
+    return printable(" ".join(str(error).split()))
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: bytes in base64, times as text, arrays as lists."""
+    try:
+        return msgspec.to_builtins(value, str_keys=True, enc_hook=_plain_part)
+    except (TypeError, ValueError, RecursionError):
+        return str(value)
+
+
+def _plain_part(part: Any) -> Any:
+    """What msgspec does not know: numbers that know more than they are, arrays, and anything else as text."""
+    return int(part) if isinstance(part, int) else getattr(part, "tolist", part.__str__)()
+
+
+def as_json(value: Any) -> str:
+    """A value as JSON for programs."""
+    return json.dumps(plain(value), indent=1)
+
+
+def as_text(value: Any) -> str:
+    """A value for people: a text as it is, else JSON in one line."""
+    value = plain(value)
+    return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))

@@ -1,0 +1,254 @@
+"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``raise``, ``unlock`` and
+``detach``.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import click
+
+from tca_live.questions import attached_in_all, attached_to
+from tca_live.shared import SECONDS, central_option, talking
+from tca_module.client import Client
+from tca_module.errors import Refused
+from tca_module.sending.task_handle import TaskHandle, TaskInfo
+from tca_wire.messages.declarations import Failure
+from tca_wire.points import ROOT
+from tca_wire.text.plain_data import Bare, PlainFormat
+from tca_wire.text.printable import printable
+from tca_wire.vocabulary import Scope
+
+_ANYTHING: Any = PlainFormat("{}")
+_HIGHEST = (1 << 63) - 1  # number that the protocol can say
+_SHOWN = 10  # tasks that one name may mean
+
+task_argument = click.argument("task", metavar="TASK")
+
+
+@click.command()
+@task_argument
+@click.option("--descendants", is_flag=True, help="Only what is under it, not the task itself.")
+@click.option("--siblings", is_flag=True, help="Only the other children of its parent.")
+@click.option("--in", "delay", metavar="SECONDS", type=SECONDS, default=0.0, help="So many seconds from now.")
+@click.option("--why", metavar="TEXT", default="", help="What those are told who wait for it.")
+@central_option
+def kill(task: str, delay: float, why: str, central: str | None, *, descendants: bool, siblings: bool) -> None:
+    """End a task and all under it.
+
+    TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told, not
+    interrupted: a task ends when they have returned.
+    """
+    if descendants and siblings:
+        msg = "--descendants and --siblings are given: kill them one after the other"
+        raise click.UsageError(msg)
+    scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
+    with talking("kill", central) as client:
+        handle = find_task(client, task)
+        if not handle.kill(why, delay=delay, scope=scope):
+            raise _too_late(handle, "killed")
+        click.echo(f"{_whom(handle, scope)}: {_killed(handle, scope, delay)}")
+
+
+def _whom(handle: TaskHandle, scope: Scope) -> str:
+    of = {Scope.DESCENDANTS: "all under ", Scope.SIBLINGS: "the siblings of "}
+    return f"{of.get(scope, '')}{handle}"
+
+
+def _killed(handle: TaskHandle, scope: Scope, delay: float) -> str:
+    if delay:
+        return f"to be killed in {delay:g} s"
+    is_over = scope is not Scope.TASK or handle.info() is None
+    return "killed" if is_over else "told to end; it does when the handlers that run have returned"
+
+
+@click.command()
+@task_argument
+@central_option
+def suspend(task: str, central: str | None) -> None:
+    """Start nothing of a task, and nothing under it, until it is resumed.
+
+    TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told; they may
+    hold or finish.
+    """
+    _switch("suspend", task, central, lambda info: info.suspended, TaskHandle.suspend)
+
+
+@click.command()
+@task_argument
+@central_option
+def resume(task: str, central: str | None) -> None:
+    """Let a suspended task, and all under it, go on.
+
+    TASK is a task's number, or its message's name if only one such task lives.
+    """
+    _switch("resume", task, central, lambda info: not info.suspended, TaskHandle.resume)
+
+
+def _switch(
+    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskHandle], bool]
+) -> None:
+    with talking(verb, central) as client:
+        handle = find_task(client, task)
+        info = handle.info()
+        is_idle = info is not None and is_so(info)
+        if not switch(handle):
+            raise _too_late(handle, "suspended" if verb == "suspend" else "resumed")
+        state = "suspended" if verb == "suspend" else "not suspended" if is_idle else "resumed"
+        click.echo(f"{handle}: {state}{' already' if is_idle and verb == 'suspend' else ''}")
+
+
+@click.command("raise")
+@task_argument
+@click.argument("failure")
+@click.argument("text", default="")
+@click.option("--data", metavar="JSON", help="The failure's data.")
+@central_option
+def raise_failure(task: str, failure: str, text: str, data: str | None, central: str | None) -> None:
+    """Raise a failure on a task, as if its handler had.
+
+    TASK is a task's number, or its message's name if only one such task lives. The nearest exception handler is
+    called; if there is none the top-level task ends. FAILURE is any name: handlers of that failure, and of any, take
+    it. TEXT says for people what happened.
+    """
+    with talking("raise", central) as client:
+        handle = find_task(client, task)
+        if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
+            raise _too_late(handle, "failed")
+        click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
+
+
+@click.command()
+@click.argument("resource")
+@click.option("--module", metavar="NAME", help="Whose resource it is, if several have one of that name.")
+@central_option
+def unlock(resource: str, module: str | None, central: str | None) -> None:
+    """Take a lock or reservation of RESOURCE from whoever has it.
+
+    Who has it is not told, and may still count on it: look at 'tca modules' first.
+    """
+    with talking("unlock", central) as client:
+        was_held = client.unlock(resource, module)
+        click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
+
+
+def _too_late(handle: TaskHandle, what: str) -> click.ClickException:
+    """Central has done nothing: between the question and the request the task has ended."""
+    is_over = handle.info() is None
+    state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
+    return click.ClickException(f"{printable(str(handle))} {state}: it can't be {what} any more")
+
+
+@click.command()
+@click.argument("what")
+@central_option
+def detach(what: str, central: str | None) -> None:
+    """Take away an exception handler or wiretap, or end a monitor, whoever attached it.
+
+    WHAT is its number in 'tca attached'; or the name of the exception handler, listener or monitor, if only one is
+    called so. What it has sent comes to its own end. Who attached it is not told, and may still count on it.
+    """
+    with talking("detach", central) as client:
+        found = _find_attached(client, what)
+        was_there = client.detach(found.number)
+        click.echo(f"{printable(found.text)}: " + ("detached" if was_there else "was gone already"))
+
+
+class _Attached(NamedTuple):
+    number: int
+    name: str
+    text: str
+
+
+def _find_attached(client: Client, what: str) -> _Attached:
+    """What is attached under that number or name. Raises ClickException if that means nothing, or many."""
+    known = client.status("attached")
+    there, cut = _all_attached(known), attached_in_all(known)
+    number = int(what) if what.isdecimal() and what.isascii() else None
+    if cut and number is None:
+        msg = f"there are {cut}, of which central tells only the first by name: give the number of what you mean"
+        raise click.ClickException(msg)
+    found = [one for one in there if (one.name == what if number is None else one.number == number)]
+    if len(found) == 1:
+        return found[0]
+    if cut and number is not None:  # it may be one of those that are not told
+        return _Attached(min(number, _HIGHEST), "", f"number {number}")
+    if found:
+        msg = f"{len(found)} that are attached are called '{what}': give the number of one, {_listed(found)}"
+    else:
+        why = f"nothing that is attached is called '{what}'" if number is None else _not_attached(client, number)
+        msg = f"{why}; " + (f"there are {_listed(there)}" if there else "nothing at all is attached")
+    raise click.ClickException(printable(msg))
+
+
+def _all_attached(known: dict[str, Any]) -> list[_Attached]:
+    found = []
+    for one in known["exception_handlers"]:
+        failure = f"failure '{one['failure']}'" if one["failure"] else "any failure"
+        text = f"exception handler {one['id']} '{one['handler']}' for {failure} of {attached_to(one)}"
+        found.append(_Attached(one["id"], one["handler"], text))
+    for one in known["wiretaps"]:
+        text = f"wiretap {one['id']} '{one['condition']}' of {attached_to(one)} with listener '{one['listener']}'"
+        found.append(_Attached(one["id"], one["listener"], text))
+    for one in known["monitors"]:
+        text = f"monitor {one['id']} '{one['monitor']}' under {attached_to(one)}"
+        found.append(_Attached(one["id"], one["monitor"], text))
+    return found
+
+
+def _not_attached(client: Client, number: int) -> str:
+    if number > client.status()["newest id"]:
+        return f"nothing has had the number {number} yet"
+    task = client.task(number) if number else None
+    info = task.info() if task is not None else None
+    if info is not None and not info.outcome:
+        return f"{task} is not attached: 'tca kill {number}' ends it"
+    return f"{number} is not attached, or not any more"
+
+
+def _listed(found: list[_Attached]) -> str:
+    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    return "; ".join(one.text for one in found[:_SHOWN]) + f"{more}: see 'tca attached'"
+
+
+def find_task(client: Client, named: str) -> TaskHandle:
+    """The living task that a number, or a message's name, means. Raises ClickException if it means none, or many."""
+    if named.isdecimal() and named.isascii():
+        return _numbered(client, int(named))
+    if not named:
+        msg = "no task is named: give the number of a task, or its message's name"
+        raise click.UsageError(msg)
+    found = client.tasks(named)
+    if not found:
+        msg = f"no living task is called '{named}': {_living(client)}"
+        raise click.ClickException(msg)
+    if len(found) > 1:
+        numbers = ", ".join(str(handle.id) for handle in found[:_SHOWN])
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        msg = f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}{more}"
+        raise click.ClickException(msg)
+    return found[0]
+
+
+def _living(client: Client) -> str:
+    """Which tasks there are now, in the central that was asked: the newest journal may be another one's."""
+    tasks = client.tasks()
+    if not tasks:
+        return f"no task lives in central at {client.address}"
+    more = f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else ""
+    shown = ", ".join(f"{task.id} '{printable(task.message)}'" for task in tasks[:_SHOWN])
+    return f"there live {shown}{more}"
+
+
+def _numbered(client: Client, number: int) -> TaskHandle:
+    if number == ROOT:
+        msg = f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
+        raise click.ClickException(msg)
+    try:
+        handle = client.task(min(number, _HIGHEST))
+    except Refused as refused:
+        raise click.ClickException(f"{refused.text}: {_living(client)}") from None
+    info = handle.info() if handle is not None else None
+    if handle is None or info is None or info.outcome:
+        msg = f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG"
+        raise click.ClickException(msg)
+    return handle

@@ -1,0 +1,1 @@
+"""Messages that go from module to module without central."""

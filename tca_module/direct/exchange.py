@@ -1,0 +1,144 @@
+"""Direct messages of one connection: what it sends to other modules without central, and what its slot takes so.
+
+Only connections to a central behind a socket have this; with a LocalCentral all messages go through its core.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterable
+from secrets import token_hex
+from typing import Any
+
+from tca_module.direct.inbox import Inbox
+from tca_module.direct.notes import FAR, Notes
+from tca_module.direct.routes import DirectRoutes
+from tca_module.direct.sockets import EntranceSocket, PathSocket
+from tca_module.link.request import Request
+from tca_module.link.session import Session
+from tca_module.link.transport import DealerTransport
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.headers import Deliver, Send, ToCentral
+from tca_wire.packets.routes import Entrance, Noted
+from tca_wire.vocabulary import MessageClass
+
+
+class Door:
+    """A slot's socket for direct messages, before it has said Hello."""
+
+    def __init__(self, central: str, messages: Iterable[Message[Any, Any]]) -> None:
+        """Open it. Raises OSError where that can't be."""
+        self.socket = EntranceSocket(central)
+        self.entrance = Entrance(self.socket.endpoint, token_hex(16))
+        self.queries = {message.name: message.message_class is MessageClass.QUERY for message in messages}
+
+
+class Direct:
+    """What a connection sends and takes directly."""
+
+    def __init__(
+        self, session: Session, transport: DealerTransport | None = None, way: str = "", door: Door | None = None,
+        *, clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        self._session = session
+        self._clock = clock
+        self._notes = Notes()
+        self._routes = DirectRoutes(session, way, transport, self._notes, PathSocket)
+        self._inbox: Inbox | None = None
+        if transport is not None and door is not None:
+            log = logging.getLogger(f"tca.{session.module}")
+            self._inbox = Inbox(door.socket, door.entrance.key, door.queries, self._notes, clock, log)
+            transport.add(door.socket)
+
+    # --- sending ---------------------------------------------------------------------------------------------------
+
+    def ask(self, header: ToCentral, body: bytes) -> Request | None:
+        """Send a query directly; None if it must go through central, or is none."""
+        return self._routes.ask(header, body, self._clock()) if isinstance(header, Send) else None
+
+    def tell(self, header: ToCentral, body: bytes) -> bool:
+        """Send an inform directly; False if it must go through central, or is none."""
+        return isinstance(header, Send) and self._routes.tell(header, body, self._clock())
+
+    # --- taking ----------------------------------------------------------------------------------------------------
+
+    def listen(self) -> None:
+        """Take in what has arrived; nothing of it is handled yet."""
+        self._routes.listen(self._clock)
+        if self._inbox is not None:
+            self._inbox.listen()
+
+    def next_delivery(self) -> tuple[Deliver, bytes] | None:
+        """What central has delivered and is to be handled now. It knows nothing of a direct message that is handled:
+        within that, only what the slot's own resource asks it is.
+        """
+        deliveries = self._session.deliveries
+        if not deliveries or self._inbox is None or not self._inbox.is_busy:
+            return deliveries.popleft() if deliveries else None
+        own = next((delivery for delivery in deliveries if delivery[0].own), None)
+        if own is not None:
+            deliveries.remove(own)
+        return own
+
+    @property
+    def has_delivery(self) -> bool:
+        """Whether ``next_delivery`` gives something."""
+        deliveries = self._session.deliveries
+        if not deliveries or self._inbox is None or not self._inbox.is_busy:
+            return bool(deliveries)
+        return any(header.own for header, _ in deliveries)
+
+    @property
+    def _may_take(self) -> bool:
+        inbox = self._inbox
+        return inbox is not None and inbox.has_message and not (inbox.is_busy or self._session.attending)
+
+    def take(self) -> tuple[Deliver, bytes] | None:
+        """The next message that came directly, if the slot handles nothing."""
+        return self._inbox.take() if self._inbox is not None and self._may_take else None
+
+    def reply(self, header: Any, body: bytes) -> bool:
+        """The handler of a message has ended; False if that did not come directly."""
+        if header.delivery >= 0:
+            return False
+        if self._inbox is not None:
+            self._inbox.reply(header, body)
+        return True
+
+    # --- notes, ends -----------------------------------------------------------------------------------------------
+
+    def patience(self, seconds: float) -> float:
+        """For how long, at most *seconds*, there is nothing to be done."""
+        if self._may_take:
+            return 0.0
+        return seconds if self._notes.due == FAR else max(0.0, min(seconds, self._notes.due - self._clock()))
+
+    def report(self) -> None:
+        """Give the session the notes that are due."""
+        if self._notes.due != FAR:
+            self._notes.report(self._session, self._clock())
+
+    def unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:
+        """These could not be sent to central: notes among them are kept."""
+        for header, _ in items:
+            if isinstance(header, Noted):
+                self._notes.restore(header, self._clock())
+
+    @property
+    def is_used(self) -> bool:
+        """Whether something may come, so that nobody should wait for central alone."""
+        return self._inbox is not None or self._routes.is_used
+
+    def shut(self) -> None:
+        """Take nothing more, and say what is yet to be noted. What was not begun with is sent to somebody else."""
+        if self._inbox is not None:
+            self._inbox.close()
+            self._inbox = None
+        if self._notes.due != FAR:
+            self._notes.report(self._session, self._clock(), at_once=True)
+
+    def close(self) -> None:
+        """Close everything; without ``shut`` before, what was begun with has failed."""
+        self._routes.close()
+        if self._inbox is not None:
+            self._inbox.drop()
+            self._inbox = None

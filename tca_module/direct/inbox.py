@@ -1,0 +1,261 @@
+"""A slot's entrance: who sends to it, what has arrived and was not begun with, what was answered.
+
+Theory of operation. Senders greet with the key that central gave them, and number what they send: what comes twice is
+not handled twice, and an answer that may be lost with a line is kept for a while. What arrives waits here in order; the
+slot takes one message when it handles nothing else. When this is full, the rest waits in the socket, and with the
+senders. Bad bytes, unknown messages and strangers are refused; nothing that anybody sends here can end the module.
+"""
+
+import hmac
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from tca_module.direct.notes import Notes
+from tca_wire.errors import ProtocolError
+from tca_wire.packets import direct, headers
+from tca_wire.packets.codec import pack, pack_item
+from tca_wire.packets.direct import Direct, Greet, Greeting, Taken
+from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Deliver, Fail, GiveUp, Refused, Reply
+from tca_wire.vocabulary import Limit, Outcome, Refusal
+
+MOST_WAITING = 2000
+MOST_BYTES = 128 << 20
+"""Messages, and bytes of their data, that wait in here; what comes then stays in the socket."""
+
+MOST_SENDERS = 256
+ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20
+"""Answers kept for each sender in case the line breaks; of long ones fewer."""
+
+TAKEN_EVERY, TAKEN_BYTES = 64, 1 << 20
+"""After how many informs, or bytes, their sender is told that they were begun with."""
+
+PACKETS = 256  # read at a time
+_MOST_MISSING = 2000  # numbers; senders have fewer on their way
+
+
+class Socket(Protocol):
+    """Where packets of many senders arrive."""
+
+    is_paused: bool
+    """What arrives is left where it is."""
+
+    def receive(self) -> tuple[bytes, list[bytes]] | None:
+        """Who sent the next packet, and its frames; None if there is none."""
+
+    def send(self, to: bytes, packet: bytes) -> bool:
+        """Whether it left."""
+
+    def close(self) -> None:
+        """Close; what was sent still leaves."""
+
+
+class _Sender:
+    """One sender's way to here, and what came of it."""
+
+    def __init__(self, address: bytes, greet: Greet) -> None:
+        self.address = address
+        self.module = greet.module
+        self.newest = greet.newest
+        self.missing: set[int] = set()  #: numbers that did not arrive, and may come again
+        self.open: dict[int, _Waiting] = {}  #: queries that were not answered
+        self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}  #: the newest, oldest first
+        self.untold = 0  #: informs begun with, of which it was not told
+        self.untold_bytes = 0
+        self.is_behind = False  #: an answer could not be sent
+
+    def remember(self, answer: Answer | Refused, body: bytes) -> None:
+        self.answers[answer.number] = answer, body
+        while len(self.answers) > ANSWERS_KEPT or sum(len(kept) for _, kept in self.answers.values()) > ANSWER_BYTES:
+            del self.answers[next(iter(self.answers))]
+
+
+class _Waiting:
+    """A message that has arrived."""
+
+    __slots__ = ("began", "body", "header", "is_given_up", "is_query", "sender")
+
+    def __init__(self, sender: _Sender, header: Direct, body: bytes, *, is_query: bool) -> None:
+        self.sender, self.header, self.body, self.is_query = sender, header, body, is_query
+        self.is_given_up = False
+        self.began = 0.0
+
+
+class Inbox:
+    """The receiver's side of direct messages, for one slot."""
+
+    def __init__(
+        self, socket: Socket, key: str, messages: Mapping[str, bool], notes: Notes, clock: Callable[[], float],
+        log: logging.Logger,
+    ) -> None:  # fmt: skip
+        self._socket = socket
+        self._key = key
+        self._messages = messages  #: what is handled here -> whether it is a query
+        self._notes = notes
+        self._clock = clock
+        self._log = log
+        self._senders: dict[bytes, _Sender] = {}  #: by address
+        self._sessions: dict[str, _Sender] = {}  #: the one that greeted longest ago first
+        self._waiting: deque[_Waiting] = deque()
+        self._bytes = 0
+        self._current: _Waiting | None = None  #: what is handled
+        self._delivery = 0  #: its number: they count down, to be told from central's
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a message from here is handled."""
+        return self._current is not None
+
+    @property
+    def has_message(self) -> bool:
+        """Whether one waits to be handled."""
+        return bool(self._waiting)
+
+    # --- what arrives ----------------------------------------------------------------------------------------------
+
+    def listen(self) -> None:
+        """Take in what has arrived."""
+        for _ in range(PACKETS):
+            self._socket.is_paused = len(self._waiting) >= MOST_WAITING or self._bytes >= MOST_BYTES
+            if self._socket.is_paused or (arrived := self._socket.receive()) is None:
+                return
+            address, frames = arrived
+            try:
+                if len(frames) != 1:
+                    msg = f"{len(frames)} frames; a packet is one"
+                    raise ProtocolError(msg)  # noqa: TRY301
+                for header, body in direct.unpack_to_entrance(frames[0]):
+                    self._take_in(address, header, body)
+            except ProtocolError as error:
+                self._refuse(address, str(error))
+
+    def _refuse(self, address: bytes, text: str, number: int = 0, refusal: Refusal = Refusal.PROTOCOL) -> None:
+        self._log.warning("refused what came directly: %s", text)
+        self._socket.send(address, pack_item(Refused(number, refusal, text)))
+
+    def _take_in(self, address: bytes, header: Any, body: bytes) -> None:
+        if isinstance(header, Greet):
+            self._on_greet(address, header)
+        elif (sender := self._senders.get(address)) is None:
+            self._socket.send(address, pack_item(headers.Unknown()))
+        elif isinstance(header, GiveUp):
+            if (waiting := sender.open.get(header.request)) is not None:
+                waiting.is_given_up = True
+        else:
+            self._on_direct(sender, header, body)
+
+    def _on_greet(self, address: bytes, header: Greet) -> None:
+        if header.version != PROTOCOL_VERSION or not hmac.compare_digest(header.key.encode(), self._key.encode()):
+            self._refuse(address, f"version {header.version} or the key is not the one that central gives")
+            return
+        if max(len(header.session), len(header.module)) > Limit.NAME or not 0 <= header.newest < 1 << 62:
+            self._refuse(address, f"{header.session!r:.40} of {header.module!r:.40} is no sender")
+            return
+        sender = self._sessions.pop(header.session, None)
+        if sender is None:
+            sender = _Sender(address, header)
+            self._forget_oldest()
+        self._sessions[header.session] = sender
+        repeated = [*sender.answers.values()] if sender.is_behind or sender.address != address else []
+        self._senders.pop(sender.address, None)
+        sender.address, sender.is_behind = address, False
+        self._senders[address] = sender
+        first = max(sender.newest + 1, header.newest + 1 - _MOST_MISSING)
+        sender.missing.update(range(first, header.newest + 1))
+        sender.newest = max(sender.newest, header.newest)
+        greeting = Greeting(header.newest, sorted(sender.missing), sorted(sender.open))
+        self._socket.send(address, pack([*repeated, (greeting, b"")]))
+        sender.missing = {number for number in sender.missing if number > header.newest - _MOST_MISSING}
+
+    def _forget_oldest(self) -> None:
+        if len(self._sessions) >= MOST_SENDERS:
+            session = next((name for name, sender in self._sessions.items() if not sender.open), None)
+            session = session or next(iter(self._sessions))
+            del self._senders[self._sessions.pop(session).address]
+
+    def _on_direct(self, sender: _Sender, header: Direct, body: bytes) -> None:
+        number, message = header.number, header.message
+        if number <= sender.newest and number not in sender.missing:
+            if number in sender.answers:
+                self._socket.send(sender.address, pack([sender.answers[number]]))
+            return  # it came twice
+        sender.missing.discard(number)
+        sender.newest = max(sender.newest, number)
+        if message not in self._messages:
+            refused = Refused(number, Refusal.UNKNOWN, f"nothing here takes '{message:.60}' directly")
+            sender.remember(refused, b"")
+            self._refuse(sender.address, refused.text, number, refused.refusal)
+            return
+        waiting = _Waiting(sender, header, body, is_query=self._messages[message])
+        if waiting.is_query:
+            sender.open[number] = waiting
+        self._waiting.append(waiting)
+        self._bytes += len(body)
+
+    # --- handling --------------------------------------------------------------------------------------------------
+
+    def take(self) -> tuple[Deliver, bytes] | None:
+        """The next message, to be handled now; None if there is none."""
+        while self._waiting:
+            waiting = self._waiting.popleft()
+            self._bytes -= len(waiting.body)
+            sender, number = waiting.sender, waiting.header.number
+            if waiting.is_given_up:
+                sender.open.pop(number, None)
+                continue
+            if not waiting.is_query:
+                self._tell_taken(sender, number, len(waiting.body))
+            self._current = waiting
+            waiting.began = self._clock()
+            self._delivery -= 1
+            return Deliver(self._delivery, waiting.header.message), waiting.body
+        return None
+
+    def _tell_taken(self, sender: _Sender, number: int, size: int) -> None:
+        sender.untold += 1
+        sender.untold_bytes += size
+        if sender.untold >= TAKEN_EVERY or sender.untold_bytes >= TAKEN_BYTES:
+            sender.untold = sender.untold_bytes = 0
+            self._socket.send(sender.address, pack_item(Taken(number)))
+
+    def reply(self, header: Reply | Fail, body: bytes) -> None:
+        """The handler has ended."""
+        done, self._current = self._current, None
+        if done is None:
+            return
+        is_done = isinstance(header, Reply)
+        outcome, failure = (Outcome.DONE, "") if isinstance(header, Reply) else (Outcome.FAILED, header.failure)
+        sender, now = done.sender, self._clock()
+        if done.is_query:
+            text = "" if isinstance(header, Reply) else header.text
+            answer = Answer(done.header.number, outcome, failure, text)
+            sender.open.pop(done.header.number, None)
+            sender.remember(answer, body)
+            sender.is_behind |= not self._socket.send(sender.address, pack_item(answer, body))
+        elif not is_done:
+            self._log.warning("inform '%s' from %s failed: %s", done.header.message, sender.module, failure)
+        self._notes.handled(
+            now, done.header.message, sender.module, done.header.origin, len(done.body), now - done.began, outcome,
+            failure,
+        )  # fmt: skip
+
+    # --- the end ---------------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Begin with nothing more. Who has queries here sends them to somebody else; informs are lost, and counted."""
+        self.listen()
+        while self._waiting:
+            for waiting in self._waiting:
+                if not waiting.is_query:
+                    self._notes.lost(waiting.header.message, self._clock())
+            self._waiting.clear()
+            self._bytes = 0
+            self.listen()
+        for sender in self._senders.values():
+            self._socket.send(sender.address, pack_item(headers.Closing()))
+        self._socket.close()
+
+    def drop(self) -> None:
+        """Close without a word: what was begun with has failed."""
+        self._socket.close()

@@ -1,0 +1,240 @@
+"""A sender's way to one entrance: what was sent, what has come back, what must be said again.
+
+Theory of operation. What is sent is numbered. The slot tells which numbers it has begun with (Taken, an Answer), and so
+the sender knows how much is on its way: more than a bound is refused, not queued. After a break of the line, or a
+silence, the sender greets again; the slot says what has not arrived, and queries of that are sent again under their
+numbers, informs are lost. Closing is a slot's last word: what it has not answered by then it has not begun with.
+"""
+
+from collections.abc import Callable
+from typing import Any, ClassVar, Protocol
+
+from tca_module.errors import NIL
+from tca_module.link.request import Request
+from tca_wire.errors import ProtocolError
+from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.packets import direct, headers
+from tca_wire.packets.codec import pack_item
+from tca_wire.packets.direct import Direct, Greet, Greeting, Taken
+from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Refused
+from tca_wire.packets.routes import Entrance
+from tca_wire.vocabulary import Outcome, Refusal
+
+MOST_UNDER_WAY = 1000
+"""Messages that may be on their way, or wait at the entrance, at a time."""
+
+MOST_BYTES = 64 << 20
+"""And how much data they may have; a single message may always go."""
+
+REPEAT = 1.0
+"""Seconds of silence after which a waiting sender asks whether all has arrived."""
+
+LAST_WORDS = 2.0
+"""Seconds that a slot which has left may take to answer or close."""
+
+PACKETS = 256  # read at a time
+
+
+class Socket(Protocol):
+    """Carries packets to an entrance and back."""
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when something arrives."""
+
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive."""
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether what is sent now is taken."""
+
+    def receive(self) -> bytes | None:
+        """The next packet; None if there is none."""
+
+    def send(self, packet: bytes) -> bool:
+        """Whether it left."""
+
+    def close(self) -> None:
+        """Close; what was sent still leaves."""
+
+
+class Path:
+    """The way to one entrance. *end* is called when a request is over, *hand_over* with those to be sent by central."""
+
+    def __init__(
+        self, entrance: Entrance, socket: Socket, session: str, module: str, *,
+        end: Callable[[Request], None], hand_over: Callable[[Request], None], lose: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.entrance = entrance
+        self.socket = socket
+        self.complaints: list[str] = []  #: for the log
+        self.requests: dict[int, Request] = {}  #: queries that are not answered, by number
+        self.is_over = False  #: nothing can be sent any more
+        self._is_open = False  #: the slot has answered the last greeting
+        self._is_first = True
+        self._session = session
+        self._module = module
+        self._end, self._hand_over, self._lose = end, hand_over, lose
+        self._newest = 0
+        self._under_way: dict[int, tuple[str, int]] = {}  #: inform ("": a query) and size of what may not be begun with
+        self._bytes = 0
+        self._said = float("-inf")  #: when the slot was last sent a query or greeting
+        self._gives_up: tuple[float, str] | None = None  #: the slot is gone: when its queries have failed, and why
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether messages can be sent this way now."""
+        return self._is_open and not self.is_over and self._gives_up is None
+
+    # --- sending ---------------------------------------------------------------------------------------------------
+
+    def ask(self, request: Request, now: float) -> bool:
+        """Send a query; False if it must go another way. It is refused here if too much is on its way already."""
+        if self._is_full(len(request.body)):
+            text = (
+                f"{len(self._under_way)} direct messages wait for the handler of '{request.header.message}': try later"
+            )
+            request.refused = Refused(0, Refusal.OVERLOAD, text)
+            self._end(request)
+            return True
+        if not self._send(request.header, request.body, inform=""):
+            return False
+        self.requests[self._newest] = request
+        request.path, request.number = self, self._newest
+        self._said = now
+        return True
+
+    def tell(self, header: headers.Send, body: bytes) -> bool:
+        """Send an inform; False if it must go another way. It is lost if too much is on its way already."""
+        if self._is_full(len(body)):
+            self._lose(header.message)
+            return True
+        return self._send(header, body, inform=header.message)
+
+    def abandon(self, request: Request) -> None:
+        """Nobody waits for that answer any more."""
+        if self.requests.pop(request.number, None) is not None and self._is_open:
+            self.socket.send(pack_item(headers.GiveUp(request.number)))
+
+    def _is_full(self, size: int) -> bool:
+        return len(self._under_way) >= MOST_UNDER_WAY or bool(self._under_way and self._bytes + size > MOST_BYTES)
+
+    def _send(self, header: headers.Send, body: bytes, *, inform: str) -> bool:
+        if not self.socket.send(pack_item(Direct(self._newest + 1, header.message, header.origin), body)):
+            self._is_open, self._said = False, float("-inf")
+            return False
+        self._newest += 1
+        self._under_way[self._newest] = inform, len(body)
+        self._bytes += len(body)
+        return True
+
+    # --- the line --------------------------------------------------------------------------------------------------
+
+    def tend(self, now: float) -> None:
+        """Greet where that is due; end the wait for a slot that is gone."""
+        if self._gives_up is not None and now >= self._gives_up[0]:
+            self._fail(self._gives_up[1])
+        if self.is_over or now - self._said < REPEAT or not (self.requests or not self._is_open):
+            return
+        if self.socket.is_connected:
+            self._said = now
+            greet = Greet(
+                PROTOCOL_VERSION, self.entrance.key, self._session, self._module, self._newest, self._is_first
+            )
+            self.socket.send(pack_item(greet))
+
+    def gone(self, text: str, now: float, *, lost: bool) -> None:
+        """The slot is gone: it was lost, or left and may have last words."""
+        self.receive()
+        self._gives_up = now + (0 if lost else LAST_WORDS), text
+        self.tend(now)
+
+    def _fail(self, text: str) -> None:
+        self.is_over = True
+        for request in self._all_requests():
+            request.answers.append((Answer(0, Outcome.FAILED, MODULE_LOST, text), NIL))
+            self._end(request)
+
+    def lose_all(self, why: str) -> None:
+        """Nobody can say any more what becomes of the queries."""
+        self.is_over = True
+        for request in self._all_requests():
+            request.lost = why
+            self._end(request)
+
+    def _all_requests(self) -> list[Request]:
+        requests = list(self.requests.values())
+        self.requests.clear()
+        return requests
+
+    def receive(self) -> None:
+        """Take in what has arrived."""
+        for _ in range(PACKETS):
+            packet = self.socket.receive()
+            if packet is None:
+                return
+            try:
+                for header, body in direct.unpack_from_entrance(packet):
+                    self._ON[type(header)](self, header, body)
+            except ProtocolError as error:
+                self.complaints.append(f"{self.entrance.endpoint} sent what is no message: {error}")
+
+    def _on_answer(self, header: Answer, body: bytes) -> None:
+        self._begun(header.number)
+        if (request := self.requests.pop(header.number, None)) is not None:
+            request.answers.append((header, body))
+            self._end(request)
+
+    def _on_taken(self, header: Taken, _: bytes) -> None:
+        for number in [number for number in self._under_way if number <= header.number]:
+            self._begun(number)
+
+    def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
+        self._is_open, self._said = False, float("-inf")
+
+    def _on_closing(self, _header: headers.Closing, _: bytes) -> None:
+        self.is_over = True
+        for request in self._all_requests():
+            self._hand_over(request)
+
+    def _begun(self, number: int) -> None:
+        _, size = self._under_way.pop(number, ("", 0))
+        self._bytes -= size
+
+    def _on_refused(self, header: Refused, _: bytes) -> None:
+        self._begun(header.number)
+        if (request := self.requests.pop(header.number, None)) is not None:
+            request.refused = header
+            self._end(request)
+        else:
+            self.is_over = self.is_over or not header.number
+            self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
+
+    def _on_greeting(self, header: Greeting, _body: bytes) -> None:
+        self._is_open, self._is_first = True, False
+        missing, waits = frozenset(header.missing), frozenset(header.open)
+        for number in [number for number in self._under_way if number <= header.newest and number not in self.requests]:
+            inform = self._under_way[number][0]
+            if inform and number in missing:
+                self._lose(inform)
+            self._begun(number)
+        for number in [number for number in self.requests if number <= header.newest and number not in waits]:
+            request = self.requests[number]
+            if number in missing:
+                again = Direct(number, request.header.message, request.header.origin)
+                self.socket.send(pack_item(again, request.body))
+            else:
+                del self.requests[number]
+                self._begun(number)
+                request.lost = "the line to the module broke before the answer came"
+                self._end(request)
+
+    _ON: ClassVar[dict[type, Callable[["Path", Any, bytes], None]]] = {
+        Greeting: _on_greeting,
+        Taken: _on_taken,
+        Answer: _on_answer,
+        Refused: _on_refused,
+        headers.Unknown: _on_unknown,
+        headers.Closing: _on_closing,
+    }
+    """One row per message from a slot."""

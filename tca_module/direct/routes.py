@@ -1,0 +1,180 @@
+"""Which messages a connection sends directly, as central tells it, and the ways that they go.
+
+Central's word is a licence: a message goes through central until an entrance of its route has answered a greeting, and
+whenever none can be reached. Ways are kept as long as a route leads there or a query is open.
+"""
+
+import itertools
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from tca_module.direct.notes import Notes
+from tca_module.direct.path import Path, Socket
+from tca_module.link.request import Request
+from tca_module.link.session import Session
+from tca_wire.packets.headers import Send, Welcome
+from tca_wire.packets.routes import Entrance, EntranceGone, Route, WatchEntrance
+
+OpenSocket = Callable[[str], Socket]
+"""Opens the way to an endpoint. Raises OSError if it is none."""
+
+
+class Waits(Protocol):
+    """Who waits for packets from central, and for what comes beside."""
+
+    def add(self, beside: Socket) -> None:
+        """Wait for this, too."""
+
+    def remove(self, beside: Socket) -> None:
+        """Wait for it no longer."""
+
+
+class DirectRoutes:
+    """The sender's side of direct messages, for one connection to central."""
+
+    def __init__(
+        self, session: Session, way: str, transport: Waits | None, notes: Notes, open_socket: OpenSocket
+    ) -> None:
+        self._session = session
+        self._way = way  #: names this connection among all
+        self._transport = transport
+        self._notes = notes
+        self._open_socket = open_socket
+        self._routes: dict[str, deque[Path]] = {}  #: by message; its slots take turns
+        self._paths: dict[str, Path] = {}  #: by endpoint
+        self._numbers = itertools.count(1)
+        self._is_tidy = True  #: no way is open that leads nowhere
+        self._epoch = ""
+        self._now = 0.0
+        self._log = logging.getLogger(f"tca.{session.module}")
+
+    # --- sending ---------------------------------------------------------------------------------------------------
+
+    def ask(self, header: Send, body: bytes, now: float) -> Request | None:
+        """Send a query directly; None if it must go through central."""
+        path = None if header.if_handled else self._path(header.message)
+        if path is None:
+            return None
+        request = Request(header, body, wants_answer=True)
+        return request if path.ask(request, now) else None
+
+    def tell(self, header: Send, body: bytes, now: float) -> bool:
+        """Send an inform directly; False if it must go through central."""
+        self._now = now
+        path = self._path(header.message)
+        return path is not None and path.tell(header, body)
+
+    def _path(self, message: str) -> Path | None:
+        paths = self._routes.get(message)
+        for _ in paths or ():
+            assert paths is not None
+            path = paths[0]
+            paths.rotate(-1)
+            if path.is_usable:
+                return path
+        return None
+
+    @property
+    def is_used(self) -> bool:
+        """Whether there is a way to anywhere."""
+        return bool(self._paths)
+
+    # --- what comes ------------------------------------------------------------------------------------------------
+
+    def listen(self, clock: Callable[[], float]) -> None:
+        """Take in what has arrived directly, and what central has said of routes; say what is due."""
+        if not self._paths and not self._session.routing:
+            return
+        self._now = now = clock()
+        while self._session.routing:
+            self._is_tidy = False
+            header = self._session.routing.popleft()
+            if isinstance(header, Route):
+                self._on_route(header)
+            elif isinstance(header, EntranceGone):
+                self._on_gone(header)
+            else:
+                self._on_welcome(header)
+        for path in self._paths.values():
+            path.receive()
+            path.tend(now)
+            while path.complaints:
+                self._log.warning("%s", path.complaints.pop())
+            self._is_tidy &= not path.is_over
+        if not self._is_tidy:
+            self._close_unused()
+
+    def _on_route(self, header: Route) -> None:
+        self._routes.pop(header.message, None)
+        paths = [self._path_to(entrance) for entrance in header.entrances]
+        if found := [path for path in paths if path is not None]:
+            self._routes[header.message] = deque(found)
+
+    def _path_to(self, entrance: Entrance) -> Path | None:
+        """The way to an entrance, new or known; None if there can be none from here."""
+        if self._transport is None:
+            return None
+        known = self._paths.get(entrance.endpoint)
+        if known is not None and not known.is_over:
+            return known
+        try:
+            socket = self._open_socket(entrance.endpoint)
+        except OSError as error:
+            self._log.warning("can't send directly to %s: %s", entrance.endpoint, error)
+            return None
+        if known is not None:
+            self._close(known)
+        way = f"{self._way}/{next(self._numbers)}"
+        path = Path(
+            entrance, socket, way, self._session.module, end=self._session.end, hand_over=self._session.adopt,
+            lose=self._lose,
+        )  # fmt: skip
+        self._paths[entrance.endpoint] = path
+        self._transport.add(socket)
+        return path
+
+    def _on_gone(self, header: EntranceGone) -> None:
+        if (path := self._paths.get(header.endpoint)) is not None:
+            path.gone(header.text, self._now, lost=header.lost)
+
+    def _on_welcome(self, header: Welcome) -> None:
+        """What central has told before may not hold any more, and it will tell anew."""
+        is_another = bool(self._epoch) and header.epoch != self._epoch
+        self._epoch = header.epoch
+        self._routes.clear()
+        for path in self._paths.values():
+            if is_another:
+                path.lose_all("central was restarted meanwhile and has forgotten it")
+            elif path.requests:
+                self._session.post(WatchEntrance(path.entrance.endpoint))
+
+    def _lose(self, message: str) -> None:
+        if not self._session.dropped:
+            self._log.warning("informs '%s' are lost: their handler is too slow, or could not be reached", message)
+        self._session.dropped += 1
+        self._notes.lost(message, self._now)
+
+    # --- ends ------------------------------------------------------------------------------------------------------
+
+    def _close_unused(self) -> None:
+        used = {path for paths in self._routes.values() for path in paths if not path.is_over}
+        unused = [path for path in self._paths.values() if path not in used]
+        for path in unused:
+            if not path.requests:
+                del self._paths[path.entrance.endpoint]
+                self._close(path)
+        self._is_tidy = not any(path.requests for path in unused)
+
+    def _close(self, path: Path) -> None:
+        assert self._transport is not None
+        self._transport.remove(path.socket)
+        path.socket.close()
+
+    def close(self) -> None:
+        """Send nothing directly any more."""
+        self._routes.clear()
+        for path in self._paths.values():
+            self._close(path)
+        self._paths.clear()

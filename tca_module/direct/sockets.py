@@ -1,0 +1,183 @@
+"""The sockets of direct messages: a slot's entrance, and a sender's way to one. Beside transport.py, the only ZeroMQ.
+
+An entrance is reached by whom central is reached by, and no others: it lies in the folder of central's own socket, or
+listens on that interface of this computer from which central is reached.
+"""
+
+import contextlib
+import os
+import socket as sockets
+from pathlib import Path
+from secrets import token_hex
+
+import zmq
+
+from tca_module.link.pulse import KEEPALIVE
+from tca_module.link.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
+from tca_wire.vocabulary import Limit
+
+MOST_UNDER_WAY = 1000
+"""Messages that one sender may have on its way to one entrance."""
+
+_OPTIONS = (
+    (zmq.SNDHWM, MOST_UNDER_WAY + 100),  # never reached: senders keep count
+    (zmq.RCVHWM, MOST_UNDER_WAY + 100),
+    (zmq.LINGER, 1000),
+    (zmq.MAXMSGSIZE, int(Limit.PACKET)),
+    (zmq.HANDSHAKE_IVL, 2000),
+    *KEEPALIVE,  # and no heartbeats: see transport.py; senders greet
+)
+_LONGEST_PATH = 100  # bytes in the path of a Unix socket; systems differ between 103 and 107
+_SUFFIX = ".direct"
+_POLLOUT = int(zmq.POLLOUT)
+
+Address = bytes
+"""By what an entrance knows the connection of a sender."""
+
+
+class EntranceSocket:
+    """Where a slot takes messages directly. Raises OSError if there can be no such socket."""
+
+    def __init__(self, central: str) -> None:
+        self.is_paused = False  #: what arrives is left where it is
+        self._socket = _socket(zmq.ROUTER)
+        self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
+        try:
+            self.endpoint = _bind(self._socket, central)
+        except (OSError, ValueError) as error:  # ZMQError is an OSError
+            self._socket.close(linger=0)
+            raise OSError(str(error)) from None
+
+    def fileno(self) -> int:
+        """Of the file that becomes readable when something arrives."""
+        return int(self._socket.getsockopt(zmq.FD))
+
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive."""
+        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) and not self.is_paused
+
+    def receive(self) -> tuple[Address, list[bytes]] | None:
+        """Who sent the next packet, and its frames; None if there is none."""
+        if not int(self._socket.getsockopt(EVENTS)) & POLLIN:
+            return None
+        address, *frames = self._socket.recv_multipart(DONTWAIT)
+        return address, frames
+
+    def send(self, to: Address, packet: bytes) -> bool:
+        """Whether it left."""
+        try:
+            self._socket.send(to, SNDMORE)
+            self._socket.send(packet, DONTWAIT)
+        except zmq.ZMQError:  # gone, or it does not read
+            return False
+        return True
+
+    def close(self) -> None:
+        """Close; what was sent still leaves, for a second."""
+        self._socket.close()
+        if self.endpoint.startswith("ipc://"):
+            Path(self.endpoint.removeprefix("ipc://")).unlink(missing_ok=True)
+
+
+class PathSocket:
+    """A sender's way to one entrance. Raises OSError if the endpoint is no address."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._socket = _socket(zmq.DEALER)
+        # Not IMMEDIATE: with that, libzmq 4.3.5 throws away what has arrived and was not read when the far end closes,
+        # and that would be the last answers of a slot. What waits for a slot that is gone is bounded by the count.
+        self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
+        try:
+            self._socket.connect(endpoint)
+        except OSError:
+            self._socket.close(linger=0)
+            raise
+
+    def fileno(self) -> int:
+        """Of the file that becomes readable when something arrives."""
+        return int(self._socket.getsockopt(zmq.FD))
+
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive."""
+        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether what is sent now is taken."""
+        return bool(int(self._socket.getsockopt(EVENTS)) & _POLLOUT)
+
+    def receive(self) -> bytes | None:
+        """The next packet; None if there is none."""
+        return self._socket.recv(DONTWAIT) if self.has_arrived() else None
+
+    def send(self, packet: bytes) -> bool:
+        """Whether it left."""
+        try:
+            self._socket.send(packet, DONTWAIT)
+        except zmq.Again:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Close; what was sent still leaves, for a second."""
+        self._socket.close()
+
+
+def _socket(kind: int) -> "zmq.Socket[bytes]":
+    made: zmq.Socket[bytes] = context().socket(kind)
+    for option, value in _OPTIONS:
+        made.setsockopt(option, value)
+    return made
+
+
+def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
+    """Listen where those who reach *central* can reach it, too; the endpoint."""
+    if central.startswith("tcp://"):
+        host = _own_host(central.removeprefix("tcp://"))
+        socket.setsockopt(zmq.IPV6, int(":" in host))
+        socket.bind(f"tcp://{f'[{host}]' if ':' in host else host}:*")
+        return socket.get_string(zmq.LAST_ENDPOINT)
+    folder = Path(central.removeprefix("ipc://")).parent
+    if not central.startswith("ipc:///"):
+        msg = f"central's address {central!r} has no folder for it"
+        raise ValueError(msg)
+    _remove_those_of_the_dead(folder)
+    path = folder / f"{os.getpid()}-{token_hex(4)}{_SUFFIX}"
+    if len(os.fsencode(path)) > _LONGEST_PATH:
+        msg = f"{path} is too long for a socket"
+        raise ValueError(msg)
+    socket.bind(f"ipc://{path}")
+    path.chmod(0o600)
+    return f"ipc://{path}"
+
+
+def _own_host(central: str) -> str:
+    """The address of this computer from which central is reached."""
+    host, _, port = central.rpartition(":")
+    family, _, _, _, address = sockets.getaddrinfo(host.strip("[]"), int(port), type=sockets.SOCK_DGRAM)[0]
+    with sockets.socket(family, sockets.SOCK_DGRAM) as probe:
+        probe.connect(address)  # sends nothing
+        return str(probe.getsockname()[0])
+
+
+def _remove_those_of_the_dead(folder: Path) -> None:
+    """Sockets of processes that were killed stay behind as files."""
+    for path in folder.glob(f"*{_SUFFIX}"):
+        owner = path.name.partition("-")[0]
+        if not owner.isdigit() or _is_alive(int(owner)):
+            continue
+        with contextlib.suppress(OSError), sockets.socket(sockets.AF_UNIX) as probe:
+            try:
+                probe.connect(str(path))
+            except ConnectionRefusedError:
+                path.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

@@ -1,0 +1,1 @@
+"""One connection to central: sockets, packets, requests and their answers."""

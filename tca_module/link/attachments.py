@@ -1,0 +1,119 @@
+"""What a program has attached to messages and to the root: a central that was restarted is told of it anew.
+
+Its connections share one such list, and their threads use it at the same time. Knows no socket and no clock.
+"""
+
+import threading
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgspec
+
+from tca_module.link.numbers import Given
+from tca_wire.packets.headers import Attach, Tap
+from tca_wire.packets.parts import MessageFormat
+from tca_wire.points import ROOT
+
+
+class Standing:
+    """An exception handler or wiretap that was attached."""
+
+    __slots__ = ("formats", "header", "number")
+
+    def __init__(self, header: Attach | Tap, formats: Iterable[MessageFormat], number: Given) -> None:
+        self.header = header  #: what attached it
+        self.formats = tuple(formats)  #: of the messages that it names
+        self.number = number  #: under which a central knows it
+
+    def __str__(self) -> str:
+        header = self.header
+        if isinstance(header, Tap):
+            return f"wiretap '{header.condition}' of '{header.message}' with '{header.listener}'"
+        where = f"all '{header.message}'" if header.message else "the root"
+        return f"exception handler '{header.attachment.handler}' of {where}"
+
+
+def is_lasting(header: Any) -> bool:
+    """Whether a request attaches something to a message or to the root, and not to a task, which ends with central."""
+    if isinstance(header, Attach):
+        return bool(header.message) or header.task == ROOT
+    return isinstance(header, Tap) and bool(header.message)
+
+
+class Attachments:
+    """Those of a program that are wanted, in the order in which they were attached."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._wanted: dict[tuple[Any, ...], Standing] = {}
+        self._unwanted: list[Standing] = []  #: another connection than the one that removed them may know them
+
+    def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: Given) -> None:
+        """Central has accepted it. As in central, the same wiretap is the one from before, and anything else that is
+        attached alike takes the place of the one before, as the newest.
+        """
+        header, key = msgspec.structs.replace(header, number=0), _key(header)
+        with self._lock:
+            before = self._wanted.get(key)
+            if before is not None and isinstance(header, Tap) and before.header == header:
+                before.number = number
+                return
+            self._wanted.pop(key, None)
+            self._wanted[key] = Standing(header, _formats(header, known), number)
+
+    def of(self, header: Attach | Tap) -> Standing | None:
+        """What a request has attached; None if to a task, or if it has been removed meanwhile."""
+        with self._lock:
+            return self._wanted.get(_key(header)) if is_lasting(header) else None
+
+    def unknown_to(self, epoch: str) -> list[Standing]:
+        """What the central of that epoch has to be told, oldest first; what it knows already and is newer than some of
+        that, too, so that the order stays.
+        """
+        with self._lock:
+            wanted = list(self._wanted.values())
+        first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
+        return wanted[first:]
+
+    def is_wanted(self, standing: Standing) -> bool:
+        """Whether it has not been removed, or replaced."""
+        with self._lock:
+            return self._wanted.get(_key(standing.header)) is standing
+
+    def forget(self, standing: Standing, epoch: str) -> None:
+        """It is not wanted any more, says a connection that knows the central of that epoch."""
+        with self._lock:
+            key = _key(standing.header)
+            if self._wanted.get(key) is standing:
+                del self._wanted[key]
+            if standing.number.epoch != epoch:
+                self._unwanted.append(standing)
+
+    def take_unwanted(self, epoch: str) -> list[Standing]:
+        """What the central of that epoch knows, and was removed by a connection that did not know that; each once."""
+        if not self._unwanted:
+            return []
+        with self._lock:
+            unwanted = [one for one in self._unwanted if one.number.epoch == epoch]
+            self._unwanted = [one for one in self._unwanted if one.number.epoch != epoch]
+        return unwanted
+
+    def clear(self) -> None:
+        """The program leaves, and attaches nothing anew."""
+        with self._lock:
+            self._wanted.clear()
+
+
+def _key(header: Attach | Tap) -> tuple[Any, ...]:
+    """What is equal where one takes the place of another."""
+    if isinstance(header, Tap):
+        return Tap, header.message, header.condition, header.listener
+    return Attach, header.message, header.attachment.failure, header.attachment.handler
+
+
+def _formats(header: Attach | Tap, known: dict[str, MessageFormat]) -> Iterator[MessageFormat]:
+    """Of all messages without which it can't be attached; what a monitor asks and sends before it."""
+    named = (header.listener if isinstance(header, Tap) else header.attachment.handler, header.message)
+    for one in (known[name] for name in named if name in known):
+        yield from (known[part] for part in one.parts if part in known)
+        yield one

@@ -1,0 +1,400 @@
+"""A session on a transport: the waits. Used by one thread only; every blocking call of the package ends up here.
+
+While a thread waits here and central delivers a message to it, the message is handled within the wait (``attend``):
+a handler may ask its own resource something without waiting for itself for ever.
+"""
+
+import contextlib
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from typing import Any
+
+from tca_module.direct.exchange import Direct
+from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
+from tca_module.link.numbers import foreign, given_in
+from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, Line
+from tca_module.link.request import Request, check_addressee, waits_for_others
+from tca_module.link.session import Session
+from tca_module.link.transport import Transport
+from tca_module.sending.arguments import check_message, check_timeout, name_of
+from tca_module.serving.attending import KILLED, at_work, woken
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
+from tca_wire.packets.parts import HandlerFormat
+
+PATIENCE = 10.0
+"""Seconds without a word from central after which a wait ends with CentralLost."""
+
+ACKNOWLEDGED_WITHIN = 30.0
+"""Seconds that central may take to accept or refuse a request while it does say other things."""
+
+_LEAVE_WITHIN = 2.0  # seconds that an ending module gives central
+_WHY_WITHIN = 0.2  # seconds that central may take to say why an answer is not there
+_FOR_EVER = float("inf")
+
+
+class Connection:
+    """One connection to central."""
+
+    def __init__(
+        self, transport: Transport, session: Session, *, patience: float = PATIENCE, direct: Direct | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        self.session = session
+        self.transport = transport
+        self.direct = direct or Direct(session)  #: what goes without central
+        self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
+        self.outside: Any = None  #: the Sender with which callbacks send
+        self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due; one after the other
+        self.hear: Callable[[Request], Generator[Any, None, None]] | None = None  #: awaits news of a request in asyncio
+        self.patience = patience
+        self._clock = clock
+        self._is_calling_back = False
+        self.line = Line(session, transport, self.direct, clock)
+        self._declared: dict[str, Message[Any, Any]] = {}
+        self._owner = threading.get_ident()
+        self._lock = threading.RLock()  # against the thread that only keeps the connection alive
+        self._log = logging.getLogger(f"tca.{session.module}")
+
+    @property
+    def address(self) -> str:
+        """Central's address."""
+        return self.transport.address
+
+    def open(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
+        """Wait until central welcomes this connection.
+
+        Raises CentralLost if nobody answers, Refused if central won't have it, Stopped if *is_stopped* before.
+        """
+        session = self.session
+        self._wait(lambda: session.is_welcome or session.refused is not None or is_stopped(), None)
+        if session.refused is not None:
+            raise Refused(f"module '{session.module}'", session.refused.refusal, session.refused.text)
+        if not session.is_welcome:
+            raise Stopped(f"module '{session.module}' was told to end before central at {self.address} had answered")
+
+    def leave(self) -> None:
+        """Handle nothing any more; if central does not hear it, it will notice."""
+        self.session.withdrawn()
+        with contextlib.suppress(CentralLost, Timeout, Refused):
+            if self.session.is_welcome:
+                self.call(Unregister(0, []), "leaving", within=_LEAVE_WITHIN)
+
+    def close(self) -> None:
+        """Say goodbye."""
+        with self._lock:
+            self.direct.shut()
+            if self.session.post(Bye()):
+                self.line.flush()
+            self.drop()
+
+    def drop(self) -> None:
+        """Close without goodbye: what was begun and not answered has failed."""
+        with self._lock:
+            self.direct.close()
+            self.transport.close()
+
+    # --- requests --------------------------------------------------------------------------------------------------
+
+    def declare(
+        self, *messages: Message[Any, Any], handlers: Iterable[HandlerFormat] = (), within: float = ACKNOWLEDGED_WITHIN
+    ) -> None:  # fmt: skip
+        """Tell central of messages, and which of them are handled here. Raises FormatRefused if others differ."""
+        new, handled = [message for message in messages if self._is_new(message)], list(handlers)
+        if not new and not handled:
+            return
+        formats, names = [message.format for message in new], ", ".join(map(name_of, new or messages))
+        self.call(Register(0, formats, handled), f"declaring {names}", within=within)
+        self.session.declared(formats, handled)
+        self._declared.update({message.name: message for message in new})
+
+    def _is_new(self, message: Message[Any, Any]) -> bool:
+        check_message(message)
+        return self._declared.get(message.name) is not message
+
+    def call(self, header: ToCentral, what: str, body: bytes = b"", within: float = ACKNOWLEDGED_WITHIN) -> int:
+        """Have central do something; the id of the task or message that came of it. *what* names it in errors."""
+        self.check_thread()
+        with self._lock:
+            request = self.request(header, body, is_awaited=True)
+            if not self.wait(request, within, what):
+                self.abandon(request)
+                msg = f"{what} was not acknowledged within {within:g} s, though central at {self.address} \
+is alive: it is overloaded; {what} {self.session.fate_of(request)}"
+                raise Timeout(msg)
+            return request.accepted or 0
+
+    def request(
+        self, header: ToCentral, body: bytes = b"", *, wants_answer: bool = False, is_awaited: bool = False
+    ) -> Request:
+        """Ask central for something. *is_awaited*: ``wait`` follows at once, and its timeout counts for all. Else this
+        waits a little where central takes nothing more for now.
+        """
+        self.check_thread()
+        with self._lock:
+            self._catch_up_for(header)
+            if wants_answer and (asked := self.direct.ask(header, body)) is not None:
+                return asked
+            request = self.session.request(header, body, wants_answer=wants_answer)
+            self.line.flush(0.0 if is_awaited else SEND_WAIT, is_patient=is_awaited)
+            return request
+
+    def _catch_up_for(self, header: ToCentral) -> None:
+        """Hear what central has said. Raises CentralLost if a header is for the one before."""
+        session, epoch = self.session, self.session.epoch
+        self.line.catch_up()
+        numbers = given_in(header)
+        if foreign(numbers, session.epoch) is not None:
+            with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
+                self.call(Register(0, []), "a word of central's")
+        check_addressee(header, numbers, epoch, session.epoch)
+
+    def wait(
+        self, request: Request, timeout: float | None, what: str, is_over: Callable[[], bool] | None = None
+    ) -> bool:
+        """Wait until a request is over, or *is_over* says that enough has come of it; whether it is.
+
+        Raises Refused if central refused it, CentralLost if it was lost or central is silent for too long; and if the
+        answer has not come, once for each handler: TaskKilled if its task was killed, Stopped if the module ends.
+        """
+        self.check_thread()
+        is_done = is_over or (lambda: request.is_over)
+        with self._lock:
+            try:
+                check_timeout(timeout)
+                if timeout != 0:
+                    self.announce(request)
+                came = is_done() or self._wait_for(is_done, timeout, what, request)
+            except CentralLost as error:
+                self.abandon(request)
+                raise CentralLost(f"{error}; {what} {self.session.fate_of(request)}") from None
+            except BaseException:
+                self.abandon(request)
+                raise
+            request.check(what)
+            return came
+
+    def _wait_for(
+        self, is_over: Callable[[], bool], timeout: float | None, what: str, request: Request | None = None
+    ) -> bool:
+        """Wait until *is_over*, or the handler that waits is to be woken. An answer that has come is given to it, if it
+        is not the same kill that has ended what it waits for.
+        """
+        attending, one = self.session.attending, self.session.attending.who_waits()
+        wakes = request is None or waits_for_others(request)
+        came = self._wait(lambda: is_over() or (wakes and bool(attending.due(one))), timeout)
+        why = attending.due(one) if wakes else ""
+        if why and (not is_over() or (why == KILLED and request is not None and request.is_void)):
+            attending.tell(one)
+            raise woken(one, why, self.session.module, what)
+        return came
+
+    def tell(self) -> None:
+        """The handler that waited is about to get an error, and so knows that its work is void, if it is."""
+        self.session.attending.tell(self.session.attending.who_waits())
+
+    def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
+        """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
+        if self.hear is None:
+            msg = f"{what} is awaited where no async handler runs: wait for it with receive(), result() or wait()"
+            raise MisuseError(msg)
+        self.announce(request, blocking=False)
+        try:
+            while not request.is_over:
+                yield from self.hear(request)
+        except BaseException:
+            self.abandon(request)
+            raise
+        request.check(what)
+
+    def announce(self, request: Request, *, blocking: bool = True) -> None:
+        """Tell central, where it does not know, that the answer to a question is waited for from now on."""
+        with self._lock:
+            if request.is_unannounced:
+                self.line.catch_up()
+            if request.is_unannounced:
+                request.is_announced = self.session.post(Await(request.header.number, blocking))
+                self.line.flush()
+
+    def abandon(self, request: Request) -> None:
+        """Nobody waits for that answer any more."""
+        self.check_thread()
+        with self._lock:
+            self.session.abandon(request)
+            self.line.flush(0.0, is_patient=True)
+
+    def give_up(self, request: Request) -> str:
+        """Abandon a request that took too long; why it did, if that can be said at once ("": it can't)."""
+        with self._lock:
+            if silence := self.silence:
+                self.abandon(request)
+                return silence
+            if (asked := self.session.give_up(request)) is None:
+                return "it went to its handler directly, which had not answered"
+            with contextlib.suppress(CentralLost):
+                self._wait(lambda: asked.is_over, _WHY_WITHIN)
+            self.abandon(asked)
+            request.answers += asked.answers  # a multi-query's may be a failure
+            return asked.answers[-1][0].text if asked.answers else ""
+
+    def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
+        """Want no longer the lock that a request has got; whether it was had until now. *at_once*: central is told, and
+        not waited for. Else raises CentralLost if it does not answer; it is told as soon as it does.
+        """
+        header = Release(0, request.header.number)
+        if self.is_taken(request) or at_once:
+            self.session.request(header)
+            self.line.flush()
+            return not request.taken
+        try:
+            return bool(self.call(header, f"releasing {what}"))
+        except CentralLost:
+            if not request.taken:
+                raise
+            return False
+
+    def is_taken(self, request: Request) -> bool:
+        """Whether the lock that a request has got was taken away, as far as is known here. Never waits."""
+        self.check_thread()
+        with self._lock:
+            self.line.catch_up()
+            return bool(request.taken)
+
+    def post(self, header: ToCentral, body: bytes) -> None:
+        """Say something that has no answer. It is lost, counted and logged if central is not there."""
+        self.check_thread()
+        with self._lock:
+            self._catch_up_for(header)
+            if self.direct.tell(header, body):
+                return
+            dropped = self.session.dropped
+            self.session.post(header, body)
+            self.line.flush()
+            if self.session.dropped > dropped == 0:
+                self._log.warning("central at %s is not there: informs and broadcasts are lost", self.address)
+
+    def reply(self, header: Any, body: bytes) -> None:
+        """A handler ended."""
+        with self._lock:
+            if self.direct.reply(header, body):
+                self.session.attending.end(header.delivery)
+            else:
+                self.session.reply(header, body)
+                self.line.flush()
+
+    def is_cancelled(self, delivery: int) -> bool:
+        """Whether a delivery's handler is to clean up and return; it knows then."""
+        self.check_thread()
+        with self._lock:
+            self.line.catch_up()
+            attending = self.session.attending
+            if is_cancelled := attending.is_cancelled(delivery):
+                attending.tell_of(delivery)
+            return is_cancelled
+
+    def is_suspended(self, delivery: int) -> bool:
+        """Whether the task of a delivery that is being handled is suspended."""
+        self.check_thread()
+        with self._lock:
+            self.line.catch_up()
+            return self.session.attending.is_suspended(delivery)
+
+    # --- waiting ---------------------------------------------------------------------------------------------------
+
+    def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None) -> None:
+        """Handle what is delivered until *is_over*, however long central is silent.
+
+        *idle* is called in between: it may do one thing, or wait for anything, for at most so many seconds; False if it
+        did neither.
+        """
+        self.check_thread()
+        with self._lock:
+            self._wait(is_over, None, patience=_FOR_EVER, idle=idle)
+
+    def tend(self, since: float, within: float = STEP) -> float:
+        """Keep the connection alive while its own thread does something else; for how long central has been silent."""
+        with self._lock:
+            return self.line.tend(since, within)
+
+    def now(self) -> float:
+        """Seconds on a clock that never jumps."""
+        return self._clock()
+
+    def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
+        """Wait for callbacks, which are called meanwhile; whether *is_over*. Raises what ``wait`` does, but Refused."""
+        self.check_thread()
+        check_timeout(timeout)
+        with self._lock:
+            if self._is_calling_back:
+                msg = "a callback waits for another one: they are called one after the other"
+                raise MisuseError(msg)
+            return is_over() or self._wait_for(is_over, timeout, "a callback")
+
+    def soon(self, function: Callable[[], None]) -> None:
+        """Have the thread that owns this connection call a function, in its present or next wait; from any thread."""
+        self.session.news.append(function)
+        self.transport.wake()
+
+    @property
+    def has_news(self) -> bool:
+        """Whether ``take_news`` has something to do."""
+        return bool(self.session.news or (self.callbacks and not self._is_calling_back))
+
+    def take_news(self) -> None:
+        """Do one thing that has come up: of the library, else call one callback (never within another one)."""
+        if self.session.news:
+            self.session.news.popleft()()
+        elif self.callbacks and not self._is_calling_back:
+            self._is_calling_back = True
+            try:
+                with at_work(None):
+                    self.callbacks.popleft()()
+            finally:
+                self._is_calling_back = False
+
+    def _wait(
+        self, is_over: Callable[[], bool], timeout: float | None, *, patience: float | None = None,
+        idle: Callable[[float], bool] | None = None,
+    ) -> bool:  # fmt: skip
+        session, since = self.session, self._clock()
+        now, deadline = since, _FOR_EVER if timeout is None else since + timeout
+        patience = self.patience if patience is None else patience
+        while not is_over():
+            if self.has_news:
+                self.take_news()
+                continue
+            if self.attend is not None and (delivery := self.direct.next_delivery()) is not None:
+                self.attend(*delivery)
+                continue
+            session.tend(now, since)
+            left = max(0.0, deadline - now)
+            send_wait = SEND_WAIT if session.is_welcome else 0.0 if self.direct.is_used and session.epoch else STEP
+            self.line.flush(min(send_wait, left), is_patient=left < min(send_wait, STEP))
+            step = self.direct.patience(min(STEP, max(0.0, deadline - self._clock())))
+            self.line.listen(0.0 if idle is not None and idle(step) else step)
+            if idle is not None and self.attend is not None and (message := self.direct.take()) is not None:
+                self.attend(*message)  # one at a time, and central is heard in between
+            before, now = now, self._clock()
+            if now - before > STALL:
+                since = now  # this process stood still, and central's words have yet to be read: blame nobody
+            if now >= deadline:
+                return is_over()
+            if now - max(session.heard, since) > patience:
+                raise self.line.lost()
+        return True
+
+    @property
+    def silence(self) -> str:
+        """That central is silent, for errors; "" if all is well."""
+        return self.line.silence
+
+    def check_thread(self) -> None:
+        """Raise MisuseError in another thread; before the lock is taken: a thread that serves keeps it for ever."""
+        if threading.get_ident() != self._owner:
+            msg = f"a connection of module '{self.session.module}' is used from thread \
+'{threading.current_thread().name}', but belongs to the one that \
+opened it: a handler sends with its task, other threads open a connection of their own with connect()"
+            raise MisuseError(msg)

@@ -1,0 +1,69 @@
+"""The thread that keeps a module's first connection alive: the module's own thread may be busy elsewhere.
+
+Where the module has stopped and its block goes on, this thread tells central that it handles nothing any more, and
+keeps the connection for what is sent in the block.
+"""
+
+import logging
+import threading
+import time
+
+from tca_module.errors import TcaError
+from tca_module.link.connection import Connection
+from tca_module.link.packet_line import STALL
+
+TEND_PERIOD = 0.5
+"""Seconds between two looks at the connection."""
+
+
+class Keeper:
+    """Begins at once, and ends with ``end``."""
+
+    def __init__(self, link: Connection, patience: float, stop: threading.Event, *, reconnect: bool) -> None:
+        self.error: TcaError | None = None  #: what ended the module before its time
+        self._link = link
+        self._patience = patience
+        self._reconnect = reconnect
+        self._stop = stop  #: the module is to end
+        self._is_left = threading.Event()  #: its thread leaves
+        self._since = self._looked = time.monotonic()
+        self._warned = False
+        self._log = logging.getLogger(f"tca.{link.session.module}")
+        self._thread = threading.Thread(target=self._run, name=f"{link.session.module} keeper", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """The module's thread leaves, and tells central itself. Sets *stop*."""
+        self._is_left.set()
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(TEND_PERIOD):
+            self._tend()
+        if self._is_left.is_set():
+            return
+        self._log.info("module '%s' has stopped, and handles nothing any more", self._link.session.module)
+        self._link.session.is_to_withdraw = True
+        self._link.transport.wake()  # who waits on the connection has it to himself, and says it
+        self._tend()
+        while not self._is_left.wait(TEND_PERIOD):
+            self._tend()
+
+    def _tend(self) -> None:
+        link, silence = self._link, self._link.tend(self._since)
+        before, self._looked = self._looked, time.monotonic()
+        if self._looked - before > STALL:
+            self._since = self._looked  # it was this process that stood still
+            return
+        if silence > self._patience and not self._reconnect and not self._stop.is_set():
+            self.error = link.line.lost()
+            self._log.error("module '%s' ends: %s", link.session.module, self.error)
+            self._stop.set()
+        elif silence > self._patience and not self._warned:
+            self._log.warning(
+                "central at %s does not answer, and is tried again: %s", link.address, link.line.what_to_do()
+            )
+        elif silence <= self._patience and self._warned:
+            self._log.warning("central at %s is back", link.address)
+        self._warned = silence > self._patience

@@ -1,0 +1,110 @@
+"""What a session says and hears: packets to and from one central. Never waits but as long as it is told to."""
+
+import logging
+from collections.abc import Callable
+
+from tca_module.direct.exchange import Direct
+from tca_module.errors import CentralLost
+from tca_module.link.reach import is_anybody_there
+from tca_module.link.session import QUIET, Session
+from tca_module.link.transport import Transport
+from tca_wire.errors import ProtocolError
+from tca_wire.packets.codec import packets, unpack_to_module
+
+SEND_WAIT = 1.0
+"""Seconds that a send waits for central to take the packet."""
+
+STEP = 0.2
+"""Seconds at a time that a wait listens, so that stops are noticed."""
+
+STALL = 2.0
+"""Seconds that a turn of a wait never takes unless the process itself was stopped."""
+
+
+class Line:
+    """The way of one connection's packets, through central and direct."""
+
+    def __init__(self, session: Session, transport: Transport, direct: Direct, clock: Callable[[], float]) -> None:
+        self._session = session
+        self._transport = transport
+        self._direct = direct
+        self._clock = clock
+        self._log = logging.getLogger(f"tca.{session.module}")
+
+    @property
+    def silence(self) -> str:
+        """That central has said nothing for longer than it ever does, or takes nothing; "" if all is well."""
+        session, silent = self._session, self._clock() - self._session.heard
+        if session.is_welcome and not session.outgoing and silent < QUIET:
+            return ""
+        where = f"central at {self._transport.address}"
+        return f"{where} has said nothing for {silent:.1f} s; see with 'tca status' whether it runs"
+
+    def lost(self) -> CentralLost:
+        """The error that says that central does not answer."""
+        return CentralLost(f"central at {self._transport.address} does not answer: {self.what_to_do()}")
+
+    def what_to_do(self) -> str:
+        """What to do about a central that does not answer. Takes a moment."""
+        if is_anybody_there(self._transport.address):
+            return (
+                "it is there, but its process stands still (SIGSTOP, a paused container: let it go on) or is busy for \
+very long; or no central listens there, but another program"
+            )
+        return "start it with 'tca central', or set $TCA_CENTRAL to where it listens"
+
+    def catch_up(self) -> None:
+        """Take in what has arrived already; a caller that never waits learns that it was cut off, and comes back."""
+        while self.listen(0.0):
+            pass
+        now = self._clock()
+        self._session.tend(now, self._session.heard if self._session.is_welcome else now)
+        if self._session.outgoing:
+            self.flush(wait_seconds=0)
+
+    def tend(self, since: float, within: float) -> float:
+        """Keep the line alive; for how long central has been silent, at most since then. *within*: seconds that a
+        central which does not know us, or all of us, yet is waited for.
+        """
+        self.catch_up()
+        self._session.tend(self._clock(), since)
+        self.flush(wait_seconds=0)
+        until = self._clock() + within
+        while not self._session.is_known and self.listen(max(0.0, until - self._clock())):
+            self.flush(wait_seconds=0)
+        return self._clock() - max(self._session.heard, since)
+
+    def listen(self, timeout: float) -> bool:
+        """Take in what arrives next; False if nothing does in time."""
+        packet = self._transport.receive(timeout)
+        if packet is not None:
+            self._take_in(packet)
+        else:
+            self._direct.report()  # now that all is read that central said: it may have ended
+        self._direct.listen()
+        return packet is not None
+
+    def _take_in(self, packet: bytes) -> None:
+        now = self._clock()
+        try:
+            for header, body in unpack_to_module(packet):
+                self._session.receive(header, body, now)
+        except ProtocolError as error:
+            self._log.warning("central at %s sent what is no message: %s", self._transport.address, error)
+        for complaint in self._session.complaints:
+            self._log.warning("%s", complaint)
+        self._session.complaints.clear()
+
+    def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> None:
+        """Send what the session has to say. What has left has left, also if the rest of it can't: then the connection
+        is broken, unless the caller *is_patient*, who will try the rest again.
+        """
+        if self._session.outgoing:
+            outgoing, self._session.outgoing = self._session.outgoing, []
+            for before, packet in packets(outgoing):
+                if not self._transport.send(packet, wait_seconds):
+                    self._session.outgoing = outgoing[before:]
+                    if not is_patient:
+                        self._direct.unsent(self._session.outgoing)
+                        self._session.break_off()
+                    return

@@ -1,0 +1,137 @@
+"""What a central that was restarted is told anew, and in which order.
+
+First the messages; then the exception handlers and wiretaps, oldest first; then, where the module requires messages of
+others, it waits until they are handled. Only when all that is accepted its handlers are declared: whoever sees that a
+message is handled may rely on what its module has attached, after a restart as before. What is refused is said, and
+tried again. Knows no socket and no clock.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from tca_module.link.attachments import Attachments, Standing
+from tca_module.link.numbers import RESTARTED, Given
+from tca_module.link.request import Request
+from tca_wire.packets import headers
+from tca_wire.packets.parts import MessageFormat
+
+AGAIN = 5.0
+"""Seconds after which what was refused is tried again."""
+
+PATIENCE = 5.0
+"""Seconds that required messages are waited for without a word."""
+
+_NEVER = float("inf")
+
+Ask = Callable[..., Request]
+"""``Session.request``."""
+
+
+class Renewal:
+    """What the connection that declares a module's handlers tells a restarted central; the others tell it nothing."""
+
+    def __init__(
+        self, attachments: Attachments, ask: Ask, say: Callable[[str], None], over: Callable[[], None]
+    ) -> None:
+        self.required: list[str] = []  #: messages without which the module does not serve
+        self.is_over = True  #: handlers may be declared
+        self._attachments = attachments
+        self._ask = ask
+        self._say = say  #: for the log
+        self._over = over  #: called when handlers may be declared, where that takes a while
+        self._epoch = ""
+        self._messages: dict[str, MessageFormat] = {}
+        self._open = 0  #: requests that are not answered
+        self._is_refused = False
+        self._is_waiting = False  #: for what is required
+        self._due = _NEVER  #: when there is something to do without a word of central's
+        self._attached = 0
+        self._said: set[str] = set()
+
+    @property
+    def is_answered_soon(self) -> bool:
+        """Whether central has been asked for something that it answers at once."""
+        return self._open > 0 and not self._is_waiting
+
+    def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
+        """The central of that epoch knows nothing. Where there are only handlers to be told of it is over at once."""
+        self._epoch, self._messages = epoch, messages
+        self._open, self._attached, self._is_waiting, self._is_refused, self._due = 0, 0, False, False, _NEVER
+        self._said.clear()
+        self.is_over = not (self.required or self._attachments.unknown_to(epoch))
+        if not self.is_over:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._is_refused, self._due = False, _NEVER
+        self._let_go()
+        unknown = self._attachments.unknown_to(self._epoch)
+        formats = self._messages | {one.name: one for standing in unknown for one in standing.formats}
+        self._request(headers.Register(0, list(formats.values()), []), "messages that were declared")
+        for standing in unknown:
+            self._request(standing.header, f"the {standing}", standing)
+
+    def _let_go(self) -> None:
+        """What was to end with a task that was lost is not attached anew: it would never end, or with another task."""
+        for standing in self._attachments.unknown_to(self._epoch):
+            watch = getattr(standing.header, "watch", None)
+            if watch is not None and watch.until is not None and standing.number.epoch != self._epoch:
+                self._attachments.forget(standing, standing.number.epoch)
+                self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
+
+    def _request(self, header: Any, what: str, standing: Standing | None = None, *, waits: bool = False) -> None:
+        self._open += 1
+        request = self._ask(header, wants_answer=waits)
+        request.settled = lambda over: self._settled(over, what, standing)
+
+    def _settled(self, request: Request, what: str, standing: Standing | None) -> None:
+        if request.lost:
+            return  # with a central that was restarted, too: ``begin`` follows
+        self._open -= 1
+        if request.refused is not None:
+            text = f"central was restarted, and refuses {what}: {request.refused.text}"
+            if not self._is_refused or standing is None:  # the rest may only follow from that
+                self._say_once(f"{text}; it is asked again every {AGAIN:g} s, and no handler is declared before")
+            self._is_refused = True
+        elif standing is not None and request.accepted is not None:
+            self._has_attached(standing, request.accepted)
+        if not self._open:
+            self._go_on()
+
+    def _has_attached(self, standing: Standing, number: Given) -> None:
+        self._attached += 1
+        standing.number = number
+        if not self._attachments.is_wanted(standing):  # it was removed meanwhile
+            self._ask(headers.Remove(0, number))
+
+    def _go_on(self) -> None:
+        """All is answered."""
+        if self._is_refused:
+            return
+        if self.required and not self._is_waiting:
+            self._is_waiting = True
+            self._request(headers.WaitUntilHandled(0, self.required), "what it requires", waits=True)
+            return
+        self.is_over, self._due = True, _NEVER
+        if self._attached:
+            self._say(f"central was restarted: exception handlers and wiretaps attached anew: {self._attached}")
+        self._over()
+
+    def tend(self, now: float) -> None:
+        """Time has passed."""
+        for standing in self._attachments.take_unwanted(self._epoch):
+            self._ask(headers.Remove(0, standing.number))
+        if self.is_over or self.is_answered_soon:
+            return
+        if self._due == _NEVER:
+            self._due = now + (AGAIN if self._is_refused else PATIENCE)
+        elif now >= self._due and self._is_refused:
+            self._tell()
+        elif now >= self._due:
+            names = ", ".join(f"'{name}'" for name in self.required)
+            self._say_once(f"waits until each of {names} is handled, as it requires; see 'tca messages'")
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            self._say(text)

@@ -1,0 +1,165 @@
+"""What a connection asks of central: one request and what came back, and what kinds of requests there are.
+
+Knows no socket, clock or thread, and nothing of the other requests: they are kept by session.py.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
+from tca_module.link.attachments import is_lasting
+from tca_module.link.numbers import RESTARTED, Given, check_given, gone
+from tca_wire.packets import headers
+from tca_wire.packets.codec import misfit
+from tca_wire.packets.headers import Register, Send, SetVariable, ToCentral
+from tca_wire.points import ROOT
+from tca_wire.vocabulary import Outcome, Refusal
+
+_KINDS = {Refusal.FORMAT: FormatRefused, Refusal.DEADLOCK: Deadlock}
+
+_HARMLESS = (
+    headers.WaitFor | headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled | headers.Lock
+)
+"""What changes nothing that a second time could change again."""
+
+_ABOUT_CENTRAL = headers.Ask | headers.Inspect | headers.GetVariable | headers.WaitUntilHandled
+"""What asks how things stand now: after a restart as before."""
+
+_WAITS_FOR_OTHERS = Send | headers.WaitFor | headers.Lock | headers.WaitUntilHandled
+"""What central answers when others have done something."""
+
+_WITHOUT_TASKS = (
+    Register
+    | headers.Unregister
+    | headers.Ask
+    | headers.GetVariable
+    | SetVariable
+    | headers.WaitUntilHandled
+    | headers.Unlock
+)
+"""What any central understands, whatever it remembers."""
+
+
+class Request:
+    """A numbered request and what has come back.
+
+    It is over when exactly one of these holds: it was accepted (*accepted*), its last answer is there (*answers*), it
+    was refused (*refused*), or it was lost with central's memory (*lost* says how). A query is accepted with id 0 if it
+    was to be sent only if somebody handles it, and nobody does.
+    """
+
+    __slots__ = ("__weakref__", "accepted", "answers", "body", "epoch", "gone", "header", "is_announced", "is_over",
+                 "lost", "notify", "number", "path", "refused", "repeated", "settled", "taken", "wants_answer",
+                 "was_sent")  # fmt: skip
+
+    def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
+        self.header = header
+        self.body = body
+        self.wants_answer = wants_answer  #: Accepted is not the end of it
+        self.was_sent = False  #: central may have got it
+        self.epoch = ""  #: of the central that it was sent to last
+        self.repeated = False  #: was sent more than once
+        self.is_over = False
+        self.is_announced = False  #: central knows that the sender, who went on, now waits for the answer
+        self.accepted: Given | None = None  #: the id of the task or message that it became
+        self.answers: deque[tuple[headers.Answer, bytes]] = deque()
+        self.refused: headers.Refused | None = None
+        self.lost = ""
+        self.gone = ""  #: what it was about, where a restarted central has forgotten that
+        self.taken = ""  #: of a lock that was granted: how it was lost
+        self.path: Any = None  #: the way that it went directly, under that way's *number*
+        self.number = 0
+        self.notify: Callable[[], None] | None = None  #: becomes news with each answer, and when it is over
+        self.settled: Callable[[Request], None] | None = None  #: called by the session itself, when it is over
+
+    @property
+    def is_unannounced(self) -> bool:
+        """Whether it is a question whose sender went on, and central does not know whether he waits by now."""
+        header = self.header
+        is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
+        return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
+
+    @property
+    def is_void(self) -> bool:
+        """Whether a kill has ended what was asked for."""
+        is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
+        return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
+
+    def check(self, what: str) -> None:
+        """Raise the error that it came to, if it did; *what* names it."""
+        if self.refused is not None:
+            kind = _KINDS.get(self.refused.refusal, Refused)
+            raise kind(what, self.refused.refusal, self.refused.text)
+        if self.gone:
+            raise CentralLost(gone(self.gone))
+        if self.lost:
+            msg = f"{what} is lost: {self.lost}; {_advice(self.header)}"
+            raise CentralLost(msg)
+
+
+def _advice(header: Any) -> str:
+    """What to do where a request was lost."""
+    if isinstance(header, headers.WaitFor):
+        return "send the task again"
+    return "begin anew" if refers_to_tasks(header) else "ask again"
+
+
+def unsent() -> Request:
+    """A question that could not be sent in time: it is over, without an answer."""
+    request = Request(Send(0, ""), b"", wants_answer=True)
+    request.is_over = True
+    return request
+
+
+def may_be_asked_again(header: Any) -> bool:
+    """Whether a request can be made twice without harm, where nobody knows what became of the first."""
+    return isinstance(header, _HARMLESS)
+
+
+def is_for_any_central(header: Any) -> bool:
+    """Whether a request changes nothing, and asks no more of one central than of the next."""
+    if isinstance(header, Register):
+        return not header.handlers
+    return not refers_to_tasks(header) and isinstance(header, _ABOUT_CENTRAL)
+
+
+def waits_for_others(request: Any) -> bool:
+    """Whether a request's answer comes only when others have done something."""
+    return request.wants_answer and isinstance(request.header, _WAITS_FOR_OTHERS)
+
+
+def refers_to_tasks(header: Any) -> bool:
+    """Whether a request makes sense only to a central that knows the tasks that its sender knows."""
+    watch = getattr(header, "watch", None)
+    if watch is not None and watch.until is not None:
+        return True
+    if isinstance(header, Send):
+        return bool(header.parent or header.origin or header.constraints)
+    if isinstance(header, headers.Lock):
+        return bool(header.origin)
+    if isinstance(header, headers.Inspect):
+        return header.task != ROOT
+    return not isinstance(header, _WITHOUT_TASKS) and not is_lasting(header)
+
+
+def check_addressee(header: Any, numbers: list[Given], before: str, now: str) -> None:
+    """Raise CentralLost if the central of epoch *now* is not the one that a header, with these *numbers*, is for. One
+    with none but plain numbers is for the central that was known *before*, when the caller gave it.
+    """
+    check_given(numbers, now)
+    if before != now and not numbers and refers_to_tasks(header):
+        msg = f"what was asked is lost: {RESTARTED}; begin anew"
+        raise CentralLost(msg)
+
+
+def check_fields(header: ToCentral) -> None:
+    """Raise MisuseError for a wrong type in an option: central could not even say whom it answers."""
+    try:
+        wrong = misfit(header)
+    except UnicodeEncodeError as error:
+        msg = f"{error.object!r:.60} is no text that can be sent"
+        raise MisuseError(msg) from None
+    if wrong:
+        msg = f"what was given can't be sent: {wrong}"
+        raise MisuseError(msg)

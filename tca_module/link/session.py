@@ -1,0 +1,398 @@
+"""One connection's side of the protocol: what was asked, what must be said again, what was delivered.
+
+Theory of operation. Headers go in through ``receive``, headers come out in ``outgoing``; time is passed in. Until
+central's Welcome nothing but Hello leaves. Every numbered request is kept until its answer is there, and after a
+break it is repeated in order: central knows it by its number and never does it twice. What is not numbered (informs)
+may be lost with a connection. A Welcome with another epoch says that central was restarted and its tree is lost: what
+was outstanding is lost too, while messages and handlers are declared again (``renewal``) and the module serves on.
+Not lost is what names nothing of the old tree, and only asks how things stand, or certainly never reached the old
+central: it did not leave, or left once and was answered by Unknown. The new central gets that.
+
+Knows no socket, clock or thread.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, ClassVar
+from weakref import WeakValueDictionary
+
+import msgspec
+
+from tca_module.link.attachments import Attachments, is_lasting
+from tca_module.link.numbers import RESTARTED, Given, foreign, given_in
+from tca_module.link.renewal import Renewal
+from tca_module.link.request import Request, check_fields, is_for_any_central, may_be_asked_again, refers_to_tasks
+from tca_module.serving.attending import Attending
+from tca_wire.packets import headers
+from tca_wire.packets.headers import (
+    PROTOCOL_VERSION,
+    Fail,
+    Hello,
+    Register,
+    Reply,
+    Send,
+    SetVariable,
+    ToCentral,
+    ToModule,
+)
+from tca_wire.packets.parts import HandlerFormat, MessageFormat
+from tca_wire.packets.routes import EntranceGone, Route
+from tca_wire.points import ROOT
+from tca_wire.vocabulary import Outcome, Refusal
+
+HELLO_NUMBER = 1
+"""A connection's first request is its Hello; said again it keeps its number."""
+
+QUIET = 2.5
+"""Seconds without a word after which central is asked for one; it beats every second."""
+
+REPEAT = 1.0
+"""Seconds between two such questions."""
+
+# Declares nothing, so it changes nothing; but central answers it: either Accepted, or Unknown if Hello is due again.
+_ARE_YOU_THERE = Register(0, [], [])
+
+_REPLIES_KEPT = 8
+"""Replies to be said again after a break, until a further delivery shows that they arrived; more than one if nested."""
+
+Item = tuple[ToCentral, bytes]
+
+
+class Session:
+    """The state of one connection to central."""
+
+    def __init__(self, hello: Hello, attachments: Attachments | None = None) -> None:
+        """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
+        self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
+        self._newest = HELLO_NUMBER
+        self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
+        self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
+        self._handlers: dict[str, HandlerFormat] = {}
+        self.attending = Attending()  #: deliveries that are handled, or about to be
+        self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
+        self._replies: list[Item] = []  #: central may not have got these yet
+        self._asked = float("-inf")  #: when central was last asked for a word
+        self.heard = float("-inf")  #: when central last said anything
+        self.outgoing: list[Item] = []
+        self.deliveries: deque[tuple[headers.Deliver, bytes]] = deque()  #: not handled yet
+        self.news: deque[Callable[[], None]] = deque()  #: to be called by the thread that owns the connection, soon
+        self.routing: deque[headers.Welcome | Route | EntranceGone] = deque()  #: what concerns direct messages
+        self.complaints: list[str] = []  #: what central said that answers no request; for the log
+        self.dropped = 0  #: informs and broadcasts that never left
+        self.is_welcome = False
+        self.is_to_withdraw = False  #: central is to be told that nothing is handled any more; set by any thread
+        self.breaks = 0  #: how often the connection has broken
+        self.refused: headers.Refused | None = None  #: central does not want this connection
+        self.epoch = ""
+        self.module = hello.module  #: the name under which central knows the module
+        self.attachments = Attachments() if attachments is None else attachments
+        own = self.attachments if not hello.connection else Attachments()
+        self.renewal = Renewal(own, self.request, self.complaints.append, self._declare_handlers)
+
+    # --- what the module does --------------------------------------------------------------------------------------
+
+    def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
+        """Ask central for something; the header's number is put in. Raises MisuseError if central could not read it."""
+        check_fields(header)
+        request = Request(header, body, wants_answer=wants_answer)
+        self._number(request)
+        if self.is_welcome:
+            self._send(request)
+        return request
+
+    def _send(self, request: Request) -> None:
+        request.was_sent, request.epoch = True, self.epoch
+        self.outgoing.append((request.header, request.body))
+
+    def adopt(self, request: Request) -> None:
+        """Ask central for what was asked directly, and not begun with."""
+        request.path = None
+        self._number(request)
+        if self.is_welcome:
+            self._send(request)
+
+    def _number(self, request: Request) -> None:
+        self._newest += 1
+        request.header = msgspec.structs.replace(request.header, number=self._newest)
+        self._requests[self._newest] = request
+
+    def post(self, header: ToCentral, body: bytes = b"") -> bool:
+        """Say something that has no answer; False if it is lost because central is not there."""
+        check_fields(header)
+        if not self.is_welcome:
+            self.dropped += isinstance(header, Send | SetVariable)
+            return False
+        self.outgoing.append((header, body))
+        return True
+
+    def reply(self, header: Reply | Fail, body: bytes) -> None:
+        """A handler ended. Nothing is said of a delivery that central has forgotten."""
+        if not self.attending.end(header.delivery):
+            return
+        self._replies.append((header, body))
+        del self._replies[:-_REPLIES_KEPT]
+        if self.is_welcome:
+            self.outgoing.append((header, body))
+
+    def declared(self, messages: list[MessageFormat], handlers: list[HandlerFormat]) -> None:
+        """Central has accepted these; they are declared again when it has forgotten them."""
+        self._messages.update({message.name: message for message in messages})
+        self._handlers.update({handler.message: handler for handler in handlers})
+
+    def withdrawn(self) -> None:
+        """This module handles nothing any more."""
+        self._handlers.clear()
+        self.attachments.clear()
+
+    def abandon(self, request: Request) -> None:
+        """Nobody waits for that answer any more."""
+        number = request.header.number
+        if isinstance(request.header, headers.Release):
+            return  # it is to be heard, if nobody waits for that either
+        if request.path is not None:
+            request.path.abandon(request)
+        elif self._requests.pop(number, None) is not None and request.wants_answer:
+            self.post(headers.GiveUp(number))
+        elif self.is_recalled(request.header):
+            self.request(headers.Kill(0, ROOT, "its sender has given it up, and does not know it", request=number))
+
+    def give_up(self, request: Request) -> Request | None:
+        """The same of what took too long, and ask central why it did; None of what went without central."""
+        if request.path is not None:
+            request.path.abandon(request)
+            return None
+        number = request.header.number
+        self._requests.pop(number, None)
+        return self.request(headers.GiveUp(number), wants_answer=True)
+
+    def fate_of(self, request: Request) -> str:
+        """What becomes of a request that was given up, in words."""
+        if self.is_recalled(request.header):
+            return "is killed as soon as central answers, if it had heard of it"
+        return "may yet be done, if central had heard of it"
+
+    def is_recalled(self, header: Any) -> bool:
+        """Whether what is given up before central has said that it was taken is killed: a task, which nobody else could
+        find.
+        """
+        declared = self._messages.get(header.message) if isinstance(header, Send) and not header.when_killed else None
+        return declared is not None and declared.message_class.is_task
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is nothing left to tell central that it would take at once."""
+        return self.is_welcome and not self.renewal.is_answered_soon
+
+    # --- the connection --------------------------------------------------------------------------------------------
+
+    def tend(self, now: float, since: float) -> None:
+        """After a silence ask central for a word, every second. *since* is when somebody began to listen."""
+        if self.is_to_withdraw:
+            self.is_to_withdraw = False
+            self.withdrawn()
+            self.request(headers.Unregister(0, []))
+        if self.is_welcome:
+            self.renewal.tend(now)
+        is_due = not self.is_welcome or now - max(self.heard, since) >= QUIET
+        if is_due and now - self._asked >= REPEAT:
+            self._asked = now
+            self.outgoing.append((_ARE_YOU_THERE if self.is_welcome else self._hello, b""))
+
+    def break_off(self) -> None:
+        """The connection broke, or central no longer knows it: begin with Hello again."""
+        self.breaks += 1
+        self.is_welcome = False
+        self.dropped += sum(isinstance(h, Send | SetVariable) and not h.number for h, _ in self.outgoing)
+        for header, _ in self.outgoing:
+            if (request := self._requests.get(getattr(header, "number", 0))) is not None:
+                request.was_sent = request.repeated
+        self.outgoing.clear()
+        self._asked = float("-inf")
+
+    def receive(self, header: ToModule, body: bytes, now: float) -> None:
+        """Take in what central said."""
+        self.heard = now
+        self._ON[type(header)](self, header, body)
+
+    def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
+        self.routing.append(header)  # whoever is welcomed is told of all routes anew
+        is_back, is_new = bool(self.epoch), header.epoch != self.epoch
+        if self.is_welcome:
+            if not is_new:
+                return  # Hello was said twice
+            self.break_off()  # and the second one was heard by the next central
+        self.epoch, self.module, self.refused = header.epoch, header.module, None
+        if is_back and is_new:
+            self._forget()
+        if is_back and is_new:
+            self._renew()
+        self.is_welcome = True
+        if is_back and (self._messages or self._handlers) and (self.renewal.is_over or not is_new):
+            handlers = list(self._handlers.values()) if self.renewal.is_over else []
+            # Number 0: a new number would be higher than those repeated below, which central would take for answered.
+            self.outgoing.append((Register(0, list(self._messages.values()), handlers), b""))
+        for request in self._requests.values():
+            request.repeated = request.was_sent
+            self._send(request)
+        self.outgoing += self._replies
+
+    def _renew(self) -> None:
+        """Have a new central told what has to be told before all else, under the lowest numbers."""
+        waiting, self._requests = self._requests, {}
+        self.renewal.begin(self.epoch, self._messages)
+        if not self._requests:
+            self._requests = waiting
+            return
+        for request in waiting.values():
+            self._number(request)
+
+    def _declare_handlers(self) -> None:
+        """A new central has been told."""
+        if self._handlers:
+            self.outgoing.append((Register(0, [], list(self._handlers.values())), b""))
+
+    def _forget(self) -> None:
+        """Central was restarted and has lost its tree."""
+        for number, request in list(self._requests.items()):
+            if request.settled is not None:
+                del self._requests[number]  # what was renewed is told anew
+                continue
+            named = foreign(given_in(request.header), self.epoch)
+            if named is not None or refers_to_tasks(request.header):
+                request.gone = named.what if named is not None else ""
+                self._lose(request, RESTARTED)
+            elif request.was_sent and not is_for_any_central(request.header):
+                self._lose(request, "central was restarted meanwhile and has forgotten it")
+        for lock in self._locks.values():
+            lock.taken = "central was restarted and has forgotten it"
+        self._locks.clear()
+        self._replies.clear()
+        self.attending.forget()
+        self.deliveries.clear()
+
+    def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
+        request = self._requests.get(header.number)
+        was_not_sent = request is not None and isinstance(request.header, Send) and not header.id
+        if request is not None and (was_not_sent or not request.wants_answer):
+            asked = request.header
+            what = f"task {header.id} '{asked.message}'" if isinstance(asked, Send) else f"number {header.id}"
+            request.accepted = number = Given(header.id, self.epoch, what)
+            if request.settled is None and is_lasting(asked):
+                self.attachments.add(asked, self._messages, number)
+            self._end(request)
+
+    def _on_refused(self, header: headers.Refused, _: bytes) -> None:
+        request = self._requests.get(header.number)
+        if request is None:
+            if not self.is_welcome and (header.number == HELLO_NUMBER or not self.epoch):
+                self._not_welcome(header)
+            elif header.refusal is not Refusal.TOO_LATE:
+                self.complaints.append(f"central refused: {header.text}")
+            elif not header.number:  # else it was given up meanwhile
+                self.complaints.append(header.text)
+        elif header.refusal is Refusal.TOO_LATE and request.repeated and request.wants_answer:
+            self._ask_again(request)
+        else:
+            request.refused = header
+            self._end(request)
+
+    def _not_welcome(self, header: headers.Refused) -> None:
+        """Central refused Hello; with number 0 if it could not even read it, because it is of another version."""
+        if not header.number:
+            text = f"central speaks another protocol than this module's {PROTOCOL_VERSION}: use one version of TCA for \
+both (it says: {header.text})"
+            header = msgspec.structs.replace(header, text=text)
+        if self.epoch and self.refused is None:
+            self.complaints.append(f"central was restarted, and refuses this module: {header.text}")
+        self.refused = header
+
+    def _ask_again(self, request: Request) -> None:
+        """Central dropped what was asked when the connection broke."""
+        if may_be_asked_again(request.header):
+            del self._requests[request.header.number]
+            self._number(request)
+            self._send(request)
+        else:  # A query may have been answered, a variable exchanged already; to ask again is the caller's decision.
+            self._lose(request, "the connection to central broke before the answer came")
+
+    def _lose(self, request: Request, why: str) -> None:
+        request.lost = why
+        self._end(request)
+
+    def _on_answer(self, header: headers.Answer, body: bytes) -> None:
+        request = self._requests.get(header.number)
+        if request is not None:
+            request.answers.append((header, body))
+            if not header.more:
+                if isinstance(request.header, headers.Lock) and header.outcome is Outcome.DONE:
+                    self._locks[header.number] = request
+                self._end(request)
+            elif request.notify is not None:
+                self.news.append(request.notify)
+
+    def _end(self, request: Request) -> None:
+        del self._requests[request.header.number]
+        self.end(request)
+
+    def end(self, request: Request) -> None:
+        """A request is over; whoever wants to know is called soon."""
+        request.is_over = True
+        if request.settled is not None:
+            request.settled(request)
+        if request.notify is not None:
+            self.news.append(request.notify)
+
+    def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
+        if header.delivery in self.attending or any(reply.delivery == header.delivery for reply, _ in self._said()):
+            return  # central repeats after a reconnect what it does not know to have arrived
+        self._replies.clear()  # a slot gets its next message only after the reply to the one before
+        self.attending.came(header.delivery, is_suspended=header.suspended)
+        self.deliveries.append((header, body))
+
+    def _said(self) -> list[tuple[Reply | Fail, bytes]]:
+        """The replies that central may not have got yet."""
+        return [(reply, body) for reply, body in self._replies if isinstance(reply, Reply | Fail)]
+
+    def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
+        self.attending.kill(header.delivery, header.why)
+
+    def _on_taken(self, header: headers.Taken, _: bytes) -> None:
+        if (lock := self._locks.pop(header.number, None)) is not None:
+            lock.taken = header.text
+
+    def _on_routing(self, header: Route | EntranceGone, _: bytes) -> None:
+        self.routing.append(header)
+
+    def _on_suspended(self, header: headers.Suspended, _: bytes) -> None:
+        self.attending.suspend(header.delivery, is_suspended=header.is_suspended)
+
+    def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
+        """It says nothing of replies: it may have been sent before central got them."""
+
+    def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
+        if (request := self._requests.get(header.number)) is not None:
+            request.was_sent = request.repeated  # who says so has not done it; and what left once, no other has got
+        if self.is_welcome:
+            self.break_off()
+
+    def _on_closing(self, header: headers.Closing, _: bytes) -> None:
+        if not self._hello.connection:  # one of the module's connections says it for all
+            self.complaints.append(f"central ends: {header.text}" if header.text else "central ends")
+        self.break_off()
+
+    _ON: ClassVar[dict[type, Callable[["Session", Any, bytes], None]]] = {
+        headers.Welcome: _on_welcome,
+        headers.Accepted: _on_accepted,
+        headers.Refused: _on_refused,
+        headers.Answer: _on_answer,
+        headers.Deliver: _on_deliver,
+        headers.Cancelled: _on_cancelled,
+        headers.Suspended: _on_suspended,
+        headers.Taken: _on_taken,
+        headers.Beat: _on_beat,
+        headers.Unknown: _on_unknown,
+        headers.Closing: _on_closing,
+        Route: _on_routing,
+        EntranceGone: _on_routing,
+    }
+    """One row per message from central."""

@@ -1,0 +1,235 @@
+"""How packets travel between one connection and central, and how to wait for them together with other things.
+
+With direct_sockets.py and pulse.py the only file of this package that knows ZeroMQ.
+"""
+
+import contextlib
+import functools
+import os
+import select
+import selectors
+import socket as sockets
+import threading
+from collections.abc import Collection
+from typing import Protocol
+
+import zmq
+
+from tca_module.errors import MisuseError
+from tca_module.link.pulse import KEEPALIVE, Pulse, pulse_to
+
+_OPTIONS = (
+    # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).
+    (zmq.IMMEDIATE, 1),  # refuse to queue for a central that is not there, instead of losing it
+    (zmq.SNDHWM, 1000),
+    (zmq.LINGER, 1000),
+    (zmq.RECONNECT_IVL, 100),
+    (zmq.RECONNECT_IVL_MAX, 5000),
+    # No HEARTBEAT_IVL, central's beats tell enough: one that is due while a socket lingers whose far end has closed
+    # ends the process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP notices a dead line by itself.
+    *KEEPALIVE,
+)
+
+
+class Transport(Protocol):
+    """Carries packets to one central and back; may lose them when the connection breaks, but keeps their order."""
+
+    @property
+    def address(self) -> str:
+        """Central's address, for people."""
+
+    def send(self, packet: bytes, wait_seconds: float) -> bool:
+        """Send, waiting so long for central to be there and take it; whether it left."""
+
+    def receive(self, timeout_seconds: float) -> bytes | None:
+        """The next packet; None if there is none in time."""
+
+    def has_arrived(self) -> bool:
+        """Whether there is a packet to receive, or ``wake`` was called since this was asked last."""
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
+
+    def waker(self) -> "Waker":
+        """Ends waits from other threads; from now on ``wake`` takes effect at once."""
+
+    def wake(self) -> None:
+        """Let ``receive`` return soon; may be called from any thread."""
+
+    def close(self) -> None:
+        """Close; what was sent still leaves, for a second."""
+
+
+class Beside(Protocol):
+    """Something that is waited for together with packets from central."""
+
+    def fileno(self) -> int:
+        """Of the file that becomes readable when there may be something: ask ``has_arrived`` before each wait."""
+
+    def has_arrived(self) -> bool:
+        """Whether there is something to do about it."""
+
+
+class Waker:
+    """Ends the waits of one thread, from others."""
+
+    def __init__(self) -> None:
+        self._near, self._far = sockets.socketpair()
+        self._near.setblocking(False)
+        self._far.setblocking(False)
+        self._lock = threading.Lock()
+        self._is_set = False
+
+    def fileno(self) -> int:
+        """Of the file that is readable when it is set."""
+        return self._near.fileno()
+
+    def set(self) -> None:
+        """End the wait, or the next one."""
+        with self._lock, contextlib.suppress(OSError):  # closed: nobody waits any more
+            if not self._is_set:
+                self._is_set = True
+                self._far.send(b".")
+
+    def clear(self) -> bool:
+        """Let waits last again; whether it was set."""
+        if not self._is_set:
+            return False
+        with self._lock:
+            self._is_set = False
+            self._near.recv(1)
+        return True
+
+    def close(self) -> None:
+        """End for good."""
+        with self._lock:
+            self._near.close()
+            self._far.close()
+
+
+def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
+    """Wait so long, but no longer than until *transport* or one of the *files* (their numbers) has something to read.
+
+    Returns which of the files have; False: that one is no open file.
+    """
+    poll = select.poll()
+    for file in (transport.fileno(), transport.waker().fileno(), *files):
+        poll.register(file, select.POLLIN)
+    ready = poll.poll(0 if transport.has_arrived() else 1000 * max(0.0, seconds))
+    return {file: not event & select.POLLNVAL for file, event in ready if file in files}
+
+
+# As plain integers: combining pyzmq's enum members costs a microsecond each time.
+EVENTS, POLLIN, DONTWAIT = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.DONTWAIT)
+SNDMORE = int(zmq.SNDMORE | zmq.DONTWAIT)
+
+
+def context() -> "zmq.Context[zmq.Socket[bytes]]":
+    """The one ZeroMQ context of this process; after a fork the child has one of its own, for threads are not forked."""
+    return _context_of(os.getpid())
+
+
+@functools.cache
+def _context_of(_process: int) -> "zmq.Context[zmq.Socket[bytes]]":
+    return zmq.Context()
+
+
+class DealerTransport:
+    """A DEALER socket."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._socket = context().socket(zmq.DEALER)
+        self._receive_timeout = -1
+        self._waker: Waker | None = None
+        self._all: selectors.DefaultSelector | None = None  #: of all files that are waited for; a file itself
+        self._beside: dict[Beside, int] = {}  #: what is waited for beside central, and its file
+        for option, value in _OPTIONS:
+            self._socket.setsockopt(option, value)
+        try:
+            self._socket.connect(address)
+        except zmq.ZMQError as error:
+            self._socket.close(linger=0)
+            msg = f"{address!r} is no address of central ({error}): 'ipc:///path/of/socket' or 'tcp://host:port' is"
+            raise MisuseError(msg) from None
+        self._pulse: Pulse | None = pulse_to(address)  #: None when closed
+        self.pulse = self._pulse.name
+
+    def send(self, packet: bytes, wait_seconds: float) -> bool:
+        """Send, waiting so long for central to be there and take it; whether it left."""
+        try:
+            self._socket.send(packet, DONTWAIT)
+        except zmq.Again:
+            if wait_seconds <= 0 or not self._socket.poll(int(wait_seconds * 1000), zmq.POLLOUT):
+                return False
+            return self.send(packet, 0)
+        return True
+
+    def receive(self, timeout_seconds: float) -> bytes | None:
+        """The next packet; None if there is none in time."""
+        socket = self._socket
+        if timeout_seconds <= 0:
+            # Asking is cheaper than the exception that an empty socket raises.
+            return socket.recv(DONTWAIT) if int(socket.getsockopt(EVENTS)) & POLLIN else None
+        if self._waker is not None:
+            wait(self, timeout_seconds)
+            return self.receive(0)
+        if self._beside:
+            if not self.has_arrived():
+                self._together().select(timeout_seconds)
+            return self.receive(0)
+        milliseconds = int(timeout_seconds * 1000) + 1  # rounded up: 0 would be a busy wait
+        if milliseconds != self._receive_timeout:
+            self._receive_timeout = milliseconds
+            socket.setsockopt(zmq.RCVTIMEO, milliseconds)
+        try:
+            return socket.recv()
+        except zmq.Again:
+            return None
+
+    def add(self, beside: Beside) -> None:
+        """From now on ``receive`` waits for this, too."""
+        self._beside[beside] = beside.fileno()
+        self._together().register(self._beside[beside], selectors.EVENT_READ)
+
+    def remove(self, beside: Beside) -> None:
+        """Wait for it no longer."""
+        self._together().unregister(self._beside.pop(beside))
+
+    def _together(self) -> selectors.DefaultSelector:
+        if self._all is None:
+            self._all = selectors.DefaultSelector()
+            self._all.register(int(self._socket.getsockopt(zmq.FD)), selectors.EVENT_READ)
+        return self._all
+
+    def has_arrived(self) -> bool:
+        """Whether there is something to receive, here or beside, or ``wake`` was called since this was asked last."""
+        is_woken = self._waker is not None and self._waker.clear()
+        arrived = [beside.has_arrived() for beside in self._beside]  # all must be asked
+        return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
+
+    def fileno(self) -> int:
+        """Of a file that becomes readable when a packet arrives: ask ``has_arrived`` before each wait for it."""
+        return self._together().fileno()
+
+    def waker(self) -> Waker:
+        """Ends waits from other threads; from now on ``wake`` takes effect at once."""
+        if self._waker is None:
+            self._waker = Waker()
+        return self._waker
+
+    def wake(self) -> None:
+        """Let ``receive`` return soon; until somebody asked for the waker, that is when its short waits end."""
+        if self._waker is not None:
+            self._waker.set()
+
+    def close(self) -> None:
+        """Close; what was sent still leaves, for a second."""
+        if self._all is not None:
+            self._all.close()
+        self._socket.close()
+        if self._waker is not None:
+            self._waker.close()
+        if self._pulse is not None:
+            self._pulse.release()
+            self._pulse = None

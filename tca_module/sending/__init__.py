@@ -1,0 +1,1 @@
+"""What a handler or script does: send, order, wait, steer other tasks."""

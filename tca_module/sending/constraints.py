@@ -1,0 +1,98 @@
+"""Points of tasks as users write them: ``first.achieving.end <= second.planning.start`` makes a constraint.
+
+``this`` is the task that a call is about to make::
+
+    task.goal(REST, constraints=[leg.handling.end <= this.planning.start])
+"""
+
+from typing import NoReturn
+
+from tca_module.errors import MisuseError
+from tca_module.sending.arguments import check_point, check_seconds
+from tca_wire.constraints import Constraint
+from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
+
+_STRICT = "points are compared with <= and >=: write first.achieving.end <= second.achieving.start"
+
+
+class Order(Constraint, frozen=True):
+    """A constraint that was written with ``<=``."""
+
+    def __bool__(self) -> bool:
+        # Python reads a <= b <= c as (a <= b) and (b <= c), and would silently keep the second one only.
+        msg = f"constraint {self} is neither true nor false: write a <= b <= c as two constraints"
+        raise MisuseError(msg)
+
+
+class LaterPoint:
+    """So many seconds after a moment of a task."""
+
+    def __init__(self, point: Point, seconds: float) -> None:
+        self.point, self.seconds = point, seconds
+
+    def __repr__(self) -> str:
+        return f"{self.point} + {self.seconds:g} s"
+
+    def __le__(self, other: Point) -> Order:
+        return Order(self.point, _checked(other), self.seconds)
+
+
+class TaskPoint(Point, frozen=True):
+    """A moment of a task that can be compared with another to make a constraint; ``point + 2.5`` is 2.5 s later."""
+
+    def __add__(self, seconds: float) -> LaterPoint:
+        check_seconds(f"{self} + seconds", seconds=seconds)
+        return LaterPoint(self, seconds)
+
+    def __le__(self, other: Point) -> Order:
+        return Order(self, _checked(other))
+
+    def __lt__(self, other: object) -> NoReturn:
+        raise MisuseError(_STRICT)
+
+    __gt__ = __lt__
+
+    def __ge__(self, other: Point | LaterPoint) -> Order:
+        return other <= self if isinstance(other, LaterPoint) else Order(_checked(other), self)
+
+
+def _checked(point: Point) -> Point:
+    if isinstance(point, LaterPoint):
+        msg = f"nothing can be before {point}: write a + seconds <= b, the seconds with the point that comes first"
+        raise MisuseError(msg)
+    check_point(point)
+    return point
+
+
+class Span:
+    """One interval of a task; ``start`` and ``end`` are its points."""
+
+    def __init__(self, task_id: TaskId, interval: Interval) -> None:
+        self.start = TaskPoint(task_id, moment_of(interval, Edge.START))
+        self.end = TaskPoint(task_id, moment_of(interval, Edge.END))
+
+
+class Intervals:
+    """Something with the three intervals of a task."""
+
+    def __init__(self, task_id: TaskId) -> None:
+        self._task_id = task_id
+
+    @property
+    def handling(self) -> Span:
+        """While its handler runs."""
+        return Span(self._task_id, Interval.HANDLING)
+
+    @property
+    def planning(self) -> Span:
+        """While it and everything under it is being expanded into subtasks."""
+        return Span(self._task_id, Interval.PLANNING)
+
+    @property
+    def achieving(self) -> Span:
+        """While it and everything under it is being done."""
+        return Span(self._task_id, Interval.ACHIEVING)
+
+
+this = Intervals(THIS)
+"""The task that the call will make; only for its ``constraints=``."""

@@ -1,0 +1,114 @@
+"""What a handler is told beyond its data, where central sent the message itself."""
+
+from typing import Any, Generic, TypeVar
+
+from tca_module.errors import MisuseError
+from tca_module.link.connection import Connection
+from tca_module.link.numbers import given
+from tca_module.sending.arguments import name_of
+from tca_module.sending.task_handle import TaskHandle
+from tca_module.serving.failing import Reissued
+from tca_wire.messages.declarations import NOTHING, D, Message
+from tca_wire.packets import parts
+from tca_wire.packets.headers import Deliver, EndMonitor, Fire
+from tca_wire.points import TaskId
+from tca_wire.vocabulary import Condition
+
+A = TypeVar("A")
+
+
+class Trouble:
+    """The failure that an exception handler is called for."""
+
+    def __init__(
+        self, failure: str, text: str, failing: TaskHandle, attached: TaskHandle | None, attempts: int, calls: int
+    ) -> None:
+        self.failure = failure  #: its name
+        self.text = text
+        self.failing = failing  #: the task on which it was raised
+        self.attached = attached  #: the task that the exception handler is attached to; None: the root
+        self.attempts = attempts  #: how often the failing task has been handled
+        self.invocations = calls  #: how often this exception handler was called for the task it is attached to
+
+    def __repr__(self) -> str:
+        return f"failure '{self.failure}' of {self.failing}"
+
+    def reissue(self) -> Exception:
+        """What to raise if the failure can't be dealt with here: ``raise task.trouble.reissue()``. The search for an
+        exception handler goes on above this one (TCA: ByPassException).
+        """
+        return Reissued(f"{self} is reissued")
+
+
+class Heard:
+    """What a listener was sent for."""
+
+    def __init__(self, condition: Condition, message: str, tapped: TaskHandle | None) -> None:
+        self.condition = condition
+        self.message = message  #: the name of the tapped message
+        self.tapped = tapped  #: the tapped task; None if the message is none
+
+
+class MonitorHandle(TaskHandle, Generic[D]):
+    """A monitor; *action* is the name of what it sends, "" if it sends nothing."""
+
+    def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str) -> None:
+        super().__init__(connection, message, task_id, origin)
+        self.action = action
+
+    def fire(self, action: Message[A, Any] | None = None, data: A = NOTHING) -> bool:
+        """What a demon monitor watches for has happened: its *action* is sent, with these data. One that is declared
+        without an action is fired without.
+
+        Whether it counted: a monitor that has ended, or does not watch yet, is not fired (TCM: a warning, no effect);
+        who fires need not know. Raises MisuseError for another message than the monitor's action.
+        """
+        self._check_action(action)
+        body = b""
+        if action is not None:
+            body = action.encode_data(data)
+            self._connection.declare(action)
+        name = action.name if action is not None else ""
+        return self._steer(Fire(0, self.id, name), f"firing {self}", body)
+
+    def end(self) -> bool:
+        """Watch no longer, or not at all if it has not begun; what the monitor has sent comes to its own end. False if
+        it had ended already.
+        """
+        return self._steer(EndMonitor(0, self.id), f"ending {self}")
+
+    def _check_action(self, action: Any) -> None:
+        if action is None and not self.action:
+            return
+        if not isinstance(action, Message) or action.name != self.action:
+            wanted = (
+                f"its action is '{self.action}'" if self.action else "it has no action, fire() it without a message"
+            )
+            given = name_of(action) if isinstance(action, Message) else repr(action)
+            msg = f"{self} can't be fired with {given:.60}: {wanted}"
+            raise MisuseError(msg)
+
+
+def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | Heard | MonitorHandle[Any] | None":
+    """What a delivery is about: tasks of the central that has delivered it."""
+
+    def known(involved: parts.Involved) -> TaskId:
+        return given(involved.task, connection.session.epoch, f"task {involved.task} '{involved.message}'")
+
+    def handle(involved: parts.Involved) -> TaskHandle | None:
+        if not involved.task:
+            return None
+        return TaskHandle(connection, involved.message, known(involved), origin)
+
+    context = delivery.context
+    if isinstance(context, parts.Trouble):
+        failing = handle(context.failing)
+        assert failing is not None
+        attached = handle(context.attached)
+        return Trouble(context.failure, context.text, failing, attached, context.attempts, context.invocations)
+    if isinstance(context, parts.Tapped):
+        return Heard(context.condition, context.tapped.message, handle(context.tapped))
+    if isinstance(context, parts.Watching):
+        monitor = context.monitor
+        return MonitorHandle(connection, monitor.message, known(monitor), origin, context.action)
+    return None

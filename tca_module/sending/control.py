@@ -1,0 +1,177 @@
+"""Watching over what others do: exception handlers, wiretaps and monitors, from any sender."""
+
+from typing import Any, TypedDict, Unpack
+
+from tca_module.errors import MisuseError
+from tca_module.sending.arguments import (
+    check_attachable,
+    check_class,
+    check_condition,
+    check_known,
+    check_message,
+    check_monitor_options,
+    check_number,
+    listed,
+    name_of,
+)
+from tca_module.sending.context import MonitorHandle
+from tca_module.sending.knowledge import Knowledge
+from tca_module.sending.ordering import Ordering
+from tca_module.sending.task_handle import Attached, TaskHandle, attachment
+from tca_wire.constraints import Constraint, Flags
+from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor
+from tca_wire.messages.declarations import NOTHING, D, Failure, Message
+from tca_wire.packets.headers import Attach, Send, Tap
+from tca_wire.packets.parts import WatchOptions
+from tca_wire.points import ROOT, Point, TaskId
+from tca_wire.vocabulary import Condition
+
+
+class Watched(TypedDict, total=False):
+    """How a monitor watches (TCA 8.5: CreateMonitorOptions). Times in seconds, above 0; None is as if not given."""
+
+    period: float
+    """Of a polling monitor: from one test of its condition to the next."""
+    maximum: int | None
+    """It ends after so many actions."""
+    fire_every: int
+    """Only every so many times that the condition holds, or it is fired, an action is sent."""
+    initial_wait: bool
+    """A polling monitor tests first after one period, not at once."""
+    duration: float | None
+    """It ends after so many seconds."""
+    until: Point | None
+    """It ends when this point is reached."""
+    for_ever: bool
+    """It does not end with what it watches over: the other tasks under its parent."""
+
+
+class MonitorOptions(Watched, total=False):
+    """How a monitor watches, and when."""
+
+    sequential: bool
+    """Of a point monitor: it tests after the sibling before it has been achieved; True unless said otherwise."""
+    constraints: list[Constraint]
+
+
+class Control(Knowledge):
+    """The part of a sender that watches over tasks."""
+
+    _parent: TaskId
+    _ordering: Ordering
+
+    def task(self, task_id: int) -> TaskHandle | None:
+        """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
+        check_number("task()", task_id)
+        info = TaskHandle(self._connection(), "", TaskId(task_id)).info()
+        return TaskHandle(self._connection(), info.message, info.id, self._origin) if info is not None else None
+
+    def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskHandle]:
+        """The living tasks (of one *message*, or its name), parents first, at most 10 000 (TCA 8.5: ChildByName)."""
+        return TaskHandle(self._connection(), "root", ROOT, self._origin).descendants(message)
+
+    def on_failure(
+        self,
+        failure: Failure[Any] | None,
+        handler: ExceptionHandler[Any],
+        *,
+        of: Message[Any, Any] | TaskHandle | None = None,
+        maximum: int | None = None,
+    ) -> Attached:
+        """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
+        it, or (of=None) of all tasks.
+
+        It is called at most *maximum* times (None: any number) for each task that it is attached to. The search goes
+        from the failing task up: on each, the task's own exception handlers come first, newest first, then those of its
+        message, newest first (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). It gets the failure's data,
+        or none if it is declared without. Raises MisuseError if it can't take them: it may want the same type, a union
+        with it, or a dataclass with fewer fields. For any failure (None) it must be declared without data, or take
+        None, too: what central raises ("timeout", "module lost", ...) has no data.
+        Where a failure has others than it wants, it fails with "bad data" when it is called. The same *failure* and
+        *handler*, attached to the same place once more by this module, take the place of the first, as the newest; to
+        remove the first then does nothing.
+        """
+        if isinstance(of, TaskHandle):
+            return of.on_failure(failure, handler, maximum=maximum)
+        wanted = attachment(failure, handler, maximum)
+        if of is not None:
+            check_attachable(of)
+        connection = self._declare(handler, *([of] if of is not None else []))
+        where = f"all '{of.name}'" if of is not None else "the root"
+        header = Attach(0, wanted, ROOT, of.name if of is not None else "")
+        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
+
+    def tap(
+        self,
+        condition: Condition,
+        tapped: Message[Any, Any] | TaskHandle,
+        listener: Message[Any, Any],
+        **options: Unpack[Watched],
+    ) -> Attached:
+        """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
+
+        *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
+        *while* and *after* hold nothing (TCA 8.5: TapMessage, TapReference). A monitor that listens watches as
+        *options* say, as with ``monitor()``. Raises Refused if it would never end: only one that listens *while*
+        something is done to a task ends by itself, when that is over. A listener that nobody handles at that moment is
+        passed over, and holds nothing. Raises Refused, too, for a command or monitor that is to hold a goal's planning
+        (BEFORE_PLANNING, WHEN_PLANNED): only goals plan. What several modules tap alike is fired once, until each of
+        them has removed it. What one module taps alike twice (the same condition and *listener*) is one wiretap, and
+        ``remove()`` of either ends both; with other *options* the newer one takes the place of the older. Raises
+        Refused ("too late") where that is past of a task: what is done already is watched
+        with ``under(task).monitor()``.
+        """
+        check_condition(condition)
+        check_message(listener)
+        watch = None
+        if isinstance(listener, Monitor):
+            check_known(name_of(listener), options, Watched.__annotations__)
+            check_monitor_options(listener, options)
+            watch = _watch_options(options)
+        elif options:
+            msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
+            raise MisuseError(msg)
+        if isinstance(tapped, TaskHandle):
+            connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
+        else:
+            connection = self._declare(listener, tapped)
+            name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
+        header = Tap(0, condition, listener.name, name, task_id, watch)
+        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
+
+    def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
+        """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
+        ends when all else under its parent has ended.
+        """
+        check_class(monitor, Monitor, call="monitor()")
+        check_known(name_of(monitor), options, MonitorOptions.__annotations__)
+        check_monitor_options(monitor, options)
+        watch, body = _watch_options(options), monitor.encode_data(data)
+        connection = self._declare(monitor)
+        is_task, sequential = isinstance(monitor, PointMonitor), options.get("sequential", True)
+        flags, constraints = Flags.NONE, list[Constraint]()
+        if is_task:
+            epoch = connection.session.epoch
+            flags, constraints = self._ordering.place(epoch, is_goal=False, sequential=sequential)
+        header = Send(
+            0,
+            monitor.name,
+            self._parent,
+            self._origin,
+            flags,
+            [*constraints, *listed(options.get("constraints", []))],
+            watch=watch,
+        )
+        task_id = TaskId(connection.call(header, f"monitor '{monitor.name}'", body))
+        if is_task:
+            self._ordering.add(task_id, sequential=sequential)
+        action = monitor.parts[1]
+        return MonitorHandle(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
+
+
+def _watch_options(options: Watched | MonitorOptions) -> WatchOptions:
+    return WatchOptions(
+        options.get("period", 0), options.get("maximum") or 0, options.get("fire_every", 1),
+        options.get("initial_wait", False), options.get("duration") or 0, options.get("until"),
+        options.get("for_ever", False),
+    )  # fmt: skip

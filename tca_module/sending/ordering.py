@@ -1,0 +1,132 @@
+"""The order of a sender's children: which constraints the next one needs, inside and outside of blocks.
+
+A block (``sequence``, ``parallel``) is one element of the block around it. Each element has *first* tasks, with which
+it begins, and *last* tasks, whose ends are its end. Knows task ids only; nothing of messages or connections.
+"""
+
+import sys
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tca_module.errors import MisuseError
+from tca_module.sending.arguments import is_whole
+from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
+from tca_wire.points import THIS, TaskId
+
+
+class _Block:
+    """What the next element of a block comes after."""
+
+    def __init__(self, around: "_Block | None") -> None:
+        self.after: list[TaskId] = around.after[:] if around else []  #: achieved before the next element is
+        self.planned_after: list[TaskId] = around.next_planned_after() if around else []
+        self.delays_planning: bool = around.delays_planning if around else False
+        self.first: list[TaskId] = []
+
+    def next_planned_after(self) -> list[TaskId]:
+        """The tasks that must be being achieved before the next element is planned."""
+        return self.planned_after
+
+
+class _Sequence(_Block):
+    """Each element after the one before."""
+
+    def __init__(self, around: "_Block | None", ahead: int | None = None) -> None:
+        super().__init__(around)
+        self._starts: deque[list[TaskId]] = deque(maxlen=ahead or 0)
+        self.delays_planning |= ahead == 0
+
+    def next_planned_after(self) -> list[TaskId]:
+        is_full = self._starts and len(self._starts) == self._starts.maxlen
+        return self.planned_after + (self._starts[0] if is_full else [])
+
+    def add(self, first: list[TaskId], last: list[TaskId], *, sequential: bool) -> None:
+        self.after = last if sequential else self.after + last
+        self.first = self.first or first
+        self._starts.append(first)
+
+    @property
+    def last(self) -> list[TaskId]:
+        return self.after
+
+
+class _Parallel(_Block):
+    """No order among the elements; each comes after what was before the block."""
+
+    def __init__(self, around: _Block) -> None:
+        super().__init__(around)
+        self.last: list[TaskId] = []
+
+    def add(self, first: list[TaskId], last: list[TaskId], *, sequential: bool) -> None:  # noqa: ARG002
+        self.first += first
+        self.last += last
+
+
+class Ordering:
+    """The order among the children that one sender makes."""
+
+    def __init__(self, *, is_shared: bool) -> None:
+        self._is_shared = is_shared  # others send there, too: central's "last sibling" may be theirs
+        self._epoch = ""
+        self.forget()
+
+    def forget(self) -> None:
+        """Central has forgotten all tasks."""
+        self._newest: TaskId | None = None
+        self._blocks: list[_Sequence | _Parallel] = [_Sequence(None)]
+
+    def place(self, epoch: str, *, is_goal: bool, sequential: bool) -> tuple[Flags, list[Constraint]]:
+        """What puts the next child in its place. A central of another *epoch* has forgotten those before."""
+        if self._epoch and self._epoch != epoch:
+            self.forget()
+        self._epoch = epoch
+        block = self._blocks[-1]
+        flags, constraints = Flags.NONE, []
+        if sequential:
+            if self._follows_last_sibling(block):
+                flags = Flags.SEQ_ACH
+            else:
+                constraints = [sequential_achievement(before, THIS) for before in block.after]
+        if is_goal:  # a command is not planned
+            constraints += [plan_ahead(behind, THIS) for behind in block.next_planned_after()]
+            flags |= Flags.DELAY_PLANNING if block.delays_planning else Flags.NONE
+        return flags, constraints
+
+    def _follows_last_sibling(self, block: _Block) -> bool:
+        """Whether the flag says it all: it is shorter, and central need not look for circles."""
+        if len(self._blocks) == 1:
+            return block.after in ([], [self._newest])
+        return not self._is_shared and block.after == [self._newest]
+
+    def add(self, child: TaskId, *, sequential: bool) -> None:
+        """A child was made."""
+        self._newest = child
+        # Outside of blocks the next one follows the last sibling alone, as TCA's flags say.
+        self._blocks[-1].add([child], [child], sequential=sequential or len(self._blocks) == 1)
+
+    @contextmanager
+    def sequence(self, ahead: int | None = None) -> Iterator[None]:
+        """A block of children, each after the one before."""
+        if ahead is not None and not (is_whole(ahead) and 0 <= ahead <= sys.maxsize):
+            msg = f"plan_ahead={ahead!r} is no number of siblings: 0, 1, 2, ... or None (no bound) are"
+            raise MisuseError(msg)
+        with self._inside(_Sequence(self._blocks[-1], ahead)):
+            yield
+
+    @contextmanager
+    def parallel(self) -> Iterator[None]:
+        """A block of children without order among them."""
+        with self._inside(_Parallel(self._blocks[-1])):
+            yield
+
+    @contextmanager
+    def _inside(self, block: _Sequence | _Parallel) -> Iterator[None]:
+        self._blocks.append(block)
+        try:
+            yield
+        finally:
+            if block in self._blocks:  # not if all was forgotten meanwhile
+                self._blocks.remove(block)
+                if block.first:
+                    self._blocks[-1].add(block.first, block.last, sequential=True)

@@ -1,0 +1,191 @@
+"""Replies that are fetched later, replies that are fetched one by one, and replies that call a function."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Generator, Iterator
+from typing import Any, Generic, Self
+
+from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
+from tca_module.link.connection import Connection
+from tca_module.link.request import Request
+from tca_module.sending.arguments import name_of
+from tca_module.serving.failing import ORDINARY
+from tca_wire.messages.declarations import Message, MultiQuery, Query, R
+from tca_wire.packets.headers import Answer
+from tca_wire.vocabulary import Outcome
+
+QUERY_TIMEOUT = 30.0
+"""Seconds that a query waits for its reply where nobody says otherwise."""
+
+
+def not_answered(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
+    """The error that says that a query's reply did not come in time, and where it was (*why*; "": nobody knows)."""
+    where = f": {why}" if why else ""
+    return Timeout(f"{name_of(message)} was not answered within {timeout:g} s{where}; to wait longer give timeout=")
+
+
+class PendingReply(Generic[R]):
+    """A query that was sent; its reply may be there already. In an async handler ``await`` gives the reply."""
+
+    def __init__(self, connection: Connection, request: Request, message: Query[Any, R]) -> None:
+        self.connection = connection
+        self.request = request
+        self._message = message
+        self._is_cancelled = False
+
+    def receive(self, timeout: float | None = QUERY_TIMEOUT) -> R:
+        """The reply; waits for it *timeout* seconds (None: for ever).
+
+        Raises QueryFailed if the handler failed, Timeout if the reply is not there in time. The query is then given up,
+        as it is when the handler that waits is to end (TaskKilled, Stopped).
+        """
+        return self.receive_within(timeout, timeout)
+
+    def receive_within(self, left: float | None, timeout: float | None) -> R:
+        """The same, where only so much is *left* of the timeout."""
+        what = self._checked_name()
+        try:
+            is_there = self.connection.wait(self.request, left, what)
+        except (TaskKilled, Stopped):
+            self._is_cancelled = True
+            raise
+        if not is_there:
+            self._is_cancelled = True
+            raise not_answered(self._message, timeout, self.connection.give_up(self.request))
+        return self._reply(*self.request.answers[-1])
+
+    def __await__(self) -> Generator[Any, None, R]:
+        try:
+            yield from self.connection.until_over(self.request, self._checked_name())
+        except asyncio.CancelledError:
+            self.cancel()
+            raise
+        return self._reply(*self.request.answers[-1])
+
+    def _checked_name(self) -> str:
+        what = name_of(self._message)
+        if self._is_cancelled:
+            msg = f"{what} was given up: send it again to get a reply"
+            raise MisuseError(msg)
+        return what
+
+    def _reply(self, answer: Answer, body: bytes) -> R:
+        if answer.outcome is not Outcome.DONE:
+            raise QueryFailed(name_of(self._message), answer.failure or str(answer.outcome), answer.text, body)
+        return self._message.decode_reply(body)
+
+    def cancel(self) -> None:
+        """Give the query up: a handler that has not begun with it never will."""
+        if not self._is_cancelled:
+            self._is_cancelled = True
+            self.connection.abandon(self.request)
+
+
+class PendingReplies(Iterator[R], Generic[R]):
+    """The replies to a multi-query, in the order in which they come; each is waited for when it is asked for.
+
+    Ends with as many as were wanted, when nobody is left who could reply, or when the time is over. If nobody has
+    replied by then, and somebody has failed, it ends with QueryFailed: the first failure; its text tells of all.
+    """
+
+    def __init__(
+        self, connection: Connection, request: Request, message: MultiQuery[Any, R], timeout: float | None
+    ) -> None:
+        self._connection = connection
+        self._request = request
+        self._message = message
+        self._deadline = None if timeout is None else connection.now() + timeout
+        self._is_cancelled = False
+        self._has_reply = False
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> R:
+        if not self._is_cancelled and self._has_answer():
+            answer, body = self._request.answers.popleft()
+            if answer.more:
+                self._has_reply = True
+                return self._message.decode_reply(body)
+            if answer.outcome is not Outcome.DONE:
+                self.cancel()
+                raise QueryFailed(name_of(self._message), answer.failure or str(answer.outcome), answer.text, body)
+        self.cancel()
+        raise StopIteration
+
+    def _has_answer(self) -> bool:
+        if not self._request.answers and not self._request.is_over:
+            patience = None if self._deadline is None else max(0.0, self._deadline - self._connection.now())
+            try:
+                came = self._connection.wait(
+                    self._request, patience, name_of(self._message), lambda: bool(self._request.answers)
+                )
+                if not came and not self._has_reply:  # what has come of it instead?
+                    self._connection.give_up(self._request)
+            except (TaskKilled, Stopped):
+                self._is_cancelled = True
+                raise
+        return bool(self._request.answers)
+
+    def cancel(self) -> None:
+        """Want no more of them: a handler that has not begun to answer never will."""
+        if not self._is_cancelled:
+            self._is_cancelled = True
+            self._connection.abandon(self._request)
+
+
+class Notification(Generic[R]):
+    """A query that was sent; its reply calls a function, once."""
+
+    def __init__(
+        self, pending: PendingReply[R], callback: Callable[[Any, R], object],
+        on_failure: Callable[[Any, Exception], object] | None,
+    ) -> None:  # fmt: skip
+        self.is_over = False  #: the function has been called, or never will be
+        self._connection = connection = pending.connection
+        self._pending = pending
+        self._callback = callback
+        self._on_failure = on_failure
+        self._log = logging.getLogger(f"tca.{connection.session.module}")
+        pending.request.notify = lambda: connection.callbacks.append(self._call)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the function has been called; False if it has not within *timeout* seconds.
+
+        Raises CentralLost if central is silent for too long, and if the handler that waits is to end TaskKilled or
+        Stopped; the query is given up then, as with ``receive``, and the function not called.
+        """
+        if timeout != 0:
+            self._connection.announce(self._pending.request)
+        try:
+            return self._connection.listen(lambda: self.is_over, timeout)
+        except (TaskKilled, Stopped):
+            self.cancel()
+            raise
+
+    def cancel(self) -> None:
+        """Don't call the function: a handler that has not begun with the query never will."""
+        if not self.is_over:
+            self.is_over = True
+            self._pending.cancel()
+
+    def _call(self) -> None:
+        if self.is_over:
+            return
+        try:
+            self._tell()
+        except ORDINARY:  # its author reads the log
+            self._log.exception("callback %s failed", getattr(self._callback, "__qualname__", self._callback))
+        finally:
+            self.is_over = True
+
+    def _tell(self) -> None:
+        sender = self._connection.outside
+        try:
+            reply = self._pending.receive(0)
+        except (TcaError, BadData) as error:
+            if self._on_failure is None:
+                raise
+            self._on_failure(sender, error)
+        else:
+            self._callback(sender, reply)

@@ -1,0 +1,360 @@
+"""What can be sent, the same calls for a handler's Task, a Module and a Client: one place where messages leave."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, Unpack, overload
+
+from tca_module.errors import MisuseError, Timeout
+from tca_module.link.connection import Connection
+from tca_module.link.request import Request, unsent
+from tca_module.sending.arguments import (
+    check_class,
+    check_constraints,
+    check_executable,
+    check_function,
+    check_priority,
+    check_timeout,
+    checked_maximum,
+    checked_pairs,
+    is_brief,
+    listed,
+    name_of,
+)
+from tca_module.sending.control import Control
+from tca_module.sending.options import TaskOptions, check_options, flags_of
+from tca_module.sending.ordering import Ordering
+from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
+from tca_module.sending.task_handle import TaskHandle, attachment
+from tca_module.sending.task_ref import TaskRef
+from tca_wire.constraints import Constraint, Flags, not_before
+from tca_wire.messages.declarations import (
+    NOTHING,
+    Broadcast,
+    Command,
+    D,
+    Goal,
+    Inform,
+    Message,
+    MultiQuery,
+    Query,
+    R,
+)
+from tca_wire.packets.headers import Constrain, Send
+from tca_wire.points import ROOT, THIS, TaskId
+from tca_wire.vocabulary import MessageClass
+
+
+class Sender(Control):
+    """Something that sends messages."""
+
+    def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
+        self._parent = parent
+        self._origin = origin
+        self._ordering = Ordering(is_shared=parent == ROOT)
+
+    # --- tasks -----------------------------------------------------------------------------------------------------
+
+    def goal(self, message: Goal[D], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[None]:
+        """Make a subtask that expands into subtasks of its own. Returns when central has taken it.
+
+        Raises BadData if *data* does not fit, FormatRefused if others declare the message differently, Refused if the
+        constraints can never be met.
+        """
+        check_class(message, Goal)
+        return self._task(message, data, options)
+
+    def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[R]:
+        """Make a subtask that acts. Returns when central has taken it; ``result()`` of what it returns waits for it.
+
+        Raises what ``goal`` does.
+        """
+        check_class(message, Command)
+        return self._task(message, data, options)
+
+    def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
+        task = self._task_if(message, data, options, handled=False)
+        assert task is not None
+        return task
+
+    def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> TaskRef[R] | None:
+        """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
+        check_options(message, options)
+        body = message.encode_data(data)
+        pairs = checked_pairs(options.get("on_failure", ()))
+        connection = self._declare(message, *(handler for _, handler in pairs))
+        sequential = options.get("sequential", True)
+        is_goal = message.message_class is MessageClass.GOAL
+        flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
+        flags |= flags_of(options)
+        constraints += listed(options.get("constraints", ()))
+        if delay := options.get("delay"):
+            constraints.append(not_before(THIS, delay))
+        header = Send(
+            0, message.name, self._parent, self._origin, flags, constraints, options.get("priority", 0),
+            attachments=[attachment(*pair) for pair in pairs], deadline=options.get("deadline") or 0,
+            if_handled=handled, keep=options.get("keep", False),
+        )  # fmt: skip
+        task_id = TaskId(connection.call(header, name_of(message), body))
+        if not task_id:
+            return None
+        self._ordering.add(task_id, sequential=sequential)
+        return TaskRef(connection, message, task_id, self._origin)
+
+    def under(self, task: TaskHandle) -> "Sender":
+        """Something to send with under *task*, which others may handle: monitors, goals and commands.
+
+        ::
+
+            walking = user.tasks(WALK)[0]
+            user.under(walking).monitor(CUP_GONE, cup, period=0.1)
+
+        A monitor without an end of its own ends with that task. A goal or command stands in the sequence of its
+        children, after the last that was sent; with ``sequential=False`` it waits for none, and the next one then waits
+        for it alone, as in TCA. A kill of the task kills them, too. Raises MisuseError for what is no task; to send
+        raises Refused ("too late") when the task has ended.
+        """
+        if not isinstance(task, TaskHandle):
+            msg = f"under() takes a task that was sent or found, and {task!r:.60} is none: tasks(WALK)[0] is one"
+            raise MisuseError(msg)
+        return _Under(self, self._origin, task)
+
+    def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
+        """A block of subtasks, each achieved after the one before.
+
+        With *plan_ahead*, at most so many of them are planned beyond the one that is being achieved; 0: each is planned
+        only when its turn to be achieved has come. Blocks nest.
+        """
+        return self._ordering.sequence(plan_ahead)
+
+    def parallel(self) -> AbstractContextManager[None]:
+        """A block of subtasks without order among them.
+
+        What was sent before is achieved before each of them, and what follows the block waits for all of them.
+        """
+        return self._ordering.parallel()
+
+    def constrain(self, *constraints: Constraint) -> None:
+        """Add constraints between tasks that exist: all, or with an error none.
+
+        Raises Refused if one comes too late or would close a circle.
+        """
+        check_constraints(constraints)
+        if constraints:
+            self._connection().call(Constrain(0, list(constraints)), f"constraint {', '.join(map(str, constraints))}")
+
+    # --- questions -------------------------------------------------------------------------------------------------
+
+    def query(
+        self, message: Query[D, R], data: D = NOTHING, *, timeout: float | None = QUERY_TIMEOUT, priority: int = 0
+    ) -> R:
+        """Ask, and wait for the reply; *timeout* in seconds, None waits for ever.
+
+        Raises QueryFailed if the handler fails, Timeout if no reply comes in time. A handler that is to end is woken
+        from this, as from all that it waits for, once: TaskKilled if its task was killed, Stopped if its module ends.
+        """
+        brief = is_brief(timeout)
+        check_class(message, Query)
+        try:
+            left = self._declare_within(timeout, message)
+        except Timeout:
+            assert timeout is not None
+            raise not_answered(message, timeout, self._connection().silence) from None
+        question = self._question(message, data, priority=priority, blocking=True, brief=brief)
+        return PendingReply(*question, message).receive_within(left, timeout)
+
+    def query_send(self, message: Query[D, R], data: D = NOTHING, *, priority: int = 0) -> PendingReply[R]:
+        """Ask, and fetch the reply later with ``receive()``, or with ``await`` in an async handler."""
+        return self._ask(message, data, priority)
+
+    def query_notify(
+        self,
+        message: Query[D, R],
+        data: D,
+        callback: "Callable[[Sender, R], object]",
+        on_failure: "Callable[[Sender, Exception], object] | None" = None,
+        *,
+        priority: int = 0,
+    ) -> Notification[R]:
+        """Ask, and have *callback* called with the reply, or *on_failure* with the error that ``query`` would raise.
+
+        Both get something to send with first: under the root, for the handler may have returned long since. They are
+        called in this thread, one after the other, while it waits for central (for a reply, a result, a goal to be
+        taken) or for its next message. Errors in them are logged, and so are failures without *on_failure*.
+        """
+        check_function("query_notify()", callback, "(sender, reply)")
+        if on_failure is not None:
+            check_function("query_notify()", on_failure, "(sender, error)")
+        pending = self._ask(message, data, priority)
+        return Notification(pending, callback, on_failure)
+
+    def _ask(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
+        check_class(message, Query)
+        return PendingReply(*self._question(message, data, priority=priority, is_awaited=False), message)
+
+    def _question(
+        self,
+        message: Message[Any, Any],
+        data: Any,
+        *,
+        priority: int = 0,
+        blocking: bool = False,
+        brief: bool = False,
+        maximum: int = 0,
+        if_handled: bool = False,
+        is_awaited: bool = True,
+    ) -> tuple[Connection, Request]:
+        check_priority(name_of(message), priority)
+        body = message.encode_data(data)
+        connection = self._declare(message)
+        header = Send(
+            0,
+            message.name,
+            origin=self._origin,
+            priority=priority,
+            blocking=blocking,
+            maximum=maximum,
+            flags=Flags.NONE,
+            if_handled=if_handled,
+            brief=brief,
+        )
+        return connection, connection.request(header, body, wants_answer=True, is_awaited=is_awaited)
+
+    def multi_query(
+        self,
+        message: MultiQuery[D, R],
+        data: D = NOTHING,
+        *,
+        maximum: int | None = None,
+        timeout: float | None = QUERY_TIMEOUT,
+    ) -> list[R]:
+        """Ask every module that handles the message; the replies in the order they came.
+
+        Ends with *maximum* replies (None: all), when nobody is left who could reply, or after *timeout* seconds with
+        what has come until then. Who fails or is late is left out where anybody replies. Where nobody has, and somebody
+        failed, raises QueryFailed with the first failure; its text names all who failed, with what, and who had not
+        answered. So an empty list says that nobody handles the message, or that all who do are late.
+        """
+        return list(self._ask_all(message, data, maximum, timeout, blocking=True))
+
+    def multi_query_send(
+        self,
+        message: MultiQuery[D, R],
+        data: D = NOTHING,
+        *,
+        maximum: int | None = None,
+        timeout: float | None = QUERY_TIMEOUT,
+    ) -> PendingReplies[R]:
+        """Ask every module that handles the message; iterate over what this returns to get the replies as they come.
+
+        They end as those of ``multi_query`` do; *timeout* counts from now.
+        """
+        return self._ask_all(message, data, maximum, timeout, blocking=False)
+
+    def _ask_all(
+        self, message: MultiQuery[D, R], data: D, maximum: int | None, timeout: float | None, *, blocking: bool
+    ) -> PendingReplies[R]:
+        check_class(message, MultiQuery)
+        check_timeout(timeout)
+        wanted = checked_maximum(name_of(message), maximum)
+        try:
+            left = self._declare_within(timeout, message)
+        except Timeout:
+            return PendingReplies(self._connection(), unsent(), message, 0)
+        connection, request = self._question(message, data, blocking=blocking, maximum=wanted)
+        return PendingReplies(connection, request, message, left)
+
+    # --- statements ------------------------------------------------------------------------------------------------
+
+    def inform(self, message: Inform[D], data: D = NOTHING) -> None:
+        """Tell the one module that handles the message: at most once, in order, without waiting."""
+        check_class(message, Inform)
+        self._tell(message, data)
+
+    def broadcast(self, message: Broadcast[D], data: D = NOTHING) -> None:
+        """Tell every module that handles the message: at most once, in order, without waiting."""
+        check_class(message, Broadcast)
+        self._tell(message, data)
+
+    def _tell(self, message: Message[D, None], data: D) -> None:
+        body = message.encode_data(data)
+        connection = self._declare(message)
+        connection.post(Send(0, message.name, origin=self._origin, flags=Flags.NONE), body)
+
+    # --- whatever the class ----------------------------------------------------------------------------------------
+
+    @overload
+    def execute(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None]: ...
+    @overload
+    def execute(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R]: ...
+    @overload
+    def execute(self, message: Query[D, R], data: D = NOTHING) -> R: ...
+    @overload
+    def execute(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R]: ...
+    @overload
+    def execute(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> None: ...
+    @overload
+    def execute(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
+    def execute(self, message: Any, data: Any = NOTHING) -> Any:
+        """Send a message as its class demands, with the usual options: what ``goal``, ``command``, ``query``,
+        ``multi_query``, ``inform`` or ``broadcast`` returns.
+
+        For code that is given messages without knowing their class (TCA 8.5: tcaExecute).
+        """
+        check_executable(message)
+        if isinstance(message, Goal | Command):
+            return self._task(message, data, {})
+        if isinstance(message, Query):
+            return self.query(message, data)
+        if isinstance(message, MultiQuery):
+            return self.multi_query(message, data)
+        return self._tell(message, data)
+
+    @overload
+    def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None] | None: ...
+    @overload
+    def execute_if_handled(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Query[D, R], data: D = NOTHING) -> R | None: ...
+    @overload
+    def execute_if_handled(self, message: MultiQuery[D, R], data: D = NOTHING) -> list[R] | None: ...
+    @overload
+    def execute_if_handled(self, message: Inform[D] | Broadcast[D], data: D = NOTHING) -> bool: ...
+    @overload
+    def execute_if_handled(self, message: Message[Any, Any], data: Any = NOTHING) -> Any: ...
+    def execute_if_handled(self, message: Any, data: Any = NOTHING) -> Any:
+        """Send a message only if somebody handles it now; central decides that and sends it in one step.
+
+        Returns what ``execute`` does, or None if nobody handles the message: nothing was sent then. Of an inform or
+        broadcast: whether it was sent (TCA 8.5: tcaMaybeExecute). The handler may still be lost afterwards.
+        """
+        check_executable(message)
+        if isinstance(message, Goal | Command):
+            return self._task_if(message, data, {}, handled=True)
+        if isinstance(message, Query | MultiQuery):
+            return self._ask_if_handled(message, data)
+        body = message.encode_data(data)
+        header = Send(0, message.name, origin=self._origin, flags=Flags.NONE, if_handled=True)
+        return bool(self._declare(message).call(header, name_of(message), body))
+
+    def _ask_if_handled(self, message: Query[D, R] | MultiQuery[D, R], data: D) -> R | list[R] | None:
+        connection, request = self._question(message, data, blocking=True, if_handled=True)
+        is_over = connection.wait(request, QUERY_TIMEOUT, name_of(message))
+        if request.accepted is not None:  # instead of answered: it was not sent
+            return None
+        if isinstance(message, MultiQuery):
+            return list(PendingReplies(connection, request, message, 0))
+        if not is_over:
+            raise not_answered(message, QUERY_TIMEOUT, connection.give_up(request))
+        return PendingReply(connection, request, message).receive()
+
+
+class _Under(Sender):
+    """What is sent under a task that others may handle."""
+
+    def __init__(self, sender: Sender, origin: int, task: TaskHandle) -> None:
+        super().__init__(task.id, origin)
+        self._ordering = Ordering(is_shared=True)
+        self._sender = sender
+
+    def _connection(self) -> Connection:
+        return self._sender._connection()  # noqa: SLF001

@@ -1,0 +1,156 @@
+"""What a handler sees of the message that it handles, and sends from."""
+
+from typing import Any, TypeVar
+
+from tca_module.errors import CentralLost, MisuseError
+from tca_module.link.connection import Connection
+from tca_module.link.numbers import check_given, given
+from tca_module.sending.constraints import Intervals, Span
+from tca_module.sending.context import Heard, MonitorHandle, Trouble, context_of
+from tca_module.sending.sender import Sender
+from tca_module.sending.task_handle import TaskHandle
+from tca_module.serving.later import Later
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.headers import Deliver
+from tca_wire.points import ROOT, Interval, TaskId
+
+C = TypeVar("C")
+
+
+class Task(Sender, Intervals):
+    """The message being handled. Goals and commands sent from it become its subtasks.
+
+    It is for the handler's thread, until the handler returns. Its own points (``task.achieving.start``) may be used in
+    constraints. A query, inform or broadcast is no task of the tree: *id* is 0, and what its handler sends hangs under
+    the root.
+    """
+
+    def __init__(self, connection: Connection, delivery: Deliver, message: Message[Any, Any]) -> None:
+        self._link: Connection | None = connection
+        self._message = message
+        self._delivery = delivery
+        epoch, what = connection.session.epoch, f"task {delivery.task} '{message.name}'" * bool(delivery.task)
+        task_id = given(delivery.task, epoch, what)
+        origin = max(0, delivery.delivery)  # central knows no direct delivery
+        Sender.__init__(self, task_id, given(origin, epoch, what or f"'{message.name}'"))
+        Intervals.__init__(self, task_id)
+        self.later: Later[Any] | None = None  #: who answers for the handler, if it said so
+
+    def __repr__(self) -> str:
+        return f"task {self.id} '{self.message}'" if self.id else f"'{self.message}'"
+
+    @property
+    def delivery(self) -> int:
+        """The number by which the handler's answer names the message; below 0 if it came directly."""
+        return self._delivery.delivery
+
+    @property
+    def id(self) -> TaskId:
+        """The task's number, as in the journal; 0 if the message is no task."""
+        return self._task_id
+
+    @property
+    def message(self) -> str:
+        """The name of the message."""
+        return self._message.name
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the task has been killed, or the module ends: its handler should clean up and return. Never waits.
+
+        Who does not look at it is woken from what he waits for, with TaskKilled or Stopped; who has seen it is not. A
+        handler that was told that its module ends has failed, with "module lost", whatever it returns.
+        """
+        try:
+            return self._connection().is_cancelled(self.delivery)
+        except CentralLost:
+            return True
+
+    @property
+    def suspended(self) -> bool:
+        """Whether the task is suspended: its handler may hold what it does, or finish it; one that is killed is to end
+        and no longer suspended; so is one that a restarted central has forgotten. Never waits.
+        """
+        try:
+            return self._connection().is_suspended(self.delivery)
+        except CentralLost:
+            return False
+
+    @property
+    def handle(self) -> TaskHandle:
+        """This task as others have it: to be killed, suspended, retried."""
+        if self._task_id == ROOT:
+            msg = f"'{self.message}' is no task of the tree"
+            raise MisuseError(msg)
+        return TaskHandle(self._connection(), self.message, self._task_id, self._origin)
+
+    @property
+    def trouble(self) -> Trouble:
+        """In an exception handler: the failure that it is called for."""
+        return self._context(Trouble, "exception handler")
+
+    @property
+    def heard(self) -> Heard:
+        """In a listener of a wiretap: what it listens to."""
+        return self._context(Heard, "listener of a wiretap")
+
+    @property
+    def monitor_handle(self) -> MonitorHandle[Any]:
+        """In what a monitor sent: that monitor."""
+        return self._context(MonitorHandle, "message of a monitor")
+
+    def _context(self, kind: type[C], what: str) -> C:
+        context = context_of(self._connection(), self._delivery, self._origin)
+        if not isinstance(context, kind):
+            msg = f"'{self.message}' was not sent as {what}"
+            raise MisuseError(msg)
+        return context
+
+    def reply_later(self) -> Later[Any]:
+        """Let somebody else answer: the handler returns what this gives, and is done; the message is not.
+
+        ::
+
+            @arm.handles(MOVE)
+            def move(task: Task, place: Place) -> Later[Footfall]:
+                later = task.reply_later()
+                driver.begin(place, later)  # its thread calls later.reply(footfall)
+                return later
+        """
+        connection = self._connection()
+        if self.later is None:
+            connection.transport.waker()  # an answer from another thread must not wait
+            self.later = Later(connection, self._message, self._delivery)
+        return self.later
+
+    @property
+    def handling(self) -> Span:
+        """While this handler runs."""
+        return self._span(Interval.HANDLING)
+
+    @property
+    def planning(self) -> Span:
+        """While this task and everything under it is being expanded into subtasks."""
+        return self._span(Interval.PLANNING)
+
+    @property
+    def achieving(self) -> Span:
+        """While this task and everything under it is being done."""
+        return self._span(Interval.ACHIEVING)
+
+    def returned(self) -> None:
+        """The handler has returned: nothing can be sent from here any more."""
+        self._link = None
+
+    def _connection(self) -> Connection:
+        if self._link is None:
+            msg = f"{self} is used after its handler returned: send before it returns, or from the module"
+            raise MisuseError(msg)
+        check_given([self._origin], self._link.session.epoch)
+        return self._link
+
+    def _span(self, interval: Interval) -> Span:
+        if self._task_id == ROOT:
+            msg = f"'{self.message}' is no task of the tree and has no points: only goals and commands have"
+            raise MisuseError(msg)
+        return Span(self._task_id, interval)

@@ -1,0 +1,1 @@
+"""How a module handles messages: threads, handlers, callbacks, coroutines."""

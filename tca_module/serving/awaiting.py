@@ -1,0 +1,156 @@
+"""What the coroutine of a handler can't go on without: told to central, so that circles through ``await`` are seen.
+
+Theory of operation. A handler *stands* when each of its asyncio tasks (its own, and those begun in it) is suspended
+either in an ``await`` of something of central's, or in one of asyncio's for others of these asyncio tasks alone. Then
+nothing but an answer of central's lets any of them go on, and central may treat the handler as one that waits for the
+first of these answers. Whatever else is awaited, a timer or a device, may bring it on by itself: central is told
+nothing then. It is told when the handler has stood so for a second; a shorter ``asyncio.timeout`` is a probe. When
+that ends an await, the request is given up, and central knows that the handler goes on.
+"""
+
+import asyncio
+import inspect
+from collections.abc import Collection, Coroutine, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary, WeakSet
+
+from tca_module.errors import CentralLost
+from tca_module.link.connection import Connection
+from tca_module.link.numbers import given
+from tca_module.link.request import Request
+from tca_module.sending.arguments import BRIEF
+from tca_module.serving.attending import Attendance, at_work, working
+from tca_wire.packets.headers import AwaitAny
+
+T = TypeVar("T")
+
+MOST_AWAITED = 1000
+"""Answers; a handler that awaits more at a time is not looked at."""
+
+_Standing = tuple[int, ...]
+
+
+class Awaiting:
+    """The asyncio tasks of the handlers of one event loop, and what these await."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection) -> None:
+        self._connection = connection
+        self._loop = loop
+        self._begun: dict[Attendance, WeakSet[asyncio.Task[Any]]] = {}  #: by handler: all begun in it
+        self._suspended: WeakKeyDictionary[asyncio.Task[Any], tuple[Request, asyncio.Future[None]]] = (
+            WeakKeyDictionary()
+        )  #: those in an await of central's
+        self._seen: dict[Attendance, tuple[_Standing, float]] = {}  #: the requests that each stands at, since when
+        self._told: dict[Attendance, int] = {}  #: those that central takes to stand -> breaks of the connection before
+        self._factory = self._make
+        loop.set_task_factory(self._factory)
+
+    def begin(self, handler: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+        """An asyncio task for a handler."""
+        self._begun[handler] = WeakSet()
+        with at_work(handler):
+            task = self._loop.create_task(coroutine)
+        task.add_done_callback(lambda _: self._end(handler))
+        return task
+
+    def _make(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
+        task = asyncio.Task(coroutine, loop=loop, **options)
+        handler = working(options.get("context"))
+        if handler is not None and (begun := self._begun.get(handler)) is not None:
+            begun.add(task)
+            self._goes_on(handler)
+        return task
+
+    def _end(self, handler: Attendance) -> None:
+        for known in (self._begun, self._seen, self._told):
+            known.pop(handler, None)
+
+    @contextmanager
+    def suspended(self, request: Request, future: "asyncio.Future[None]") -> Iterator[None]:
+        """While the asyncio task that calls awaits news of a request."""
+        task = asyncio.current_task()
+        assert task is not None
+        self._suspended[task] = request, future
+        if (handler := working()) is not None:
+            self._goes_on(handler)
+        try:
+            yield
+        finally:
+            self._suspended.pop(task, None)
+
+    def look(self, now: float) -> None:
+        """Tell central of handlers that have stood for a while. To be called from time to time."""
+        session = self._connection.session
+        for handler in list(self._begun):
+            standing = self._standing(handler)
+            before, since = self._seen.get(handler, ((), now))
+            if standing != before or not standing:
+                self._seen[handler] = standing, now
+                self._goes_on(handler)
+            elif now - since >= BRIEF and session.is_welcome and self._told.get(handler) != session.breaks:
+                self._told[handler] = session.breaks
+                self._tell(handler, standing)
+
+    def _goes_on(self, handler: Attendance) -> None:
+        if self._told.pop(handler, None) is not None:
+            self._tell(handler, ())
+
+    def _tell(self, handler: Attendance, standing: _Standing) -> None:
+        """Say at which requests a handler stands; nothing of one that a restarted central has forgotten."""
+        session = self._connection.session
+        if session.attending.knows(handler):
+            delivery = given(handler.delivery, session.epoch, handler.name)
+            with suppress(CentralLost):  # it was restarted just now
+                self._connection.post(AwaitAny(delivery, list(standing)), b"")
+
+    def _standing(self, handler: Attendance) -> _Standing:
+        """The requests of which the next to be answered lets a handler go on; none if anything else may."""
+        if self._loop.get_task_factory() != self._factory:
+            return ()  # somebody makes asyncio tasks of which nothing is known here
+        tasks = {task for task in self._begun[handler] if not task.done()}
+        requests = []
+        for task in tasks:
+            request, future = self._suspended.get(task, (None, None))
+            if request is None or future is None:
+                members = _members(task)
+                if not members or not tasks.issuperset(members):
+                    return ()
+            elif future.done() or request.is_over or request.path is not None:
+                return ()
+            else:
+                requests.append(request)
+        numbers = sorted({request.header.number for request in requests})
+        return tuple(numbers) if len(numbers) <= MOST_AWAITED else ()
+
+
+def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
+    """The asyncio tasks without whose end this one does not go on: those that it awaits, with gather(), wait() or in a
+    TaskGroup. None where it awaits anything else, or where this Python does not tell.
+    """
+    future = getattr(task, "_fut_waiter", None)
+    if future is None or future.done():
+        return ()
+    if isinstance(future, asyncio.Task):
+        return (future,)
+    members = getattr(future, "_children", None) or _members_of_frame(task)
+    return [member for member in members if not member.done()]
+
+
+def _members_of_frame(task: "asyncio.Task[Any]") -> Collection[Any]:
+    """The same, of the function of asyncio in which a task is suspended."""
+    inner: Any = task.get_coro()
+    while inspect.iscoroutine(inner) and inspect.iscoroutine(inner.cr_await):
+        inner = inner.cr_await
+    if not inspect.iscoroutine(inner) or inner.cr_frame is None or not _is_of_asyncio(inner.cr_frame.f_globals):
+        return ()
+    known = inner.cr_frame.f_locals
+    if inner.cr_code.co_name == "_wait" and known.get("timeout_handle") is None:
+        return tuple(known.get("fs", ()))
+    if inner.cr_code.co_name in ("__aexit__", "_aexit") and isinstance(known.get("self"), asyncio.TaskGroup):
+        return tuple(getattr(known["self"], "_tasks", ()))
+    return ()
+
+
+def _is_of_asyncio(namespace: dict[str, Any]) -> bool:
+    return namespace.get("__name__") in ("asyncio.tasks", "asyncio.taskgroups")

@@ -1,0 +1,217 @@
+"""Functions that a module's thread calls between messages: when time has come, or when a file has something to read."""
+
+import inspect
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
+
+from tca_module.errors import MisuseError
+from tca_module.link.connection import Connection
+from tca_module.sending.sender import Sender
+from tca_module.sending.signatures import arguments_taken, is_async
+from tca_module.serving.failing import ORDINARY
+from tca_module.serving.timers import Timers
+
+SHORTEST, LONGEST = 1e-6, 1e7
+"""Seconds: the shortest period, and the longest period or delay, some months."""
+
+
+class HasFileno(Protocol):
+    """A socket, pipe, serial port, ..."""
+
+    def fileno(self) -> int:
+        """The number of its file."""
+
+
+class Callback(Sender):
+    """A function that is called between messages, and what it sends with: under the root.
+
+    It is sent from inside the function only; ``cancel`` may be called from anywhere.
+    """
+
+    def __init__(self, owner: "Callbacks", function: Callable[..., object], *, is_once: bool = False) -> None:
+        super().__init__()
+        self.name = getattr(function, "__qualname__", repr(function))
+        self.function = function
+        self.is_once = is_once
+        self._arguments = _checked_arguments(self.name, function)
+        self._owner = owner
+
+    def __repr__(self) -> str:
+        return f"callback {self.name}"
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it will not be called any more: it was cancelled, or was to be called once and has been."""
+        return self not in self._owner
+
+    def cancel(self) -> None:
+        """Call it no more; from any thread, also from inside. Twice does no harm."""
+        self._owner.remove(self)
+
+    def call(self) -> None:
+        """Call the function."""
+        self.function(*(self,)[: self._arguments])
+
+    def _connection(self) -> Connection:
+        if self._owner.connection is None:
+            msg = f"{self} can't send: its module does not run"
+            raise MisuseError(msg)
+        return self._owner.connection
+
+
+class Callbacks:
+    """The callbacks of one thread, in the order in which they came due; called one at a time.
+
+    They stay when the thread ends, and what is due begins anew with the next one.
+    """
+
+    def __init__(self, module: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self.connection: Connection | None = None  #: of the thread that calls them
+        self._clock = clock
+        self._lock = threading.RLock()
+        self._starts: dict[Callback, Callable[[float], None]] = {}  #: by callback: lets it be due, from now on
+        self._files: dict[int, Callback] = {}
+        self._timers: Timers[Callback] = Timers()
+        self._due: deque[Callback] = deque()
+        self._log = logging.getLogger(f"tca.{module}")
+
+    def __contains__(self, callback: object) -> bool:
+        return callback in self._starts
+
+    def __bool__(self) -> bool:
+        return bool(self._starts)
+
+    # --- from any thread -------------------------------------------------------------------------------------------
+
+    def every(self, period: float, function: Callable[..., object]) -> Callback:
+        """Call a function periodically."""
+        _check_seconds("every", period, SHORTEST)
+        callback = Callback(self, function)
+        return self._add(callback, lambda now: self._timers.every(callback, period, now))
+
+    def after(self, delay: float, function: Callable[..., object]) -> Callback:
+        """Call a function once."""
+        _check_seconds("after", delay, 0.0)
+        callback = Callback(self, function, is_once=True)
+        return self._add(callback, lambda now: self._timers.once(callback, now + delay))
+
+    def on_readable(self, source: int | HasFileno, function: Callable[..., object]) -> Callback:
+        """Call a function while a file has something to read."""
+        file = _checked_file(source)
+        callback = Callback(self, function)
+        with self._lock:
+            if (known := self._files.get(file)) is not None:
+                msg = f"{known} waits for file {file} already: cancel() that first"
+                raise MisuseError(msg)
+            self._files[file] = callback
+            return self._add(callback, lambda _: None)
+
+    def _add(self, callback: Callback, start: Callable[[float], None]) -> Callback:
+        with self._lock:
+            self._starts[callback] = start
+            if self.connection is not None:
+                start(self._clock())
+                self.connection.transport.wake()
+        return callback
+
+    def remove(self, callback: Callback) -> None:
+        """Call it no more."""
+        with self._lock:
+            self._starts.pop(callback, None)
+            self._timers.remove(callback)
+            self._files = {file: one for file, one in self._files.items() if one is not callback}
+
+    # --- from the thread that calls them ---------------------------------------------------------------------------
+
+    def begin(self, connection: Connection) -> None:
+        """A thread calls them from now on."""
+        with self._lock:
+            self.connection = connection
+            for start in self._starts.values():
+                start(self._clock())
+
+    def end(self) -> None:
+        """Nobody calls them any more."""
+        with self._lock:
+            self.connection = None
+            self._timers = Timers()
+            self._due.clear()
+
+    def patience(self, seconds: float) -> float:
+        """How long the thread may wait: until something is due, and no longer than so many seconds."""
+        with self._lock:
+            return min(seconds, self._timers.next() - self._clock())
+
+    @property
+    def files(self) -> Collection[int]:
+        """The files to wait for."""
+        return self._files
+
+    def found(self, ready: Mapping[int, bool]) -> None:
+        """The wait is over; of these files something can be read, or (False) they are not open."""
+        with self._lock:
+            self._due.extend(self._timers.take_due(self._clock()))
+            for file, is_open in ready.items():
+                callback = self._files.get(file)
+                if callback is not None and is_open:
+                    self._due.append(callback)
+                elif callback is not None:
+                    self._log.error("%s is called no more: its file %d was closed", callback, file)
+                    self.remove(callback)
+
+    def call_one(self) -> bool:
+        """Call the one that is due first; False if none is."""
+        if not self._due:
+            return False
+        callback = self._due.popleft()
+        if callback in self:
+            if callback.is_once:
+                self.remove(callback)
+            self._call(callback)
+            with self._lock:
+                self._timers.was_done(callback, self._clock())
+        return True
+
+    def _call(self, callback: Callback) -> None:
+        try:
+            callback.call()
+        except ORDINARY:  # its author reads the log
+            self._log.exception("%s failed", callback)
+
+
+def _check_seconds(call: str, seconds: float, least: float) -> None:
+    is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+    if not is_number or not least <= seconds <= LONGEST:
+        msg = f"{call}({seconds!r:.60}, ...) is no time: seconds from {least:g} to {LONGEST:g} are"
+        raise MisuseError(msg)
+
+
+def _checked_file(source: Any) -> int:
+    try:
+        file = source if isinstance(source, int) else source.fileno()
+    except (AttributeError, OSError, ValueError) as error:
+        msg = f"{source!r:.60} is no open file to wait for ({error}): a socket, a pipe, or the number of a file is"
+        raise MisuseError(msg) from None
+    if isinstance(file, bool) or not isinstance(file, int) or not 0 <= file < 2**31:
+        msg = f"{source!r:.60} is no open file to wait for: its number is {file!r:.20}"
+        raise MisuseError(msg)
+    return file
+
+
+def _checked_arguments(name: str, function: Callable[..., object]) -> int:
+    """How many arguments the function takes: the callback, or none."""
+    if not callable(function):
+        msg = f"{function!r:.60} is no function: give one that takes the callback, or no argument"
+        raise MisuseError(msg)
+    if is_async(function):
+        msg = f"callback {name} is 'async def': make it a plain function (async handlers can await asyncio.sleep())"
+        raise MisuseError(msg)
+    arguments = arguments_taken(function, (1, 0))
+    if arguments is None:
+        msg = f"callback {name} is declared with {inspect.signature(function)}: declare it with (callback) or ()"
+        raise MisuseError(msg)
+    return arguments

@@ -1,0 +1,188 @@
+"""The asyncio event loop of one slot: runs its ``async def`` handlers, and listens to central while they await.
+
+The loop turns while a coroutine is handled, and while the slot has nothing to do (what handlers started with
+``create_task`` goes on then). It does not turn while a plain handler or a callback runs.
+"""
+
+import asyncio
+import selectors
+from collections.abc import Callable, Collection, Coroutine, Generator
+from functools import partial
+from typing import Any, TypeVar
+
+from tca_module.link.connection import Connection
+from tca_module.link.packet_line import STALL, STEP
+from tca_module.link.request import Request
+from tca_module.serving.attending import Attendance
+from tca_module.serving.awaiting import Awaiting
+from tca_wire.packets.headers import Deliver
+
+T = TypeVar("T")
+
+
+class EventLoop:
+    """An event loop that is also told what central says.
+
+    *attend* is called with what is delivered while a coroutine is handled: queries that this slot sent to itself.
+    """
+
+    def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
+        self._connection = connection
+        self._attend = attend
+        self._handled: dict[Attendance, asyncio.Task[Any]] = {}  #: those that are not done
+        self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
+        self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
+        self._is_closing = False
+        self._fatal: BaseException | None = None  #: what a handler let pass that is to end the module
+        files = (connection.transport.fileno(), connection.transport.waker().fileno())
+        selector = _Selector(files[0], self._has_news)
+        self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
+        self._loop = self._runner.get_loop()
+        self._awaiting = Awaiting(self._loop, connection)
+        for file in files:
+            self._loop.add_reader(file, self._on_news)
+        self._since = self._turned = self._loop.time()
+        connection.hear = self._hear
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the caller is called by the loop, which waits for it."""
+        return self._loop.is_running()
+
+    def run(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run the coroutine of a handler to its end; what it returns."""
+        self._since = self._turned = self._loop.time()
+        self._beat = self._loop.call_later(STEP, self._keep_alive)
+        try:
+            return self._run_until(self.start(attendance, coroutine))
+        finally:
+            self._beat.cancel()
+
+    def _run_until(self, future: asyncio.Future[T]) -> T:
+        """Raises also what a handler beside it lets pass: asyncio keeps that for whoever awaits it, and nobody does."""
+        try:
+            return self._loop.run_until_complete(future)
+        finally:
+            if self._fatal is not None:
+                raise self._fatal
+
+    def start(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+        """Let the coroutine of a handler run beside the one that is being run."""
+        task = self._awaiting.begin(attendance, coroutine)
+        self._handled[attendance] = task
+        task.add_done_callback(partial(self._is_done, attendance))
+        return task
+
+    def _is_done(self, attendance: Attendance, task: asyncio.Task[Any]) -> None:
+        self._handled.pop(attendance, None)
+        if not task.cancelled() and (error := task.exception()) is not None and not self._is_closing:
+            self._fatal = error
+            self._loop.stop()
+
+    def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
+        """Turn so long, but no longer than until central or one of *files* has something to read (transport.wait)."""
+        ready: dict[int, bool] = {}
+        self._idle = idle = self._loop.create_future()
+        timer = self._loop.call_later(max(0.0, seconds), self._end_wait)
+        for file in files:
+            try:
+                self._loop.add_reader(file, self._found, ready, file)
+            except OSError:
+                ready[file] = False
+                self._end_wait()
+        self._run_until(idle)
+        self._idle = None
+        timer.cancel()
+        for file in files:
+            self._loop.remove_reader(file)
+        return ready
+
+    def close(self) -> None:
+        """Cancel what still runs, and end."""
+        self._is_closing = True
+        self._loop.call_soon(self._loop.stop)  # if an error stopped it, a stop of its last run may be left over
+        self._loop.run_forever()
+        self._runner.close()
+        self._connection.hear = None
+
+    # --- central ---------------------------------------------------------------------------------------------------
+
+    def _has_news(self) -> bool:
+        """Whether there is something to do of which no file tells: a call that blocked has read it, for instance."""
+        connection = self._connection
+        return (
+            connection.transport.has_arrived()
+            or connection.has_news
+            or any(map(connection.session.attending.due, self._handled))
+            or bool(connection.direct.has_delivery and not self._is_closing)
+        )
+
+    def _on_news(self) -> None:
+        if self._idle is not None:
+            self._end_wait()
+        else:
+            self._listen()
+        attending = self._connection.session.attending
+        for attendance, task in list(self._handled.items()):
+            if why := attending.due(attendance):
+                attending.tell(attendance)
+                task.cancel(why)
+
+    def _end_wait(self) -> None:
+        if self._idle is not None and not self._idle.done():
+            self._idle.set_result(None)
+
+    def _found(self, ready: dict[int, bool], file: int) -> None:
+        ready[file] = True
+        self._end_wait()
+
+    def _listen(self) -> float:
+        """Do what has come up; for how many seconds central has been silent."""
+        connection = self._connection
+        silence = connection.tend(self._since, 0.0)
+        while connection.has_news:
+            connection.take_news()
+        while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
+            self._attend(*delivery)
+        return silence
+
+    def _keep_alive(self) -> None:
+        """As every wait does: say that we are there, and don't wait for a central that is not."""
+        self._beat = self._loop.call_later(STEP, self._keep_alive)
+        before, self._turned = self._turned, self._loop.time()
+        if self._turned - before > STALL:
+            self._since = self._turned
+        if self._listen() > self._connection.patience:
+            for request in list(self._waiting):
+                self._heard(request, self._connection.line.lost())
+        self._awaiting.look(self._turned)
+
+    def _hear(self, request: Request) -> Generator[Any, None, None]:
+        """Await news of a request."""
+        future = self._loop.create_future()
+        self._waiting.setdefault(request, []).append(future)
+        request.notify = partial(self._heard, request)
+        with self._awaiting.suspended(request, future):
+            yield from future
+
+    def _heard(self, request: Request, error: Exception | None = None) -> None:
+        for future in self._waiting.pop(request, []):
+            if error is not None and not future.done():
+                future.set_exception(error)
+            elif not future.done():
+                future.set_result(None)
+
+
+class _Selector(selectors.DefaultSelector):
+    """Does not wait while there is news of which no file tells; says then that *file* is readable."""
+
+    def __init__(self, file: int, has_news: Callable[[], bool]) -> None:
+        super().__init__()
+        self._file = file
+        self._has_news = has_news
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """The files that are ready."""
+        if not self._has_news():
+            return super().select(timeout)
+        return [*super().select(0), (self.get_key(self._file), selectors.EVENT_READ)]

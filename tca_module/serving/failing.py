@@ -1,0 +1,102 @@
+"""How a Python error becomes a failure: what central is told when a handler, or whoever answers for it, failed."""
+
+import asyncio
+import traceback
+from types import TracebackType
+
+import msgspec
+
+from tca_module.errors import Deadlock, LockLost, QueryFailed, Stopped, TaskFailed, Timeout
+from tca_wire.messages.declarations import FailureRaised
+from tca_wire.messages.failures import BAD_DATA, CANCELLED, DEADLOCK, HANDLER_ERROR, LOCK_LOST, MODULE_LOST, TIMEOUT
+from tca_wire.packets.headers import Fail
+
+_TRACEBACK_LIMIT = 8000  # characters
+
+
+class Misfit(Exception):
+    """Data that a handler was given, or what it returned, does not fit the declaration."""
+
+
+class Reissued(Exception):
+    """An exception handler cannot deal with its failure."""
+
+
+ORDINARY = (Exception, SystemExit, asyncio.CancelledError)
+"""Errors of users' functions that concern these alone. What else they let pass (KeyboardInterrupt, the end of a test)
+ends their module.
+"""
+
+_NAMED = (
+    (Misfit, BAD_DATA),
+    (Deadlock, DEADLOCK),
+    (Timeout, TIMEOUT),
+    (LockLost, LOCK_LOST),
+    (Stopped, MODULE_LOST),
+    (asyncio.CancelledError, CANCELLED),
+)
+"""Errors and the failures that they are."""
+
+
+def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    """What central is told of an error that ended a handler. What failed elsewhere keeps its name, and is a kind of
+    "handler error" besides: the handler could have caught it.
+    """
+    header, body = _failed(delivery, _sole(error))
+    return msgspec.structs.replace(header, text=_printable(header.text)), body
+
+
+def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    """The same of one that is an error of the handler whatever its name."""
+    return Fail(delivery, HANDLER_ERROR, _printable(_describe(error))), b""
+
+
+def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    """What central is told of each message that was handled when an error ended its module."""
+    what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
+    return Fail(delivery, MODULE_LOST, _printable(f"its module was ended by {what}")), b""
+
+
+def _printable(text: str) -> str:
+    """Texts of Python may be none: names of files, mostly."""
+    return text.encode(errors="backslashreplace").decode()
+
+
+def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+    if isinstance(error, FailureRaised):
+        return Fail(delivery, error.name, error.text, error.kinds), error.body
+    if isinstance(error, Reissued):
+        return Fail(delivery, "", reissue=True), b""
+    if isinstance(error, QueryFailed | TaskFailed):
+        return Fail(delivery, error.failure, str(error), [HANDLER_ERROR]), error.body
+    for kind, name in _NAMED:
+        if isinstance(error, kind):
+            text = str(error) or f"{type(error).__name__} in its handler"
+            return Fail(delivery, name, text, [] if kind is Misfit else [HANDLER_ERROR]), b""
+    return Fail(delivery, HANDLER_ERROR, _describe(error)), b""
+
+
+def _sole(error: BaseException) -> BaseException:
+    """The failure, or deadlock, that is alone in its group: asyncio.TaskGroup puts everything into groups."""
+    inner = error
+    while isinstance(inner, BaseExceptionGroup) and len(inner.exceptions) == 1:
+        inner = inner.exceptions[0]
+    return inner if isinstance(inner, FailureRaised | Deadlock) else error
+
+
+def _describe(error: BaseException) -> str:
+    """The error in one line, then its traceback from the handler on."""
+    lines = traceback.format_exception(type(error), error, _from_the_handler_on(error.__traceback__))
+    text = "".join(lines).rstrip()
+    if len(text) > _TRACEBACK_LIMIT:
+        text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"
+    return f"{''.join(traceback.format_exception_only(error)).rstrip()}\n{text}"
+
+
+def _from_the_handler_on(trace: TracebackType | None) -> TracebackType | None:
+    """Without the frames that called the handler."""
+    while (
+        trace is not None and trace.tb_next is not None and trace.tb_frame.f_globals.get("__package__") == __package__
+    ):
+        trace = trace.tb_next
+    return trace

@@ -1,0 +1,171 @@
+"""Handlers: users' functions, checked when they are declared, and what becomes of one call."""
+
+import asyncio
+import inspect
+from collections.abc import Callable, Coroutine
+from typing import Any, Protocol, overload
+
+from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
+from tca_module.sending.arguments import check_flags, checked_name, is_whole, name_of
+from tca_module.sending.signatures import arguments_taken, is_async
+from tca_module.sending.task import Task
+from tca_module.serving.attending import is_void
+from tca_module.serving.failing import ORDINARY, Misfit, failed, handler_error
+from tca_module.serving.later import Later
+from tca_wire.errors import BadData
+from tca_wire.messages.controls import Monitor
+from tca_wire.messages.declarations import D, Inform, Message, Query, R, Variable
+from tca_wire.packets.headers import Fail, Reply
+from tca_wire.packets.parts import HandlerFormat
+
+_MOST_PENDING = 10_000  # what central keeps for one resource anyway
+
+Coming = Coroutine[Any, Any, R | Later[R]]
+"""What calling an ``async def`` handler gives."""
+
+
+class Declare(Protocol[D, R]):
+    """Declares the function that it decorates as a handler, and leaves it as it is."""
+
+    @overload
+    def __call__(
+        self, function: Callable[[Task, D], Coroutine[Any, Any, R]], /
+    ) -> Callable[[Task, D], Coroutine[Any, Any, R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], Coming[R]], /) -> Callable[[Task, D], Coming[R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], R], /) -> Callable[[Task, D], R]: ...
+    @overload
+    def __call__(self, function: Callable[[Task, D], R | Later[R]], /) -> Callable[[Task, D], R | Later[R]]: ...
+
+
+class DeclareWithoutData(Protocol[R]):
+    """The same for a message without data, which need not be an argument."""
+
+    @overload
+    def __call__(
+        self, function: Callable[[Task], Coroutine[Any, Any, R]] | Callable[[Task, None], Coroutine[Any, Any, R]], /
+    ) -> Callable[..., Coroutine[Any, Any, R]]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[Task], Coming[R]] | Callable[[Task, None], Coming[R]], /
+    ) -> Callable[..., Coming[R]]: ...
+    @overload
+    def __call__(self, function: Callable[[Task], R] | Callable[[Task, None], R], /) -> Callable[..., R]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[Task], R | Later[R]] | Callable[[Task, None], R | Later[R]], /
+    ) -> Callable[..., R | Later[R]]: ...
+
+
+Answer = tuple[Reply | Fail, bytes] | Later[Any]
+"""What central is told of how a handler ended; or who will say it."""
+
+
+class Handler:
+    """That a function handles a message, in a resource."""
+
+    def __init__(
+        self, message: Message[Any, Any], function: Callable[..., Any], resource: str, pool: str, pending: int | None,
+        *, direct: bool = False,
+    ) -> None:  # fmt: skip
+        if not isinstance(message, Message):
+            msg = f"handles() wants a message (Goal, Command, Query, ...), and {message!r} is none"
+            raise MisuseError(msg)
+        if isinstance(message, Monitor):
+            msg = f"{name_of(message)} can't be handled: central carries it out; handle the messages that it sends"
+            raise MisuseError(msg)
+        self.message = message
+        self.function = function
+        self.resource = checked_name("resource", resource)
+        self.pool = pool
+        self.pending = self._checked_pending(pending)
+        self.direct = self._checked_direct(direct=direct)
+        self.name = getattr(function, "__qualname__", repr(function))
+        self.is_async = is_async(function)
+        self._arguments = self._checked_arguments()
+
+    @property
+    def format(self) -> HandlerFormat:
+        """What central is told of this handler."""
+        return HandlerFormat(self.message.name, self.resource, self.pool, self.pending, self.direct)
+
+    def _checked_pending(self, pending: int | None) -> int:
+        if pending is not None and not (is_whole(pending) and 1 <= pending <= _MOST_PENDING):
+            allowed = f"1 to {_MOST_PENDING} may wait, or None"
+            msg = f"'{self.message.name}' can't be handled with pending={pending!r}: {allowed}"
+            raise MisuseError(msg)
+        if isinstance(self.message, Variable) and pending not in (None, 1):
+            msg = f"variable '{self.message.name}' can't be handled with pending={pending}: only its newest value waits"
+            raise MisuseError(msg)
+        return pending or 0
+
+    def _checked_direct(self, *, direct: bool) -> bool:
+        check_flags(name_of(self.message), direct=direct)
+        what = f"{name_of(self.message)} can't be handled with direct=True"
+        if direct and not isinstance(self.message, Inform | Query):
+            why = "tasks belong into the task tree, and what goes to many, or is kept for all, to central"
+            msg = f"{what}: only informs and queries can; {why}"
+            raise MisuseError(msg)
+        if direct and self.pending:
+            msg = f"{what} and pending={self.pending}: what comes directly waits with its senders, not in central"
+            raise MisuseError(msg)
+        return direct
+
+    def _checked_arguments(self) -> int:
+        """How many arguments the function takes: task and data, or the task alone where there is no data."""
+        what = f"handler {self.name} of {self.message.message_class} '{self.message.name}'"
+        has_data = self.message.data.kind is not type(None)
+        if not callable(self.function):
+            msg = f"{self.function!r:.60} is no handler of {name_of(self.message)}: decorate a function"
+            raise MisuseError(msg)
+        # Without data one argument comes first: a second one with a default is the author's own.
+        arguments = arguments_taken(self.function, (2,) if has_data else (1, 2))
+        if arguments is not None:
+            return arguments
+        wanted = f"(task, data: {self.message.data})" if has_data else "(task)"
+        signature = inspect.signature(self.function)
+        msg = f"{what} is declared with {signature}: declare it with {wanted}"
+        raise MisuseError(msg)
+
+    def handle(self, task: Task, body: bytes) -> Answer:
+        """Call the function; what central is told of how it ended, or who will say it. Raises what ends the module."""
+        try:
+            return self._answer(task, self.function(*self._given(task, body)))
+        except ORDINARY as error:
+            return self._failed(task, error)
+
+    async def handle_async(self, task: Task, body: bytes) -> Answer:
+        """Call the coroutine function; otherwise like ``handle``."""
+        try:
+            return self._answer(task, await self.function(*self._given(task, body)))
+        except ORDINARY as error:
+            return self._failed(task, error)
+
+    def _given(self, task: Task, body: bytes) -> tuple[Any, ...]:
+        try:
+            return (task, self.message.decode_data(body))[: self._arguments]
+        except BadData as error:
+            raise Misfit(str(error)) from None
+
+    def _answer(self, task: Task, returned: Any) -> Answer:
+        later = task.later
+        if isinstance(returned, Later) or later is not None:
+            if later is None or returned is not later:
+                msg = f"handler {self.name} called reply_later() and returned {returned!r:.60}: return what that gave"
+                raise MisuseError(msg)
+            return later
+        try:
+            return Reply(task.delivery), self.message.encode_reply(returned)
+        except BadData as error:
+            raise Misfit(f"{error} (handler {self.name})") from None
+
+    def _failed(self, task: Task, error: BaseException) -> Answer:
+        if task.later is not None:
+            task.later.end(f"its handler failed: {type(error).__name__}")
+        is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
+        if is_told or (isinstance(error, Stopped) and is_void()):
+            return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
+        if isinstance(error, asyncio.CancelledError) and not self.is_async:
+            return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran
+        return failed(task.delivery, error)

@@ -1,0 +1,99 @@
+"""Replies that come after the handler has returned (TCA: distributed responses; TDL: POSTPONE and RESUME)."""
+
+import threading
+from typing import Any, Generic
+
+from tca_module.errors import MisuseError, Stopped
+from tca_module.link.connection import Connection
+from tca_module.serving.attending import at_work, working
+from tca_module.serving.failing import failed
+from tca_wire.messages.declarations import NOTHING, Message, R
+from tca_wire.messages.failures import MODULE_LOST
+from tca_wire.packets.headers import Deliver, Fail, Reply
+
+
+class Later(Generic[R]):
+    """The answer that a handler owes: it returns this instead of a reply, and somebody answers when it is time.
+
+    Until then the message is being handled: its task goes on, and its place in the resource is taken. ``reply`` and
+    ``fail`` may be called from any thread; one of them, once.
+    """
+
+    def __init__(self, connection: Connection, message: Message[Any, R], delivery: Deliver) -> None:
+        self._connection = connection
+        self._message = message
+        self._delivery = delivery
+        self._attendance = working()  # the handler's that owes it
+        self._lock = threading.Lock()
+        self._answer: tuple[Reply | Fail, bytes] | None = None
+        self._has_returned = False  # the handler; before it has, central must not take its thread for free
+        self._ended = ""  # why no answer is taken any more
+
+    def __repr__(self) -> str:
+        return (
+            f"task {self._delivery.task} '{self._message.name}'" if self._delivery.task else f"'{self._message.name}'"
+        )
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the task has been killed and still waits for its answer: stop when that is safe, then answer."""
+        with at_work(self._attendance):  # a restarted central may have given another delivery the same number
+            return self.is_open and self._connection.session.attending.is_cancelled(self._delivery.delivery)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it has yet to be answered."""
+        return self._answer is None and not self._ended
+
+    def reply(self, value: R = NOTHING) -> None:
+        """Complete the message with its reply or result.
+
+        Raises BadData if *value* does not fit the declaration (the answer is then still owed), MisuseError if it was
+        answered before, Stopped if the module has ended meanwhile.
+        """
+        self._take(Reply(self._delivery.delivery), self._message.encode_reply(value))
+
+    def fail(self, error: BaseException) -> None:
+        """Complete the message with a failure: ``later.fail(COLLISION(contact))``; other errors are handler errors.
+
+        Raises what ``reply`` does.
+        """
+        if not isinstance(error, BaseException):
+            msg = f"{self} can't fail with {error!r:.60}: give it FAILURE(data) of a declared Failure, or an exception"
+            raise MisuseError(msg)
+        self._take(*failed(self._delivery.delivery, error))
+
+    def _take(self, header: Reply | Fail, body: bytes) -> None:
+        with self._lock:
+            if self._ended:
+                raise Stopped(f"{self} can't be answered any more: {self._ended}")
+            if self._answer is not None:
+                msg = f"{self} has been answered already: reply() or fail() it once"
+                raise MisuseError(msg)
+            self._answer = header, body
+            if self._has_returned:
+                self._connection.soon(self._send)
+
+    def returned(self) -> None:
+        """The handler has returned this: from now on answers leave."""
+        with self._lock:
+            self._has_returned = True
+            if self._answer is not None:
+                self._send()
+
+    def end(self, why: str) -> None:
+        """Take no answer any more; whoever calls this answers for it."""
+        with self._lock:
+            self._ended = self._ended or why
+
+    def module_ends(self) -> None:
+        """The thread of its handler ends: what was not answered has failed."""
+        self.end("its module has ended")
+        failure = Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"), b""
+        with at_work(self._attendance):
+            self._connection.reply(*(self._answer or failure))  # says nothing if an answer was sent
+
+    def _send(self) -> None:
+        assert self._answer is not None
+        with at_work(self._attendance):
+            self._connection.reply(*self._answer)

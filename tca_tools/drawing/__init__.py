@@ -1,0 +1,1 @@
+"""What pictures are made of, and how they become files."""

@@ -1,0 +1,67 @@
+"""The small things that our SVG pictures are made of: rectangles, texts, documents and their common look."""
+
+from collections.abc import Iterable
+from html import escape
+
+from tca_tools.terminal import columns_of
+from tca_wire.text.printable import printable
+
+STYLE = """\
+text { font: 12px Helvetica, Arial, "Liberation Sans", sans-serif; fill: #1f2933; }
+.title { font-size: 15px; font-weight: bold; } .faint { fill: #52606d; font-size: 11px; } .tick { text-anchor: middle; }
+.grid { stroke: #d9dee4; }
+"""
+
+
+_WIDTHS = {
+    "ijl'|": 0.23,
+    "ftI.,:;!/ []()": 0.29,
+    'r-{}"`*': 0.36,
+    "ckszvxyJ": 0.5,
+    "wABCDEFGHKNOPQRSUVXYZ&+<=>~": 0.73,
+    "mMW@%": 0.92,
+}
+_WIDTH = 0.6
+"""Of other characters; all as parts of the size of the letters, in the fonts above, rounded up."""
+_SIZE = 12.0
+
+
+def width_of(words: str) -> float:
+    """About how many pixels wide a text is in the letters of ``STYLE``; rather too many than too few."""
+    narrow = sum(_WIDTH_OF.get(letter, _WIDTH) for letter in words)
+    wide = (columns_of(words) - len(words)) * (1.0 - _WIDTH)  # such letters take the room of two columns
+    return (narrow + max(wide, 0.0)) * _SIZE * 1.05
+
+
+_WIDTH_OF = {letter: width for letters, width in _WIDTHS.items() for letter in letters}
+
+
+def document(width: float, height: float, title: str, style: str, body: Iterable[str]) -> str:
+    """A whole picture."""
+    size = f'width="{width:.0f}" height="{height:.0f}"'
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">',
+            f"<title>{text(title)}</title>",
+            f"<style>{STYLE}{style}</style>",
+            f'<rect {size} fill="#ffffff"/>',
+            *body,
+            "</svg>\n",
+        ]
+    )
+
+
+def rectangle(look: str, left: float, top: float, right: float, height: float, title: str = "") -> str:
+    """A rectangle with its title; *right* may be no more than *left*, but it stays visible then."""
+    place = f'x="{left:.2f}" y="{top:.1f}" width="{max(right - left, 0.05):.2f}" height="{height:.1f}"'
+    return f"<rect {look} {place}><title>{lines(title)}</title></rect>" if title else f"<rect {look} {place}/>"
+
+
+def text(words: str) -> str:
+    """*words* as SVG takes them."""
+    return escape(printable(words))
+
+
+def lines(words: str) -> str:
+    """The same of several lines."""
+    return "\n".join(map(text, words.split("\n")))

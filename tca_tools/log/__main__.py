@@ -1,0 +1,156 @@
+"""``tca log show``: a journal as text, one line a fact."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from datetime import datetime
+from itertools import islice
+from pathlib import Path
+from typing import get_args
+
+import click
+
+from tca_tools.data import data_text
+from tca_tools.log.classic import classic_lines
+from tca_tools.log.fact_rows import fact_row
+from tca_tools.run.journals import newest_journal, open_log, run_folders, runs_in
+from tca_tools.run.selection import no_task
+from tca_tools.terminal import columns_of, cut, line_width, padded
+from tca_wire.journal.facts import Delivered, Entry, Fact, Queued, Received, kind_of
+from tca_wire.text.facts_in_words import Wording
+from tca_wire.text.printable import printable
+
+KINDS: tuple[str, ...] = tuple(map(kind_of, get_args(Fact)))
+_KIND_WIDTH = max(map(len, KINDS))
+_LINES_AT_ONCE = 500
+BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
+
+
+@click.group()
+def log() -> None:
+    """Read the journal of a run."""
+
+
+@log.command()
+@click.argument("log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--classic", is_flag=True, help="In the words of TCA's own message log.")
+@click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")
+@click.option(
+    "--task",
+    metavar="TASK",
+    help="Only facts about this task or message (its number, or all of a name), and what it sent.",
+)
+@click.option(
+    "--kind",
+    "kinds",
+    metavar="KIND",
+    multiple=True,
+    type=click.Choice(KINDS),
+    help="Only facts of this kind (repeatable).",
+)
+def show(
+    log_path: Path | None, as_json: bool, classic: bool, follow: bool, task: str | None, kinds: tuple[str, ...]
+) -> None:
+    """Show a journal, one line a fact.
+
+    LOG is a journal directory or one of its segments; without it, the newest run is shown.
+    """
+    if classic and (as_json or kinds or task is not None):
+        raise click.UsageError("--classic shows whole messages, not facts: leave out --json, --kind and --task")
+    journal = open_log(log_path)
+    if follow:
+        journal.tell()
+    entries: Iterable[Entry] = journal.follow() if follow else journal
+    about = _About(task) if task is not None else None
+    if classic:
+        lines = classic_lines(entries)
+    else:
+        render = _json_lines if as_json else _text_lines
+        lines = render(
+            entries, lambda fact: (about is None or about.is_told_by(fact)) and (not kinds or kind_of(fact) in kinds)
+        )
+    while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
+        click.echo("\n".join(chunk))
+    journal.check()
+    if about is not None:
+        about.check()
+
+
+@log.command()
+@click.argument("folder", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+def runs(folder: Path | None) -> None:
+    """List the runs that lie in a folder, oldest first, as they are named as LOG.
+
+    Without FOLDER those in central's folder of journals. Where several runs lie in one folder, all commands take one of
+    them as FOLDER#NUMBER, and without a number the last.
+    """
+    folders = [open_log(folder).path] if folder else sorted(run_folders())
+    if not folders:
+        newest_journal()
+    found = [run for one in folders if one.is_dir() for run in runs_in(one)]
+    width = max((columns_of(run.name) for run in found), default=0)
+    for run in found:
+        began = "" if run.began is None else f"{datetime.fromtimestamp(run.began):%Y-%m-%d %H:%M:%S}"  # noqa: DTZ006
+        segments = f"{run.segments} segment{'s' * (run.segments != 1)}"
+        live = ", goes on" if run.is_live else ""
+        click.echo(f"{padded(printable(run.name), width)}  began {began}, {segments}{live}")
+
+
+def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
+    """Each wanted fact as a JSON object."""
+    for entry in entries:
+        for fact in filter(is_wanted, entry.facts):
+            yield json.dumps(fact_row(entry, fact))
+
+
+def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
+    """Each wanted fact as an aligned line: time, kind, words, data."""
+    wording, width = Wording(), line_width()
+    for entry in entries:
+        for fact in entry.facts:
+            words = wording.words(fact)  # also of what is not shown: it may name what is
+            if is_wanted(fact):
+                yield _text_line(entry.time, fact, words, width)
+
+
+def _text_line(time: float, fact: Fact, words: str, width: int | None) -> str:
+    kind, data = kind_of(fact), data_text(getattr(fact, "body", b""))
+    start = f"{time:10.3f}  "
+    rest = f"{kind:{_KIND_WIDTH}}  {printable(words)}" + (f"  {data}" if data else "")
+    rest = cut(rest.rstrip(), None if width is None else width - len(start))
+    return click.style(start, dim=True) + (click.style(rest, fg="red") if kind in BAD_NEWS else rest)
+
+
+class _About:
+    """The task or message of a number, or all of a name, as their facts come. Give it all facts, then ``check`` it."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        wanted = text.strip().strip("{}")
+        self._numbers: set[int | None] = {int(wanted)} if wanted.isdecimal() else set()
+        self._is_found = False
+        self._names: set[str] = set()
+
+    def is_told_by(self, fact: Fact) -> bool:
+        """Whether a fact is about one of them, or about what its handler sent."""
+        if isinstance(fact, Received):
+            self._names.add(fact.message)
+            if fact.message == self._text:
+                self._numbers.add(fact.id)
+        elif isinstance(fact, Queued | Delivered) and fact.message_id in self._numbers:
+            self._numbers.add(fact.id)  # what comes of a copy, or of another try, is told by its own number
+        is_told = not self._numbers.isdisjoint(_told_of(fact))
+        self._is_found |= is_told
+        return is_told
+
+    def check(self) -> None:
+        """Raise NotInLog if there was none."""
+        if not self._is_found:
+            raise no_task(self._text, self._names)
+
+
+def _told_of(fact: Fact) -> Iterator[int | None]:
+    """The messages that a fact is about, or whose handlers did what it tells."""
+    yield from (getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin"))
+    for constraint in getattr(fact, "constraints", []):
+        yield from (constraint.before.task, constraint.after.task)

@@ -1,0 +1,388 @@
+"""Folds the facts of a journal into what was known at a moment: tasks, messages, modules and their doings.
+
+Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may begin in the middle.
+"""
+
+from collections.abc import Callable, Iterable
+from math import inf, nextafter
+from typing import Any
+
+from tca_tools.run.fold_reactions import Reacting
+from tca_tools.run.garbage import no_garbage
+from tca_tools.run.records import Claim, Handling, Hold, Message, Offer, Queueing, Raised, Task, Wait
+from tca_wire.journal import facts
+from tca_wire.points import MOMENTS, Moment
+from tca_wire.text.facts_in_words import called
+from tca_wire.vocabulary import Outcome, Refusal
+
+
+class History(Reacting):
+    """What happened until ``time``; ``apply`` is the only way it changes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._deliveries: dict[int, Handling] = {}
+        self._queued: dict[int, Queueing] = {}
+        self._running: dict[tuple[str, str], dict[int, Handling]] = {}
+        self._reply_waits: dict[int, Wait] = {}
+        self._claim_waits: dict[int, Wait] = {}
+        self._task_waits: dict[tuple[str, int, int], list[Wait]] = {}
+        self._offered: dict[tuple[str, str], Offer] = {}
+
+    @classmethod
+    def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
+        """What was known at *time* (None: at the end); what comes later is not even read."""
+        history = cls()
+        with no_garbage():
+            for entry in entries:
+                if time is not None and entry.time > time:
+                    history.until_time = time
+                    history.time = max(history.time, time)  # of several entries at that time the last is a bit later
+                    break
+                history.apply(entry)
+        return history
+
+    def go_on(self, present: float | None, time: float | None = None) -> None:
+        """Nothing more has happened until the *present* on the run's clock (None: the run is over); what goes on does
+        so until then, or until *time* if that comes first.
+        """
+        if present is None or self.until_time is not None:
+            return
+        self.is_live = time is None or time >= present
+        self.time = max(self.time, present if time is None else min(time, present))
+
+    def apply(self, entry: facts.Entry) -> None:
+        """Take in the facts that one event caused."""
+        self.news.clear()
+        self._tick(entry)
+        for fact in entry.facts:
+            if take := _TAKE.get(type(fact)):
+                take(self, fact)
+        for task in self._touched.values():
+            state = task.state
+            if not task.states or task.states[-1][1] is not state:
+                task.states.append((self.time, state))
+                self.news.append(task)
+        self._touched.clear()
+
+    def _tick(self, entry: facts.Entry) -> None:
+        """Each entry has a time of its own, however fast they follow each other: a time is a place in the journal."""
+        if self.numbers and entry.number == self.numbers[-1]:
+            return  # an event of so many facts that it takes several records
+        self.time = entry.time if entry.time > self.time or not self.times else nextafter(self.time, inf)
+        self.times.append(self.time)
+        self.clock.append(entry.time)
+        self.numbers.append(entry.number)
+
+    # --- what each fact changes -----------------------------------------------------------------------------------
+
+    def _opened(self, fact: facts.Opened) -> None:
+        if self.began is None:
+            self.began = fact.began
+        self.epoch = fact.epoch
+
+    def _closed(self, _fact: facts.Closed) -> None:
+        """Nothing else changes: what went on or waited until then did so until the end."""
+
+    def _joined(self, fact: facts.ModuleJoined) -> None:
+        module = self._module(fact.module)
+        if not module.joined or module.joined[-1][1] is not None:
+            module.joined.append((self.time, None))
+            self.news.append(module)
+
+    def _left(self, fact: facts.ModuleLeft) -> None:
+        self._leave(fact.module, fact.why)
+
+    def _leave(self, name: str, why: str) -> None:
+        module = self._module(name)
+        if module.joined and module.joined[-1][1] is None:
+            module.joined[-1] = (module.joined[-1][0], self.time)
+            self.news.append(module)
+            module.left = why
+        for resource in ("", *module.resources):
+            for handling in self._running.pop((name, resource), {}).values():
+                self._end(handling)
+
+    def _resource(self, fact: facts.ResourceChanged) -> None:
+        module = self._module(fact.module)
+        module.resources[fact.resource] = fact.capacity
+        module.sizes.setdefault(fact.resource, []).append((self.time, fact.capacity))
+        self.news.append(module)
+        module.capacities[fact.resource] = max(fact.capacity, module.capacities.get(fact.resource, 0))
+
+    def _format(self, fact: facts.FormatDefined) -> None:
+        self.formats.setdefault(fact.message, fact)
+
+    def _handler(self, fact: facts.HandlerAdded) -> None:
+        known = self._offered.get((fact.message, fact.module))
+        if known is None or known.resource != fact.resource:
+            self._withdraw(fact.message, fact.module)
+            offer = self._offered[fact.message, fact.module] = Offer(fact.module, fact.resource, self.time)
+            self.offers.setdefault(fact.message, []).append(offer)
+
+    def _no_handler(self, fact: facts.HandlerRemoved) -> None:
+        self._withdraw(fact.message, fact.module)
+
+    def _withdraw(self, message: str, module: str) -> None:
+        if offer := self._offered.pop((message, module), None):
+            offer.end = self.time
+
+    def _received(self, fact: facts.Received) -> None:
+        if fact.id <= 0 or fact.id in self.messages:
+            return
+        known = (fact.id, fact.message, fact.message_class, fact.sender, fact.origin, self.time, fact.body)
+        by = self._deliveries.get(fact.origin)
+        by = by if by is not None and by.message_id < fact.id else None  # whoever sends is older than what he sends
+        if fact.message_class.is_task:
+            self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
+            self._constrain(fact)
+        else:
+            self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about, by=by)
+        if by is not None and fact.message_class.has_reply:
+            by.asked = by.asked or []
+            by.asked.append(self.messages[fact.id])
+        if fact.blocking and not fact.message_class.is_task:
+            self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
+
+    def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
+        for constraint in fact.constraints:
+            if constraint.after.task in self.tasks:
+                task = self.tasks[constraint.after.task]
+                task.holds.append(Hold(constraint, self.time))
+                self.news.append(task)
+
+    def _queue(self, fact: facts.Queued) -> None:
+        self._finish(fact.id)  # its handler left, and it waits for the next
+        self._unqueue(fact.id)
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
+        queueing = Queueing(fact.message_id, fact.module, fact.resource, self.time)
+        self._queued[fact.id] = queueing
+        self.queueings.append(queueing)
+        self.news.append(queueing)
+        if message := self.tasks.get(fact.message_id) or self.messages.get(fact.id):
+            message.queueings.append(queueing)
+            self._touch(message.id)
+        else:
+            self.copies.setdefault(fact.message_id, []).append(queueing)
+
+    def _leave_queue(self, fact: facts.Unqueued) -> None:
+        self._finish(fact.id)  # its handler left, and it may not wait for the next yet
+        self._unqueue(fact.id)
+
+    def _unqueue(self, delivery: int) -> Queueing | None:
+        if queueing := self._queued.pop(delivery, None):
+            queueing.end = self.time
+            self.news.append(queueing)
+            self._touch(queueing.message_id)
+        return queueing
+
+    def _deliver(self, fact: facts.Delivered) -> None:
+        self._finish(fact.id)
+        self._unqueue(fact.id)
+        if fact.id != fact.message_id:
+            self.message_of[fact.id] = fact.message_id
+        if message := self.messages.get(fact.message_id):
+            self._begin_anew(message)
+        handling = Handling(fact.message_id, self.name(fact.message_id), fact.module, fact.resource, self.time)
+        handling.delivery = fact.id
+        self.handlings.append(handling)
+        self.news.append(handling)
+        self.runs.setdefault((fact.module, fact.resource), []).append(handling)
+        self._deliveries[fact.id] = handling
+        self._running.setdefault((fact.module, fact.resource), {})[fact.id] = handling
+        self._module(fact.module).resources.setdefault(fact.resource, 1)
+        if message:
+            message.handlings.append(handling)
+            self._touch(message.id)
+
+    def _return(self, fact: facts.Returned) -> None:
+        if handling := self._finish(fact.id):
+            task = self.tasks.get(handling.message_id)
+            is_late = task is not None and task.killed is not None and fact.outcome is Outcome.DONE
+            handling.outcome = Outcome.KILLED if is_late else fact.outcome
+            if message := self.messages.get(handling.message_id):
+                self._change(message, "result" if fact.outcome is Outcome.DONE else "failure_data", fact.body)
+
+    def _direct(self, fact: facts.HandledDirectly) -> None:
+        end = min(max(0.0, fact.ended), self.time)  # before central was told of it
+        start = min(max(0.0, end - fact.seconds), end)
+        handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
+        handling.direct_from = fact.sender
+        handling.by = self._run_of(fact.origin, fact.sender)
+        self.handlings.append(handling)
+        self.news.append(handling)
+        self._module(fact.module).resources.setdefault(fact.resource, 1)
+
+    def _run_of(self, delivery: int, module: str) -> Handling | None:
+        """The run of a module's handler that a delivery stood for: it may be over when central is told of that."""
+        message = self.delivered(delivery)
+        runs = reversed(message.handlings) if message else ()
+        return next((run for run in runs if run.delivery == delivery and run.module == module), None)
+
+    def _direct_lost(self, fact: facts.LostDirectly) -> None:
+        self.lost_directly[fact.message] = self.lost_directly.get(fact.message, 0) + fact.number
+
+    def _finish(self, delivery: int) -> Handling | None:
+        """The handler of a delivery no longer has it."""
+        if handling := self._deliveries.pop(delivery, None):
+            self._running.get((handling.module, handling.resource), {}).pop(delivery, None)
+            self._end(handling)
+        return handling
+
+    def _end(self, handling: Handling) -> None:
+        if handling.end is None:
+            handling.end = self.time
+            self.news.append(handling)
+            self._touch(handling.message_id)
+        for wait in handling.waits[-1:]:
+            self._stop_waiting(wait)
+
+    def _reach(self, fact: facts.Reached) -> None:
+        if fact.task <= 0:
+            return
+        task = self._task(fact.task)
+        for moment in MOMENTS:
+            if fact.moments & moment:
+                task.reached.setdefault(moment, self.time)
+        if fact.moments & Moment.END_ACHIEVING:
+            self._end_suspension(task)
+
+    def _fail(self, fact: facts.Failed) -> None:
+        if not fact.is_beside:
+            self._unqueue(fact.id)
+        lost = None if fact.is_beside else self._finish(fact.id)  # of a module that was lost no handler returns
+        if lost:
+            lost.outcome, lost.is_lost = Outcome.FAILED, True
+        text = f"{fact.failure}: {fact.text}" if fact.text else fact.failure
+        if fact.is_beside:
+            self.raised.setdefault(fact.id, []).append(Raised(self.time, text, fact.by))
+        if message := self.messages.get(lost.message_id if lost else fact.id):
+            self._change(message, "failure", text)
+            self._seen_to.pop(message.id, None)
+            if fact.body:
+                self._change(message, "failure_data", fact.body)
+            if not fact.is_beside and isinstance(message, Task) and message.is_retried:
+                self._forget_outcome(message)
+
+    def _kill(self, fact: facts.Killed) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            self._change(task, "killed", fact.why)
+            self._change(task, "killed_by", fact.by)
+            self._could_not_decide(fact.task)
+            self._end_suspension(task)
+            self._unqueue(fact.task)
+
+    def _drop(self, fact: facts.Dropped) -> None:
+        self._unqueue(fact.id)
+        if fact.id not in self.messages:  # a copy, for a listener that left; who gave up a message may still handle it
+            self._finish(fact.id)
+        self._stop_waiting(self._reply_waits.pop(fact.id, None))
+        if message := self.messages.get(fact.id):
+            circle = self.deadlocks.get((self.time, message.sender), "") if fact.why == Refusal.DEADLOCK else ""
+            self._change(message, "dropped", circle or fact.why)
+
+    def _answer(self, fact: facts.Answered) -> None:
+        self._stop_waiting(self._reply_waits.pop(fact.id, None))
+        if message := self.messages.get(fact.id):
+            message.answered = self.time
+
+    def _await_answer(self, fact: facts.Awaited) -> None:
+        """Whoever asked has gone on until now."""
+        message = self.messages.get(fact.id)
+        if message is not None and message.answered is None and fact.id not in self._reply_waits:
+            self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), message.sender, message.origin)
+
+    def _wait_began(self, fact: facts.WaitBegan) -> None:
+        moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
+        wait = self._wait(Wait(fact.task, self.time, moment), fact.module, fact.origin)
+        self._task_waits.setdefault((fact.module, fact.origin, fact.task), []).append(wait)
+
+    def _wait_ended(self, fact: facts.WaitEnded) -> None:
+        key = (fact.module, fact.origin, fact.task)
+        waits = self._task_waits.pop(key, [])
+        if waits:
+            self._stop_waiting(waits.pop())
+        if waits:  # another thread of the module waits for the same
+            self._task_waits[key] = waits
+
+    def _claimed(self, fact: facts.Claimed) -> None:
+        known = (fact.id, fact.module, fact.resource, fact.is_reserved, fact.sender, fact.origin, self.time)
+        claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
+        self.wanted.setdefault((called(fact.module), fact.resource), []).append(claim)
+        self.news.append(claim)
+        self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
+
+    def _granted(self, fact: facts.Granted) -> None:
+        self._stop_waiting(self._claim_waits.pop(fact.id, None))
+        if (claim := self.claims.get(fact.id)) is not None:
+            claim.granted = self.time
+            self.news.append(claim)
+            self.grants.setdefault((called(claim.module), claim.resource), []).append(claim)
+
+    def _claim_ended(self, fact: facts.ClaimEnded) -> None:
+        self._stop_waiting(self._claim_waits.pop(fact.id, None))
+        if (claim := self.claims.get(fact.id)) is not None:
+            claim.end, claim.ended = self.time, fact.why
+            self.news.append(claim)
+
+    def _wait(self, wait: Wait, module: str, origin: int) -> Wait:
+        """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
+        handling = self._deliveries.get(origin)
+        (handling.waits if handling else self._module(module).waits).append(wait)
+        wait.by = handling or module
+        self.news.append(wait)
+        return wait
+
+    def _stop_waiting(self, wait: Wait | None) -> None:
+        if wait and wait.end is None:
+            wait.end = self.time
+            self.news.append(wait)
+
+
+# ruff: noqa: SLF001
+_TAKE: dict[type, Callable[[History, Any], None]] = {
+    facts.Opened: History._opened,
+    facts.Closed: History._closed,
+    facts.ModuleJoined: History._joined,
+    facts.ModuleLeft: History._left,
+    facts.ResourceChanged: History._resource,
+    facts.FormatDefined: History._format,
+    facts.HandlerAdded: History._handler,
+    facts.HandlerRemoved: History._no_handler,
+    facts.Received: History._received,
+    facts.Constrained: History._constrain,
+    facts.Queued: History._queue,
+    facts.Unqueued: History._leave_queue,
+    facts.Delivered: History._deliver,
+    facts.Returned: History._return,
+    facts.HandledDirectly: History._direct,
+    facts.LostDirectly: History._direct_lost,
+    facts.Reached: History._reach,
+    facts.Failed: History._fail,
+    facts.Killed: History._kill,
+    facts.Dropped: History._drop,
+    facts.Answered: History._answer,
+    facts.Awaited: History._await_answer,
+    facts.Attached: History._attached,
+    facts.Caught: History._caught,
+    facts.Reissued: History._reissued,
+    facts.Unhandled: History._unhandled,
+    facts.Recovered: History._recovered,
+    facts.Retried: History._retried,
+    facts.SuspendedOrResumed: History._suspended,
+    facts.DeadlineSet: History._deadline,
+    facts.KillPlanned: History._kill_planned,
+    facts.TapAdded: History._tap_added,
+    facts.TapFired: History._tap_fired,
+    facts.MonitorTested: History._tested,
+    facts.MonitorEnded: History._watched,
+    facts.TimedOut: History._timed_out,
+    facts.RequestRefused: History._refused,
+    facts.WaitBegan: History._wait_began,
+    facts.WaitEnded: History._wait_ended,
+    facts.Claimed: History._claimed,
+    facts.Granted: History._granted,
+    facts.ClaimEnded: History._claim_ended,
+}

@@ -1,0 +1,104 @@
+"""How the records of a run are made and written over, so that it stays known from when on what was so. Pure.
+
+history.py says which fact writes what.
+"""
+
+from collections.abc import Iterator
+
+from tca_tools.run.past import UNKNOWN, Past
+from tca_tools.run.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
+from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.vocabulary import MessageClass
+
+
+class Notes(Past):
+    """Records that are being written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
+        """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
+        self._touched: dict[int, Task] = {}
+        """The tasks whose state may have changed with the newest entry."""
+
+    def _module(self, name: str) -> ModuleRecord:
+        if name not in self.modules:
+            self.modules[name] = ModuleRecord(name)
+        return self.modules[name]
+
+    def _task(self, task: TaskId) -> Task:
+        """A task that something happens to; one sent before the journal begins gets a record under the root."""
+        if task not in self.tasks:
+            self._plant(Task(task, UNKNOWN, MessageClass.GOAL, "", 0, self.time))
+        return self._touched.setdefault(task, self.tasks[task])
+
+    def _touch(self, message_id: int) -> None:
+        """Look at a task's state again when all facts of the event are known."""
+        if (task := self.tasks.get(message_id)) is not None:
+            self._touched[message_id] = task
+
+    def _begin_anew(self, message: Message) -> None:
+        """It is about to be handled. A task that goes on, since its failure was dealt with or, where nobody handled it,
+        since it survives what is above it, keeps that failure.
+        """
+        if not isinstance(message, Task) or not (
+            message.is_recovering or message.is_dealt_with or message.is_unhandled
+        ):
+            self._forget_outcome(message)
+
+    def _forget_outcome(self, message: Message) -> None:
+        """It is handled anew: what came of that before is void. A message to many keeps what the others answered."""
+        self._change(message, "failure", "")
+        self._change(message, "failure_data", b"")
+        if message.message_class.is_task:
+            self._change(message, "result", b"")
+
+    def _change(self, message: Message, name: str, value: str | bytes) -> None:
+        """Write a new value over a field, and remember from when on it is so."""
+        if getattr(message, name) != value:
+            message.changes.append((self.time, name, getattr(message, name)))
+            setattr(message, name, value)
+            self._touch(message.id)
+
+    def _plant(self, task: Task) -> None:
+        """Put a new task into the tree."""
+        self.messages[task.id] = self.tasks[task.id] = self._touched[task.id] = task
+        self.births.append(self.time)
+        if task.parent != ROOT and 0 < task.parent < task.id:
+            parent = self._task(task.parent)
+            parent.children.append(TaskId(task.id))
+            task.top = parent.top
+            if parent.suspension and not task.role.leaves_safe:
+                above = parent.suspension
+                task.suspensions.append(Suspension(TaskId(task.id), above.cause, self.time, above.still, by=above.by))
+        else:
+            task.parent, task.top = ROOT, TaskId(task.id)
+            self.top.append(TaskId(task.id))
+
+    def _suspend(self, top: Task, by: str) -> None:
+        """Suspend a task with all that is under it."""
+        ran: list[Handling] = []
+        for task in self._living(top):
+            if not task.is_suspended:
+                task.suspensions.append(Suspension(TaskId(task.id), TaskId(top.id), self.time, ran, by=by))
+                self._touch(task.id)
+            if task.handling:
+                ran.append(task.handling)
+
+    def _resume(self, top: Task, by: str) -> None:
+        """Let a task go on, with all that is under it."""
+        for task in self._living(top):
+            self._end_suspension(task, is_resumed=True, by=by)
+
+    def _end_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
+        if suspension := task.suspension:
+            suspension.end, suspension.is_resumed, suspension.resumed_by = self.time, is_resumed, by
+            self._touch(task.id)
+
+    def _living(self, top: Task) -> Iterator[Task]:
+        """A task, and what is under it and has not ended."""
+        below = [top]
+        for task in below:  # grows while it is walked
+            yield task
+            children = (self.tasks[child] for child in task.children)
+            below += [child for child in children if Moment.END_ACHIEVING not in child.reached]

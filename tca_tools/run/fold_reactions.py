@@ -1,0 +1,145 @@
+"""What facts of failures, wiretaps, monitors, suspensions and deadlines change in the records of a run. Pure.
+
+history.py says which fact writes what.
+"""
+
+from tca_tools.run.fold_notes import Notes
+from tca_tools.run.records import Ahead, Exhausted, Hold, Task
+from tca_wire.constraints import Constraint
+from tca_wire.journal import facts
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.vocabulary import Condition, Refusal
+
+_HOLDS = {
+    Condition.BEFORE_HANDLING: (Moment.END_HANDLING, Moment.START_HANDLING),
+    Condition.BEFORE_PLANNING: (Moment.END_PLANNING, Moment.START_PLANNING),
+    Condition.BEFORE_ACHIEVING: (Moment.END_ACHIEVING, Moment.START_ACHIEVING),
+}
+"""Of wiretaps that hold: which moment of the listener comes no later than which of the tapped task."""
+
+
+class Reacting(Notes):
+    """Records that are being written, of what reacts to others."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._called: dict[TaskId, dict[int, int]] = {}
+        """For each task whose exception handlers were called, by attachment, how often."""
+        self._called_for: dict[int, tuple[int, str]] = {}
+        """By exception handler, the task that had failed, and how."""
+        self._seen_to: dict[int, str] = {}
+        """By task, the failure whose handler could not decide: the search for the next one goes on, whatever else has
+        been raised on the task meanwhile.
+        """
+
+    def _caught(self, fact: facts.Caught) -> None:
+        calls = self._called.setdefault(fact.at, {})
+        calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
+        if fact.task > 0:
+            task = self._task(fact.task)
+            self._search_on(task)
+            self._called_for[fact.handler] = fact.task, task.failure
+            task.caught_by.append(fact.handler)
+            task.is_recovering, task.is_dealt_with, task.is_unhandled = True, False, False
+
+    def _unhandled(self, fact: facts.Unhandled) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            self._search_on(task)
+            task.is_recovering, task.is_dealt_with, task.is_unhandled = False, False, True
+            self.unhandled.setdefault(fact.task, []).append(self.time)
+            self._exhaust(fact.task)
+
+    def _search_on(self, task: Task) -> None:
+        if failure := self._seen_to.pop(task.id, ""):
+            self._change(task, "failure", failure)
+
+    def _could_not_decide(self, handler: int) -> None:
+        """An exception handler was killed, or gave the failure back."""
+        if handler in self._called_for:
+            task, failure = self._called_for.pop(handler)
+            self._seen_to[task] = failure
+
+    def _recovered(self, fact: facts.Recovered) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            task.is_recovering, task.is_dealt_with = False, True
+
+    def _retried(self, fact: facts.Retried) -> None:
+        if fact.task > 0:
+            task = self._task(fact.task)
+            task.is_recovering = task.is_dealt_with = task.is_unhandled = False
+            self._forget_outcome(task)
+            is_other = fact.body not in (b"", task.body)
+            task.retries.append((self.time, fact.by, is_other))
+            self._change(task, "body", fact.body or task.body)
+
+    def _suspended(self, fact: facts.SuspendedOrResumed) -> None:
+        if fact.task > 0:
+            (self._suspend if fact.is_suspended else self._resume)(self._task(fact.task), fact.by)
+
+    def _refused(self, fact: facts.RequestRefused) -> None:
+        if fact.refusal is Refusal.DEADLOCK:
+            self.deadlocks[self.time, fact.sender] = f"{fact.refusal}: {fact.text}"
+
+    def _tested(self, fact: facts.MonitorTested) -> None:
+        self.tests.setdefault(fact.monitor, []).append((self.time, fact.holds))
+
+    def _watched(self, fact: facts.MonitorEnded) -> None:
+        if fact.monitor > 0:
+            self._change(self._task(fact.monitor), "watched", fact.why)
+            self.news.append(self._task(fact.monitor))  # also where its state stays, since what it did goes on
+
+    def _timed_out(self, fact: facts.TimedOut) -> None:
+        if (held := self.tasks.get(fact.constraint.after.task)) is not None:
+            for hold in held.holds:
+                if hold.over is None and hold.constraint == fact.constraint:
+                    hold.over = self.time
+
+    def _attached(self, fact: facts.Attached) -> None:
+        self.attached[fact.id] = fact
+
+    def _reissued(self, fact: facts.Reissued) -> None:
+        self.reissued[fact.handler] = self.time
+        self._could_not_decide(fact.handler)
+
+    def _exhaust(self, task: TaskId) -> None:
+        """Note which exception handlers of a task, or above it, had been called as often as they may."""
+        failing = at = self._task(task)
+        while True:
+            for attachment, calls in self._called.get(TaskId(at.id), {}).items():
+                self._note_exhausted(failing.id, failing.failure, attachment, calls)
+            if at.parent == ROOT:
+                break
+            at = self.tasks[at.parent]
+        for attachment, calls in self._called.get(ROOT, {}).items():
+            self._note_exhausted(failing.id, failing.failure, attachment, calls)
+
+    def _note_exhausted(self, task: int, failure: str, attachment: int, calls: int) -> None:
+        known = self.attached.get(attachment)
+        if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure.partition(":")[0]):
+            self.exhausted.setdefault(task, []).append(Exhausted(self.time, known.handler, calls))
+
+    def _tap_added(self, fact: facts.TapAdded) -> None:
+        self.taps[fact.id] = fact
+
+    def _tap_fired(self, fact: facts.TapFired) -> None:
+        """What has to be done before a task goes on holds it, as a constraint does."""
+        tap, tapped, listener = self.taps.get(fact.tap), self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
+        if tap is None or tapped is None or listener is None or tap.condition not in _HOLDS:
+            return
+        before, after = _HOLDS[tap.condition]
+        if after not in tapped.reached and before not in listener.reached:
+            points = Point(TaskId(listener.id), before), Point(TaskId(tapped.id), after)
+            tapped.holds.append(Hold(Constraint(*points), self.time, tap=tap))
+            self.news.append(tapped)
+
+    def _deadline(self, fact: facts.DeadlineSet) -> None:
+        if (task := self.tasks.get(fact.task)) is not None:
+            moment = next((moment for moment in Moment if fact.moment & moment), None)
+            self.ahead.setdefault(task.id, []).append(Ahead(self.time, fact.seconds, moment))
+
+    def _kill_planned(self, fact: facts.KillPlanned) -> None:
+        if fact.task in self.tasks:
+            ahead = Ahead(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
+            self.ahead.setdefault(fact.task, []).append(ahead)

@@ -1,0 +1,157 @@
+"""All records of a run, as far as they are known. history.py fills it; then.py asks it what was known when."""
+
+from array import array
+from bisect import bisect_right
+from collections.abc import Iterator
+from math import inf
+
+from tca_tools.run.records import (
+    Ahead,
+    Claim,
+    Exhausted,
+    Handling,
+    Message,
+    ModuleRecord,
+    Offer,
+    Queueing,
+    Raised,
+    Suspension,
+    Task,
+    Wait,
+)
+from tca_wire.journal import facts
+from tca_wire.points import ROOT, TaskId
+from tca_wire.text.facts_in_words import called
+
+UNKNOWN = "?"
+"""The name of what was sent before the journal's first entry."""
+
+
+class Reactions:
+    """What is known of failures, wiretaps, monitors and deadlines beside the tasks themselves."""
+
+    def __init__(self) -> None:
+        self.taps: dict[int, facts.TapAdded] = {}
+        self.attached: dict[int, facts.Attached] = {}
+        self.reissued: dict[int, float] = {}
+        """When which exception handlers passed their failure on."""
+        self.unhandled: dict[int, list[float]] = {}
+        """For tasks whose failure was not handled when that was so."""
+        self.exhausted: dict[int, list[Exhausted]] = {}
+        """For tasks whose failure was not handled the exception handlers that might not be called once more."""
+        self.ahead: dict[int, list[Ahead]] = {}
+        """For tasks that are to be killed, or must be done by a time: that."""
+        self.tests: dict[int, list[tuple[float, bool]]] = {}
+        """For each monitor when its condition was tested, and whether it held."""
+        self.raised: dict[int, list[Raised]] = {}
+        """By task the failures that were raised beside its handler."""
+        self.deadlocks: dict[tuple[float, str], str] = {}
+        """When which module was refused to wait, since that would have been a deadlock: "deadlock", and the circle."""
+
+
+class Past(Reactions):
+    """What is known of a run until ``time``.
+
+    1. ``tasks`` holds every task, ``messages`` every message, tasks included, oldest first.
+    2. A task's parent is the root or a task with a smaller id, so walks up and down end.
+    """
+
+    until_time: float | None = None
+    """Until when the journal was read, if it goes on after that."""
+
+    epoch = ""
+
+    is_live = False
+    """Whether the run goes on: ``time`` is then the present, and what has not ended may still."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.time = 0.0
+        self.times, self.clock, self.numbers = array("d"), array("d"), array("q")
+        """The time of each entry, each later than the one before; what it says that its time is; and its number."""
+        self.began: float | None = None
+        """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
+        self.top: list[TaskId] = []
+        """The tasks under the root."""
+        self.tasks: dict[int, Task] = {}
+        self.births = array("d")
+        """When each task was sent."""
+        self.messages: dict[int, Message] = {}
+        self.message_of: dict[int, int] = {}
+        """For each delivery that has a number of its own its message: of retries, and of what goes to many."""
+        self.handlings: list[Handling] = []
+        self.queueings: list[Queueing] = []
+        self.copies: dict[int, list[Queueing]] = {}
+        """For each message that goes to many the waits of its copies in queues."""
+        self.modules: dict[str, ModuleRecord] = {}
+        self.claims: dict[int, Claim] = {}
+        """Locks and reservations."""
+        self.grants: dict[tuple[str, str], list[Claim]] = {}
+        """By what the module calls itself, and resource: locks and reservations that were granted, in their order."""
+        self.wanted: dict[tuple[str, str], list[Claim]] = {}
+        """The same of all that were asked for, as they were."""
+        self.runs: dict[tuple[str, str], list[Handling]] = {}
+        """By module and resource, the handlings of what central delivered, as they began."""
+        self.offers: dict[str, list[Offer]] = {}
+        """For each message who offered to handle it, oldest first."""
+        self.formats: dict[str, facts.FormatDefined] = {}
+        """For each message its class and formats, as first declared."""
+        self.lost_directly: dict[str, int] = {}
+        """How many informs of each message were sent directly and lost."""
+
+    def suspensions(self) -> Iterator[Suspension]:
+        """Those of tasks that were suspended themselves."""
+        for task in self.tasks.values():
+            yield from (one for one in task.suspensions if one.cause == task.id)
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+        return self.top if task == ROOT else self.tasks[task].children
+
+    def under(self, task: Task) -> Iterator[Task]:
+        """A task, and all that is under it."""
+        below = [task]
+        for one in below:  # grows while it is walked
+            yield one
+            below += [self.tasks[child] for child in one.children]
+
+    def children_until(self, children: list[TaskId], time: float) -> list[TaskId]:
+        """Those of some tasks, oldest first, that had been sent at *time*."""
+        if time >= self.time:
+            return children
+        return children[: bisect_right(children, time, key=self._sent)]
+
+    def _sent(self, task: int) -> float:
+        """When a task was sent; of one that is unknown, before the journal began."""
+        return self.tasks[task].received if task in self.tasks else -inf
+
+    def granted(self, module: str, resource: str) -> list[Claim]:
+        """The locks and reservations of a resource, in all copies of its module, that were granted, in their order."""
+        return self.grants.get((called(module), resource), [])
+
+    def asked_for(self, module: str, resource: str) -> list[Claim]:
+        """The same of all that were asked for, as they were."""
+        return self.wanted.get((called(module), resource), [])
+
+    def deadlock(self, wait: Wait) -> str:
+        """The circle in which a handler or program would have waited for ever, if that ended its wait; else ""."""
+        if wait.end is None or not self.deadlocks:
+            return ""
+        return self.deadlocks.get((wait.end, wait.by if isinstance(wait.by, str) else wait.by.module), "")
+
+    def describe(self, message_id: int) -> str:
+        """A message's name with its id: ``take steps {7}``."""
+        return f"{self.name(message_id)} {{{message_id}}}"
+
+    def name(self, number: int) -> str:
+        """The name of a message, of the message of a delivery, or of a lock or reservation."""
+        found = self.messages.get(number) or self.delivered(number) or self.claims.get(number)
+        return found.name if found else UNKNOWN
+
+    def delivered(self, delivery: int) -> Message | None:
+        """The message of a delivery."""
+        return self.messages.get(self.message_of.get(delivery, delivery))
+
+    def place(self, clock: float) -> int:
+        """How many entries say that they are no later than *clock*."""
+        return bisect_right(self.clock, clock)

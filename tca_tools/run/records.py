@@ -1,0 +1,368 @@
+"""What a history remembers: messages, tasks, and what each handler did when. Plain records; history.py fills them."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import pairwise
+from math import inf
+from typing import Any
+
+from tca_wire.constraints import Constraint
+from tca_wire.journal.facts import TapAdded
+from tca_wire.points import ROOT, Moment, Point, TaskId
+from tca_wire.text.facts_in_words import kill_reason, place
+from tca_wire.vocabulary import MessageClass, Outcome, Role, Scope
+
+
+class State(StrEnum):
+    """What a task is doing at the moment folded so far."""
+
+    HELD = "held"  # not begun: constraints or its parent do not allow it yet
+    QUEUED = "queued"  # waits for a resource or for a handler
+    PLANNING = "planning"  # is being expanded, ahead of its achievement
+    PLANNED = "planned"  # expanded; may not be achieved yet
+    HANDLING = "handling"  # its handler runs and it is being achieved
+    ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
+    ACHIEVED = "achieved"
+    RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
+    SUSPENDED = "suspended"  # nothing of it may be begun, and no handler has it; what is under it may still run
+    ENDING = "ending"  # killed, but its handler still runs, or something under it is still to be done
+    FAILED = "failed"
+    KILLED = "killed"
+
+
+OVER = (State.ACHIEVED, State.FAILED, State.KILLED)
+"""States of a task that has ended."""
+
+
+@dataclass(slots=True)
+class Wait:
+    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim."""
+
+    awaited: int
+    start: float
+    moment: Moment | None = None
+    end: float | None = None
+    by: "Handling | str" = field(default="", repr=False, compare=False)
+    """The run of a handler that waits, or the module where it does outside of any."""
+
+
+@dataclass(slots=True)
+class Queueing:
+    """A delivery waits for a resource, or for a handler (module "")."""
+
+    message_id: int
+    module: str
+    resource: str
+    start: float
+    end: float | None = None
+
+
+@dataclass(slots=True)
+class Handling:
+    """One run of a handler."""
+
+    message_id: int
+    name: str
+    module: str
+    resource: str
+    start: float
+    end: float | None = None
+    outcome: Outcome | None = None
+    """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if it was cut off."""
+    waits: list[Wait] = field(default_factory=list)
+    direct_from: str = ""
+    """The module that sent the message directly: it has no id (0), and no record of its own."""
+    by: "Handling | None" = field(default=None, repr=False, compare=False)
+    """Of such a message the run of a handler that sent it."""
+    delivery: int = 0
+    """The delivery: what its handler sends names it as its origin. A retried message has a new one each time."""
+    asked: "list[Message] | None" = field(default=None, repr=False, compare=False)
+    """The queries that its handler sent."""
+    is_lost: bool = False
+    """Whether it failed because its module was lost: no handler returned."""
+
+
+@dataclass(slots=True)
+class Claim:
+    """A lock or reservation of a module's resource: wanted, then granted, then over."""
+
+    id: int
+    module: str
+    resource: str
+    is_reserved: bool
+    sender: str
+    origin: int
+    """The delivery whose handler wanted it (0: none)."""
+    start: float
+    granted: float | None = None
+    end: float | None = None
+    ended: str = ""
+    """Why it is over."""
+    by: "Handling | None" = field(default=None, repr=False, compare=False)
+    """The run of a handler for which it was wanted."""
+
+    @property
+    def name(self) -> str:
+        """What it is, and of what."""
+        return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)}"
+
+    def __str__(self) -> str:
+        return f"{self.name} {{{self.id}}}"
+
+
+@dataclass(slots=True)
+class Offer:
+    """A module handles a message, in one of its resources."""
+
+    module: str
+    resource: str
+    start: float
+    end: float | None = None
+    """When it took that back, or left."""
+
+
+@dataclass(frozen=True, slots=True)
+class Raised:
+    """A failure was raised on a task beside its handler, which goes on."""
+
+    time: float
+    text: str
+    """Its name, with what was said of it."""
+    by: str
+    """The module that raised it, or "central" ("": the journal does not tell)."""
+
+
+Change = tuple[float, str, Any]
+
+
+@dataclass(slots=True)
+class Hold:
+    """A constraint on a moment of a task; its delay, if it has one, was over at *over*."""
+
+    constraint: Constraint
+    added: float
+    over: float | None = None
+    tap: TapAdded | None = None
+    """The wiretap whose listener it waits for, if it is that."""
+
+
+@dataclass(slots=True)
+class Ahead:
+    """What is to happen to a task: it is killed, or fails if it has not reached a moment by then."""
+
+    set_at: float
+    seconds: float
+    """How long after *set_at*, or after a point was reached."""
+    moment: Moment | None
+    """None: it is killed."""
+    after: Point | None = None
+    scope: Scope = Scope.TASK
+    by: str = ""
+
+
+@dataclass(slots=True)
+class Exhausted:
+    """An exception handler that had been called as often as it may, when a failure was not handled."""
+
+    time: float
+    handler: str
+    calls: int
+
+
+@dataclass(slots=True)
+class Suspension:
+    """Nothing of a task was begun, from when it was suspended until it was resumed or ended."""
+
+    task: TaskId
+    cause: TaskId
+    """What was suspended: this task, or one above it."""
+    start: float
+    still: list[Handling] = field(default_factory=list, repr=False)
+    """The handlers of *cause* and of what is under it that ran then, and ran on."""
+    end: float | None = None
+    is_resumed: bool = False
+    """Whether it ended so; else the task itself ended."""
+    by: str = ""
+    """The module that suspended *cause* ("": the journal does not tell)."""
+    resumed_by: str = ""
+
+    @property
+    def standstill(self) -> float | None:
+        """From when on none of those handlers worked any more (None: one still does)."""
+        since = self.start
+        for handling in self.still:
+            end = self._work_end(handling)
+            if end is None:
+                return None
+            since = max(since, end)
+        return since
+
+    def _work_end(self, handling: Handling) -> float | None:
+        """When a handler was done; or from when on it waited for a task until the suspension was over."""
+        for wait in handling.waits:
+            if wait.moment and (wait.end is None or (self.end is not None and wait.end >= self.end)):
+                return wait.start
+        return handling.end
+
+
+@dataclass(slots=True)
+class Message:
+    """A message that central accepted."""
+
+    id: int
+    name: str
+    message_class: MessageClass
+    sender: str
+    origin: int
+    """The delivery whose handler sent it (0: none)."""
+    received: float
+    body: bytes = b""
+    queueings: list[Queueing] = field(default_factory=list)
+    handlings: list[Handling] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    """What was written over: when, which of the fields (``body`` or one below), and what it was before."""
+    failure: str = ""
+    """The failure raised on it, with its text; "" again when it is handled anew."""
+    dropped: str = ""
+    result: bytes = b""
+    failure_data: bytes = b""
+    role: Role = Role.NONE
+    """Why central made it; NONE if a module sent it."""
+    about: int = 0
+    """The message that it was made for: the failing, tapped, killed or monitoring one."""
+    answered: float | None = None
+    """When its sender got the (last) answer; of queries only."""
+    by: Handling | None = field(default=None, repr=False, compare=False)
+    """The run of a handler that sent it, if that went on then."""
+
+    def __str__(self) -> str:
+        return f"{self.name} {{{self.id}}}"
+
+    def was(self, name: str, moment: float) -> Any:
+        """What one of its fields was at a moment."""
+        for time, field_name, old in self.changes:
+            if time > moment and field_name == name:
+                return old
+        return getattr(self, name)
+
+    def written(self, name: str, moment: float = inf) -> float:
+        """When one of its fields was last written over, until a moment; else when it was sent."""
+        times = (time for time, field_name, _ in reversed(self.changes) if field_name == name and time <= moment)
+        return next(times, self.received)
+
+    def became(self, name: str) -> list[tuple[float, Any]]:
+        """What was written over one of its fields, and when, oldest first."""
+        written = [(time, old) for time, field_name, old in self.changes if field_name == name]
+        return [(time, new) for (time, _), (_, new) in pairwise([*written, (0.0, getattr(self, name))])]
+
+    @property
+    def is_queued(self) -> bool:
+        """Whether it waits for a resource or a handler now."""
+        return bool(self.queueings) and self.queueings[-1].end is None
+
+    @property
+    def handling(self) -> Handling | None:
+        """The run of its handler that goes on now."""
+        return self.handlings[-1] if self.handlings and self.handlings[-1].end is None else None
+
+
+@dataclass(slots=True)
+class Task(Message):
+    """A message that is a node of the task tree."""
+
+    parent: TaskId = ROOT
+    top: TaskId = ROOT
+    """The top-level task above it, or itself."""
+    children: list[TaskId] = field(default_factory=list)
+    holds: list[Hold] = field(default_factory=list)
+    """The constraints on moments of this task."""
+    reached: dict[Moment, float] = field(default_factory=dict)
+    killed: str | None = None
+    """Why it was killed, as central gave it."""
+    killed_by: str = ""
+    """The module that wanted it killed, or "central" ("": the journal does not tell)."""
+    watched: str = ""
+    """Of a monitor: why it watches no longer."""
+    caught_by: list[TaskId] = field(default_factory=list)
+    """The tasks of the exception handlers that were called for its failures."""
+    is_recovering: bool = False
+    """An exception handler decides what becomes of it."""
+    is_dealt_with: bool = False
+    """Its failure was dealt with."""
+    is_unhandled: bool = False
+    """Nobody handled its failure. If it was not killed, because it survives what is above it, it goes on."""
+    suspensions: list[Suspension] = field(default_factory=list)
+    retries: list[tuple[float, str, bool]] = field(default_factory=list)
+    """When it was retried, by whom, and whether with other data."""
+    states: list[tuple[float, State]] = field(default_factory=list)
+    """From when on it was in which state."""
+
+    @property
+    def why_killed(self) -> str | None:
+        """Why, and by whom; None if it was not killed."""
+        return None if self.killed is None else kill_reason(self.killed, self.killed_by)
+
+    @property
+    def suspension(self) -> Suspension | None:
+        """The one that goes on now."""
+        return self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
+
+    @property
+    def is_suspended(self) -> bool:
+        """Whether it is suspended, by itself or with what it is under."""
+        return self.suspension is not None
+
+    @property
+    def is_retried(self) -> bool:
+        """Whether it is to be handled again, and has not been."""
+        return bool(self.retries and self.handlings) and self.retries[-1][0] > self.handlings[-1].start
+
+    @property
+    def state(self) -> State:
+        """What it is doing."""
+        return self._end_state() or self._running_state()
+
+    def _end_state(self) -> State | None:
+        has_ended = Moment.END_ACHIEVING in self.reached
+        if not has_ended and self.killed is not None:
+            return State.ENDING
+        if self.is_recovering and not has_ended:
+            return State.RECOVERING
+        if self.failure and not self.is_dealt_with and (has_ended or not (self.is_unhandled or self.is_retried)):
+            return State.FAILED
+        if self.killed is not None:
+            return State.KILLED
+        return State.ACHIEVED if has_ended else None
+
+    def _running_state(self) -> State:
+        if self.is_suspended and not self.handling:
+            return State.SUSPENDED
+        if self.is_queued:
+            return State.QUEUED
+        if Moment.START_HANDLING not in self.reached:
+            return State.HELD
+        is_achieving = Moment.START_ACHIEVING in self.reached
+        if self.handling:
+            return State.HANDLING if is_achieving else State.PLANNING
+        if is_achieving:
+            return State.ACHIEVING
+        return State.PLANNED if Moment.END_PLANNING in self.reached else State.PLANNING
+
+
+@dataclass(slots=True)
+class ModuleRecord:
+    """A module, as long as the journal goes."""
+
+    name: str
+    joined: list[tuple[float, float | None]] = field(default_factory=list)
+    """From when until when it was connected."""
+    left: str = ""
+    """Why it left the last time."""
+    resources: dict[str, int] = field(default_factory=dict)
+    """Its resources with their capacities (0: its module has left)."""
+    capacities: dict[str, int] = field(default_factory=dict)
+    """The largest capacity that each resource had."""
+    sizes: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
+    """From when on each resource had which capacity."""
+    waits: list[Wait] = field(default_factory=list)
+    """What it waited for outside of any handler."""

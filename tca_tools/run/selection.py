@@ -1,0 +1,220 @@
+"""Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure; draws nothing."""
+
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from itertools import islice
+from math import inf
+from operator import attrgetter
+from typing import Protocol, TypeVar
+
+from tca_tools.errors import NotInLog
+from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.past import Past
+from tca_tools.run.records import Claim, Handling, Message, Queueing, Task, Wait
+from tca_wire.points import ROOT, Moment, TaskId
+from tca_wire.text.printable import printable
+
+_GRANTED, _START = attrgetter("granted"), attrgetter("start")
+_Span = TypeVar("_Span", Claim, Handling)
+_NAMED = 5
+"""How many tasks of one name an error lists."""
+
+
+class Forest(Protocol):
+    """Tasks as they were at a moment, oldest first, each under its parent."""
+
+    @property
+    def tasks(self) -> Mapping[int, TaskThen]:
+        """By number."""
+
+    @property
+    def time(self) -> float:
+        """What the clock of the entries showed."""
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+
+
+class Part:
+    """Some tasks of a run, as they were. Those whose parents are not among them stand at the top."""
+
+    def __init__(self, then: Then, chosen: Collection[int]) -> None:
+        self.tasks = {number: then.tasks[number] for number in then.tasks if number in chosen}
+        self.time = then.time
+        self._top = [TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen]
+
+    def children(self, task: int) -> list[TaskId]:
+        """The tasks right under *task*, oldest first."""
+        if task == ROOT:
+            return self._top
+        return [child for child in self.tasks[task].children if child in self.tasks]
+
+
+def tasks_called(past: Past, text: str) -> list[TaskId]:
+    """The tasks that *text* means: the one of that number, or all of that name. Raises NotInLog if there is none."""
+    wanted = text.strip().strip("{}")
+    found = [TaskId(int(wanted))] if wanted.isdecimal() and int(wanted) in past.tasks else []
+    found = found or [TaskId(task.id) for task in past.tasks.values() if task.name == text]
+    if not found:
+        if wanted.isdecimal() and (message := past.messages.get(int(wanted))):
+            told = f"'tca tree --story {message.id}' tells what became of it"
+            raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
+        raise no_task(text, {task.name for task in past.tasks.values()}, _in_journal(past))
+    return found
+
+
+def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
+    """The error that says so, with the nearest of the *names* that there are."""
+    return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
+
+
+def one_task(past: Past, text: str) -> TaskId:
+    """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there are several."""
+    return TaskId(_only(tasks_called(past, text), text, "tasks"))
+
+
+def one_message(past: Past, text: str) -> int:
+    """The same of what is no task, too, unless tasks have that name."""
+    wanted = text.strip().strip("{}")
+    if wanted.isdecimal() and int(wanted) in past.messages:
+        return int(wanted)
+    if any(task.name == text for task in past.tasks.values()):
+        return one_task(past, text)
+    found = [message.id for message in past.messages.values() if message.name == text]
+    return _only(found, text, "messages") if found else one_task(past, text)
+
+
+def _only(found: Sequence[int], text: str, what: str) -> int:
+    if len(found) > 1:
+        numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
+        raise NotInLog(f"{len(found)} {what} are called '{printable(text)}': name one by its number: {numbers}")
+    return found[0]
+
+
+def check_modules(past: Past, names: Iterable[str]) -> None:
+    """Raises NotInLog if a module is none of the journal's."""
+    for name in names:
+        if name not in past.modules:
+            raise NotInLog(f"no module '{printable(name)}' {_in_journal(past)}{_nearest(name, past.modules)}")
+
+
+def part_of(
+    then: Then,
+    *,
+    roots: Iterable[TaskId] | None = None,
+    modules: Iterable[str] = (),
+    start: float | None = None,
+    end: float | None = None,
+) -> Part:
+    """The tasks under *roots* (None: all), of *modules* (none: all), that lived between *start* and *end*.
+
+    What hangs above a task that was asked for is there too, up to the roots. A task is of the modules that handled it
+    or in whose queue it waited. Times are those of the entries' clock.
+    """
+    past = then.past
+    under = None if roots is None else subtree(past, roots)
+    wanted = set(modules)
+    begin, until = _time_at(past, start, -inf), _time_at(past, end, inf)
+    chosen = {
+        number
+        for number in then.tasks
+        if (under is None or number in under)
+        and (not wanted or _is_of(past.tasks[number], wanted))
+        and _lived(past.tasks[number], begin, until)
+    }
+    for number in sorted(chosen, reverse=True):  # parents have smaller ids than their children
+        parent = past.tasks[number].parent
+        while parent != ROOT and parent not in chosen and (under is None or parent in under):
+            chosen.add(parent)
+            parent = past.tasks[parent].parent
+    return Part(then, chosen)
+
+
+def subtree(past: Past, roots: Iterable[TaskId]) -> set[int]:
+    """The tasks at and under *roots*."""
+    found = dict.fromkeys(map(int, roots))
+    below = list(found)
+    for number in below:  # grows while it is walked
+        for child in past.tasks[number].children:
+            if child not in found:
+                found[child] = None
+                below.append(child)
+    return set(found)
+
+
+def messages_of(past: Past, tasks: Iterable[int]) -> set[int]:
+    """These tasks, and the messages that were sent by their handlers, or by the handlers of such messages."""
+    found = set(tasks)
+    for number, message in past.messages.items():  # whoever sends is older than what he sends
+        if not isinstance(message, Task) and past.message_of.get(message.origin, message.origin) in found:
+            found.add(number)
+    return found
+
+
+def waited_for(past: Past, task: TaskId, of: set[int]) -> set[int]:
+    """What the messages *of* a task's subtree waited for: who had their resources, what came first by a constraint."""
+    found: set[int] = set()
+    for number in of:
+        message = past.messages[number]
+        for wait in (wait for handling in message.handlings for wait in handling.waits):
+            found.add(wait.awaited)
+            if claim := past.claims.get(wait.awaited):
+                found |= _had(past, claim.module, claim.resource, wait)
+        for queueing in message.queueings:
+            found |= _had(past, queueing.module, queueing.resource, queueing)
+        if isinstance(message, Task):
+            found.update(hold.constraint.before.task for hold in message.holds)
+    above = set(lineage(past, task))
+    found |= subtree(past, (TaskId(number) for number in found if number in past.tasks and number not in above))
+    return {number for number in found if number not in of and number in past.messages}
+
+
+def lineage(past: Past, task: TaskId) -> list[TaskId]:
+    """A task and what it hangs under, up to the root's child."""
+    found = [task]
+    while (parent := past.tasks[found[-1]].parent) != ROOT:
+        found.append(parent)
+    return found
+
+
+def _had(past: Past, module: str, resource: str, wait: Queueing | Wait) -> set[int]:
+    """What had a resource while something waited for it, one after the other: what was handled there, and for what it
+    was locked or reserved.
+    """
+    end = past.time if wait.end is None else wait.end
+    claims = _during(past.granted(module, resource), wait.start, end, _GRANTED)
+    runs = _during(past.runs.get((module, resource), []), wait.start, end, _START)
+    return {run.message_id for run in runs} | {past.message_of.get(claim.origin, claim.origin) for claim in claims}
+
+
+def _during(spans: list[_Span], start: float, end: float, began: Callable[[_Span], float]) -> Iterator[_Span]:
+    """Those that began before *end* and went on after *start*."""
+    before = islice(spans, bisect_left(spans, end, key=began))
+    return (one for one in before if one.end is None or one.end > start)
+
+
+def _is_of(message: Message, modules: set[str]) -> bool:
+    handled = any(handling.module in modules for handling in message.handlings)
+    return handled or any(queueing.module in modules for queueing in message.queueings)
+
+
+def _lived(task: Task, start: float, end: float) -> bool:
+    return task.received <= end and task.reached.get(Moment.END_ACHIEVING, inf) >= start
+
+
+def _time_at(past: Past, clock: float | None, default: float) -> float:
+    """The time of the last entry by *clock*."""
+    if clock is None:
+        return default
+    place = past.place(clock)
+    return max(past.times[place - 1], clock) if place else clock
+
+
+def _in_journal(past: Past) -> str:
+    return "in this journal" + ("" if past.until_time is None else f" until {past.until_time:g} s")
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    nearest = get_close_matches(name, list(known), n=1)
+    return f": did you mean '{printable(nearest[0])}'?" if nearest else ""

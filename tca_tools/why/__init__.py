@@ -1,0 +1,1 @@
+"""Why tasks wait, and what became of them."""

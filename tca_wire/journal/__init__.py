@@ -1,0 +1,1 @@
+"""What the journal records, and its bytes."""

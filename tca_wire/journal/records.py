@@ -1,0 +1,309 @@
+"""Journal records to bytes and back, on any binary stream. Knows nothing of what the facts mean.
+
+A segment is a plain MessagePack stream that any language's reader can walk: for each record an integer (the payload's
+length), an integer (its CRC-32) and the payload, an Entry. The integers are always written in five bytes (``ce`` and
+32 bits, big endian), so a record's frame has a fixed size. A record that the end of the file cuts short is a torn
+tail: what central was writing when the machine went down. What is damaged is passed over, up to the next record that
+is sound; so are facts and entries that this version does not know. Only what is no journal at all is an error, and
+damage with nothing sound behind it.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any, BinaryIO
+
+import msgspec
+
+from tca_wire.errors import JournalDamaged
+from tca_wire.journal.facts import JOURNAL_VERSION, Entry, EntryTime, Fact, Opened
+
+_FRAME = struct.Struct(">BIBI")
+_UINT32 = 0xCE
+MAX_RECORD = 64 << 20
+SEGMENT_SUFFIX = ".tcaj"
+
+_LIKE_A_RECORD = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
+"""A frame, and the beginning of an array: of what else is in a journal one byte in millions looks so."""
+_CHUNK = 1 << 20
+_MOST_FRAMES = 100
+"""Damaged records in a row that are told apart."""
+_STEP = 1 << 10
+"""A frame that leads nowhere counts as if so many bytes were read in vain: it takes as long."""
+_SPARE = 8
+"""So many times its own size may be read in vain while sound records are looked for: see ``_allowed``."""
+
+
+class _Roughly(msgspec.Struct, array_like=True):
+    """An entry whose facts may be anything."""
+
+    number: int
+    time: EntryTime
+    facts: list[msgspec.Raw]
+
+
+class _Numbered(msgspec.Struct, array_like=True):
+    """An entry of which only the number is looked at, and the first fact."""
+
+    number: int
+    time: Any
+    facts: Any
+
+
+_UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+_encode = msgspec.msgpack.Encoder().encode
+_decode = msgspec.msgpack.Decoder(Entry).decode
+_decode_roughly = msgspec.msgpack.Decoder(_Roughly).decode
+_decode_number = msgspec.msgpack.Decoder(_Numbered).decode
+_decode_fact = msgspec.msgpack.Decoder(Fact).decode
+
+
+def record(entry: Entry) -> bytes:
+    """*entry* as one journal record, or as several of the same number where it is too big for one: a million tasks
+    may be killed by one event.
+    """
+    payload = _encode(entry)
+    if len(payload) > MAX_RECORD and len(entry.facts) > 1:
+        middle = len(entry.facts) // 2
+        halves = entry.facts[:middle], entry.facts[middle:]
+        return b"".join(record(Entry(entry.number, entry.time, half)) for half in halves)
+    return _FRAME.pack(_UINT32, len(payload), _UINT32, zlib.crc32(payload)) + payload
+
+
+class JournalReader:
+    """Reads the entries of one segment; at the end of what is there it stops, and goes on when iterated again.
+
+    It may begin at the *offset* of a record that was read before. ``offset`` is the byte behind the last good record,
+    ``torn`` the number of bytes behind it that are no whole record. ``holes`` are the places of the damaged records
+    that were passed over; where not ``is_counted`` some of them stand for several that can't be told apart.
+    ``unknown`` is the number of facts that this version does not know, and left out; ``version`` that of the segment.
+
+    After damage, sound is a record whose checksum is right, and whose number is not below that of the last entry: what
+    a message's data hold may look like a record, too.
+    """
+
+    def __init__(self, stream: BinaryIO, name: str = "journal", offset: int = 0) -> None:
+        self._stream = stream
+        self._name = name
+        self._opened = offset > 0
+        self.offset = offset
+        self.torn = 0
+        self.holes: list[int] = []
+        self.is_counted = True
+        self.unknown = 0
+        self.version = JOURNAL_VERSION
+        self._last = -1  # number of the last entry
+        self._window, self._window_at = b"", 0  # some bytes of the stream, and where they stand in it
+        self._longest = MAX_RECORD  # no longer record is looked at: see _allowed
+        self._in_vain = 0
+        self._size = 0  # of the stream, when its end was looked at: meanwhile central writes on
+        self._searched = (-1, -1)  # from where, to what size of the stream: nothing sound is there
+
+    def __iter__(self) -> Iterator[Entry]:
+        """The entries from ``offset`` on. Raises JournalDamaged, naming the byte, where there are no more of them."""
+        self._window = b""  # what came since
+        while True:
+            payload = self._payload()
+            if payload is None:
+                if self._pass_over():
+                    continue
+                break
+            try:
+                entry: Entry | None = _decode(payload)
+            except _UNREADABLE:
+                entry = self._what_is_known(payload)
+            if not self._opened:
+                self._begin(payload, entry)
+            if entry is None:
+                self.holes.append(self.offset)
+            else:
+                self._last = entry.number
+                yield entry
+            self.offset += _FRAME.size + len(payload)
+        self._end()
+
+    # --- records ---------------------------------------------------------------------------------------------------
+
+    def _payload(self) -> bytes | None:
+        """That of the record at ``offset``; None if no sound one is there."""
+        at = self.offset - self._window_at
+        if at < 0 or at + _FRAME.size > len(self._window):
+            self._look_at(self.offset, _FRAME.size)
+            at = 0
+            if len(self._window) < _FRAME.size:
+                return None
+        mark, length, mark_too, checksum = _FRAME.unpack_from(self._window, at)
+        if mark != _UINT32 or mark_too != _UINT32 or length > self._longest:
+            return None
+        at += _FRAME.size
+        if at + length > len(self._window):
+            self._look_at(self.offset, _FRAME.size + length)
+            at = _FRAME.size
+        payload = self._window[at : at + length]
+        return payload if len(payload) == length and zlib.crc32(payload) == checksum else None
+
+    def _look_at(self, place: int, size: int) -> None:
+        """Have these bytes in the window, as far as they are there."""
+        self._stream.seek(place)
+        self._window, self._window_at = self._stream.read(max(size, _CHUNK)), place
+
+    def _bytes(self, place: int, size: int) -> bytes:
+        at = place - self._window_at
+        if at < 0 or at + size > len(self._window):
+            self._look_at(place, size)
+            at = 0
+        return self._window[at : at + size]
+
+    def _length(self, place: int) -> int | None:
+        """What a frame says of the size of its payload; None if there is no frame."""
+        frame = self._bytes(place, _FRAME.size)
+        if len(frame) < _FRAME.size:
+            return None
+        mark, length, mark_too, _ = _FRAME.unpack(frame)
+        return int(length) if (mark, mark_too) == (_UINT32, _UINT32) and length <= MAX_RECORD else None
+
+    def _is_sound(self, place: int, size: int) -> bool:
+        """Whether a record is there, in a stream of that size."""
+        length = self._length(place)
+        if length is None or place + _FRAME.size + length > size or length > self._allowed(place):
+            return False
+        both = self._bytes(place, _FRAME.size + length)
+        payload = memoryview(both)[_FRAME.size :]
+        if len(payload) == length and zlib.crc32(payload) == _FRAME.unpack_from(both)[3]:
+            return True
+        self._in_vain += _FRAME.size + length
+        return False
+
+    def _allowed(self, place: int) -> int:
+        """How long a record may be that is looked at after damage. What is read in vain adds up to a few times of what
+        is behind: the time to read stays linear, even if somebody makes up a file of lengths that lead nowhere.
+        """
+        return MAX_RECORD + _SPARE * place - self._in_vain
+
+    # --- damage ----------------------------------------------------------------------------------------------------
+
+    def _pass_over(self) -> bool:
+        """Go to the next sound record, if there is one behind what is no record; whether there is."""
+        size = self._size = self._stream.seek(0, 2)
+        if self.offset >= size or self._searched == (self.offset, size):
+            return False
+        place, passed = self._by_frames(size)
+        if place is None:
+            place, passed = self._by_looks(size), [self.offset]
+            self.is_counted = self.is_counted and place is None
+        if place is None:
+            self._searched = (self.offset, size)
+            return False
+        self.holes += passed
+        self.offset = place
+        self._longest = max(min(self._allowed(place), MAX_RECORD), self._length(place) or 0)
+        return True
+
+    def _by_frames(self, size: int) -> tuple[int | None, list[int]]:
+        """The next sound record that frames lead to, and those that are damaged before it."""
+        place = self.offset
+        passed: list[int] = []
+        while not self._is_sound(place, size):
+            length = self._length(place)
+            if length is None or length > self._allowed(place) or len(passed) == _MOST_FRAMES:
+                self._in_vain += _STEP * len(passed)
+                return None, []
+            passed.append(place)
+            place += _FRAME.size + length
+        return place, passed
+
+    def _by_looks(self, size: int) -> int | None:
+        """The next sound record whatever is before it."""
+        place, end = self.offset + 1, size if self._opened else min(size, MAX_RECORD)  # the first record is a short one
+        while place < end:
+            if not self._window_at <= place < self._window_at + len(self._window) - _FRAME.size:
+                self._look_at(place, _CHUNK)
+            window, start = self._window, self._window_at
+            found = _LIKE_A_RECORD.search(window, place - start)
+            while found:
+                here = start + found.start()
+                if self._is_sound(here, size) and self._goes_on(here):
+                    return here
+                found = _LIKE_A_RECORD.search(window, found.start() + 1)
+            place = max(start + len(window) - _FRAME.size, place + 1)
+        return None
+
+    def _goes_on(self, place: int) -> bool:
+        """Whether a sound record is an entry that may come after the last one."""
+        length = self._length(place) or 0
+        try:
+            entry = _decode_number(self._bytes(place + _FRAME.size, length))
+        except _UNREADABLE:
+            return False
+        if entry.number >= self._last or _version_in(entry.facts) is not None:
+            return True
+        self._in_vain += length
+        return False
+
+    def _end(self) -> None:
+        """Nothing sound was left. Raises JournalDamaged, unless what was left is nothing or a torn tail, which may have
+        become whole since.
+        """
+        self.torn = self._size - self.offset
+        if self.torn <= 0:
+            return
+        if not self._opened:
+            self._refuse("not a journal of tca central")
+        length = self._length(self.offset)
+        record = 0 if length is None else _FRAME.size + length
+        if self.torn >= _FRAME.size and not self._is_zeros(self.offset + record):
+            self._refuse("there is no record here" if length is None else "its checksum is wrong")
+
+    def _is_zeros(self, place: int) -> bool:
+        """Whether nothing was there, or what some file systems leave after a power cut."""
+        self._stream.seek(place)
+        chunks = (self._stream.read(min(_CHUNK, self._size - at)) for at in range(place, self._size, _CHUNK))
+        return not any(map(any, chunks))
+
+    def _refuse(self, why: str) -> None:
+        at = f", byte {self.offset}" if self.offset else ""
+        msg = f"{self._name}{at}: {why}"
+        raise JournalDamaged(msg)
+
+    # --- what this version does not know ---------------------------------------------------------------------------
+
+    def _what_is_known(self, payload: bytes) -> Entry | None:
+        """An entry without the facts that can't be read; None if it is no entry, or has a time that is none."""
+        try:
+            entry = _decode_roughly(payload)
+        except _UNREADABLE:
+            return None
+        known: list[Fact] = []
+        for raw in entry.facts:
+            try:
+                known.append(_decode_fact(raw))
+            except _UNREADABLE:
+                self.unknown += 1
+        return Entry(entry.number, entry.time, known)
+
+    def _begin(self, payload: bytes, entry: Entry | None) -> None:
+        """The first sound record: it says the version, in a form that never changes. If it does not, others are
+        missing before it.
+        """
+        try:
+            version = _version_in(_decode_number(payload).facts)
+        except _UNREADABLE:
+            version = None
+        if version is None and entry is None:
+            self._refuse("not a journal of tca central")
+        if version is not None:
+            self.version = version
+        elif not self.holes:
+            self.holes.append(self.offset)
+            self.is_counted = False
+        self._opened = True
+
+
+def _version_in(facts: Any) -> int | None:
+    """The version of a segment, from the facts of its first entry; None if they are of any other entry."""
+    try:
+        kind, version = facts[0][:2]
+    except (ValueError, TypeError, IndexError, KeyError):
+        return None
+    return version if kind == Opened.__struct_config__.tag and isinstance(version, int) else None

@@ -1,0 +1,165 @@
+"""Declarations of what controls other tasks: exception handlers and monitors.
+
+::
+
+    TERRAIN_COLLISION = Failure("terrain collision", Contact)
+    HIGHER_SWING = ExceptionHandler("higher swing", Contact)
+    BATTERY = PollingMonitor("battery", condition=IS_LOW, action=GO_HOME)
+"""
+
+from typing import Any, overload
+
+import msgspec
+
+from tca_wire.errors import BadFormat
+from tca_wire.messages.declarations import Broadcast, Command, D, Goal, Inform, Message, Query
+from tca_wire.messages.fitting import alternatives, first_misfit
+from tca_wire.messages.formats import NIL, NO_DATA, schema_text
+from tca_wire.packets.parts import MessageFormat
+from tca_wire.vocabulary import MessageClass
+
+Action = Goal[Any] | Command[Any, Any] | Inform[Any] | Broadcast[Any]
+"""What a monitor may send."""
+
+
+class ExceptionHandler(Message[D, None]):
+    """A task that decides what becomes of another one that failed; it gets the failure's data, or none of it."""
+
+    message_class = MessageClass.EXCEPTION
+
+    @overload
+    def __init__(self: "ExceptionHandler[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+    def decode_data(self, data: bytes) -> D:
+        """The failure's data; one that is declared without any leaves them aside. None of a failure without any."""
+        nothing: Any = None
+        return nothing if self.data.kind is type(None) else super().decode_data(data or NIL)
+
+
+class Monitor(Message[D, None]):
+    """A task that watches, carried out by central. Use one of the subclasses."""
+
+    def __init__(self, name: str, data: Any, parts: "list[Message[Any, Any] | None]") -> None:
+        super().__init__(name, data)
+        self.parts = parts
+
+    @property
+    def format(self) -> MessageFormat:
+        """What central is told of this monitor."""
+        names = [part.name if part is not None else "" for part in self.parts]
+        return msgspec.structs.replace(super().format, parts=names)
+
+    def _check(self, what: str, message: Any, kinds: tuple[type, ...]) -> None:
+        if not isinstance(message, kinds):
+            wanted = ", ".join(kind.__name__ for kind in kinds)
+            text = f"the {what} of {self.message_class} '{self.name}' can be of class {wanted}, and {message!r} is not"
+            raise BadFormat(text)
+
+    def _check_data(self, what: str, message: "Message[Any, Any] | None", data: str, whose: str) -> None:
+        """Raise BadFormat for a part that can't take the data that it will get."""
+        if message is None or message.data.schema == NO_DATA or not (misfit := first_misfit(data, message.data.schema)):
+            return
+        text = f"the {what} '{message.name}' of {self.message_class} '{self.name}' wants data of type {message.data}"
+        raise BadFormat(f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})")
+
+
+_OPTIONAL = (Goal, Command, Inform, Broadcast, type(None))
+_NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_text(kind)))
+
+
+class _Conditional(Monitor[D]):
+    """A monitor that asks a query: None and False say that the condition does not hold; any other reply is the data of
+    the action, except True, for which the action gets the monitor's own data. A part that is declared without data gets
+    none. Raises BadFormat for one that can't take what it would get. The subclasses say what they are made of, so that
+    Python's errors name them.
+    """
+
+    def __init__(self, name: str, data: Any, condition: Query[Any, Any], action: Action | None) -> None:
+        super().__init__(name, data, [condition, action])
+        self._check("condition", condition, (Query,))
+        self._check("action", action, _OPTIONAL)
+        self._check_data("condition", condition, self.data.schema, f"the monitor's own, {self.data}")
+        replies = [one for one in alternatives(condition.reply.schema) if one not in (_NULL, _BOOLEAN)]
+        for reply in replies:
+            self._check_data("action", action, reply, f"what '{condition.name}' replies, {condition.reply}")
+        if not replies:
+            self._check_data("action", action, self.data.schema, f"the monitor's own, {self.data}")
+
+
+class PointMonitor(_Conditional[D]):
+    """Tests its condition once, when its turn among its siblings comes (TCA 8.5: RegisterPointMonitor)."""
+
+    message_class = MessageClass.POINT_MONITOR
+
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
+        super().__init__(name, data, condition, action)
+
+
+class PollingMonitor(_Conditional[D]):
+    """Tests its condition every period (TCA 8.5: RegisterPollingMonitor)."""
+
+    message_class = MessageClass.POLLING_MONITOR
+
+    @overload
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[D, Any], action: Action | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self, name: str, data: type[D], *, condition: Query[None, Any], action: Action | None = None
+    ) -> None: ...
+    def __init__(
+        self, name: str, data: Any = None, *, condition: Query[Any, Any], action: Action | None = None
+    ) -> None:
+        super().__init__(name, data, condition, action)
+
+
+class DemonMonitor(Monitor[D]):
+    """Has something set up, is fired by a module, and has it cancelled (TCA 8.5: RegisterDemonMonitor). Set-up and
+    cancel message get the monitor's data, or none if they are declared without, the action what it is fired with.
+    Raises BadFormat if they want others.
+    """
+
+    message_class = MessageClass.DEMON_MONITOR
+
+    @overload
+    def __init__(
+        self: "DemonMonitor[None]", name: str, *, set_up: Action | None = ..., action: Action | None = ...,
+        cancel: Action | None = ...,
+    ) -> None: ...  # fmt: skip
+    @overload
+    def __init__(
+        self, name: str, data: Any, *, set_up: Action | None = ..., action: Action | None = ...,
+        cancel: Action | None = ...,
+    ) -> None: ...  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        data: Any = None,
+        *,
+        set_up: Action | None = None,
+        action: Action | None = None,
+        cancel: Action | None = None,
+    ) -> None:
+        super().__init__(name, data, [set_up, action, cancel])
+        self.action = action
+        for what, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
+            self._check(what, part, _OPTIONAL)
+        for what, part in (("set-up", set_up), ("cancel message", cancel)):
+            self._check_data(what, part, self.data.schema, f"the monitor's own, {self.data}")

@@ -1,0 +1,253 @@
+"""Messages as a robot's vocabulary declares them: a name, a class and the types of data and reply.
+
+Declared once, in the robot's own ``messages.py``::
+
+    TAKE_STEPS = Goal("take steps", Arc)
+    MOVE_LEG = Command("move leg", LegMove, result=Footfall)
+    NEXT_STANCE = Query("next stance", Pose, reply=Stance)
+"""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Generic, TypeVar, overload
+
+from tca_wire.errors import BadData, BadFormat
+from tca_wire.messages.fitting import first_misfit
+from tca_wire.messages.formats import Format
+from tca_wire.packets.parts import MessageFormat
+from tca_wire.vocabulary import Limit, MessageClass
+
+D = TypeVar("D")
+R = TypeVar("R")
+
+NOTHING: Any = None
+"""Default of data parameters: messages without data are sent without."""
+
+
+def _checked_name(name: str) -> str:
+    if not isinstance(name, str) or not name.strip() or len(name) > Limit.NAME or not name.isprintable():
+        msg = f"{name!r:.40} is no message name: 1 to {Limit.NAME:d} printable characters are"
+        raise BadFormat(msg)
+    return name
+
+
+def _format(kind: Any) -> Format[Any]:
+    """The format of a type; a format is taken as it is, None says that there are no data."""
+    return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
+
+
+class Message(Generic[D, R]):
+    """A declared message: data of type D, reply or result of type R. Use one of the subclasses."""
+
+    message_class: ClassVar[MessageClass]
+
+    def __init__(self, name: str, data: Any = None, reply: Any = None) -> None:
+        self.name = _checked_name(name)
+        self.data: Format[D] = _format(data)
+        self.reply: Format[R] = _format(reply)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, {self.data} -> {self.reply})"
+
+    @property
+    def format(self) -> MessageFormat:
+        """What central is told of this message."""
+        return MessageFormat(self.name, self.message_class, self.data.schema, self.reply.schema)
+
+    def encode_data(self, data: D) -> bytes:
+        """*data* as bytes. Raises BadData, naming message and field."""
+        if data is not None and self.data.kind is type(None):
+            msg = f"{self.message_class} '{self.name}' is declared without data, and was given {data!r:.60}"
+            raise BadData(msg)
+        try:
+            return self.data.encode(data)
+        except BadData as error:
+            msg = f"{self.message_class} '{self.name}' wants data of type {self.data}: {error}"
+            raise BadData(msg) from None
+
+    def decode_data(self, data: bytes) -> D:
+        """The data of a message received. Raises BadData, naming message and field."""
+        try:
+            return self.data.decode(data)
+        except BadData as error:
+            msg = f"{self.message_class} '{self.name}' came with data that is no {self.data}: {error}"
+            raise BadData(msg) from None
+
+    def encode_reply(self, reply: R) -> bytes:
+        """A handler's return value as bytes. Raises BadData, naming message and field."""
+        try:
+            return self.reply.encode(reply)
+        except BadData as error:
+            msg = f"the handler of {self.message_class} '{self.name}' must return {self.reply}: {error}"
+            raise BadData(msg) from None
+
+    def decode_reply(self, reply: bytes) -> R:
+        """The reply or result of a message sent. Raises BadData, naming message and field."""
+        try:
+            return self.reply.decode(reply)
+        except BadData as error:
+            msg = f"the answer to {self.message_class} '{self.name}' is no {self.reply}: {error}"
+            raise BadData(msg) from None
+
+
+class Inform(Message[D, None]):
+    """One way, to the one handler; at most once, in order."""
+
+    message_class = MessageClass.INFORM
+
+    @overload
+    def __init__(self: "Inform[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+
+class Broadcast(Message[D, None]):
+    """One way, to every module that handles it."""
+
+    message_class = MessageClass.BROADCAST
+
+    @overload
+    def __init__(self: "Broadcast[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+
+class Query(Message[D, R]):
+    """A question with a reply. It belongs to no task's intervals and is answered even while goals are held back."""
+
+    message_class = MessageClass.QUERY
+
+    @overload
+    def __init__(self: "Query[None, R]", name: str, *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None:
+        super().__init__(name, data, reply)
+
+
+class MultiQuery(Message[D, R]):
+    """A question to every module that handles it."""
+
+    message_class = MessageClass.MULTI_QUERY
+
+    @overload
+    def __init__(self: "MultiQuery[None, R]", name: str, *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, reply: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, reply: Any) -> None:
+        super().__init__(name, data, reply)
+
+
+class Goal(Message[D, None]):
+    """A task that expands into subtasks; planned as soon as planning may start, even while achieving is held back."""
+
+    message_class = MessageClass.GOAL
+
+    @overload
+    def __init__(self: "Goal[None]", name: str) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any = None) -> None:
+        super().__init__(name, data)
+
+
+class Command(Message[D, R]):
+    """A task that acts: handled only when it may be achieved. Its handler may return a result."""
+
+    message_class = MessageClass.COMMAND
+
+    @overload
+    def __init__(self: "Command[None, None]", name: str) -> None: ...
+    @overload
+    def __init__(self: "Command[D, None]", name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self: "Command[None, R]", name: str, *, result: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, result: type[R]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any = None, *, result: Any = None) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, result: Any = None) -> None:
+        super().__init__(name, data, result)
+
+
+class Variable(Message[D, None]):
+    """A value that central keeps for all; the newest wins, and it outlives the module that set it (TCA 7.7).
+
+    Whoever handles it watches it: the handler is called with the value there is, then with each new one, but of those
+    that come while it runs only with the newest. After a break it may be called with a value twice.
+    """
+
+    message_class = MessageClass.VARIABLE
+
+    @overload
+    def __init__(self, name: str, data: type[D]) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any) -> None: ...
+    def __init__(self, name: str, data: Any) -> None:
+        super().__init__(name, data)
+
+
+class Failure(Generic[D]):
+    """Something that can go wrong, by name and with data. A handler fails with ``raise COLLISION(contact)``.
+
+    Of a failure that is a *kind_of* another the exception handlers of that other one take care, too. They get its data:
+    so these must be of the same type as the other one's, or fit it, unless that has none. Raises BadFormat if not.
+    """
+
+    @overload
+    def __init__(self: "Failure[None]", name: str, *, kind_of: "Failure[Any] | None" = None) -> None: ...
+    @overload
+    def __init__(self, name: str, data: type[D], *, kind_of: "Failure[Any] | None" = None) -> None: ...
+    @overload
+    def __init__(self, name: str, data: Any, *, kind_of: "Failure[Any] | None" = None) -> None: ...
+    def __init__(self, name: str, data: Any = None, *, kind_of: "Failure[Any] | None" = None) -> None:
+        self.name = _checked_name(name)
+        self.data: Format[D] = _format(data)
+        self._check_kind(kind_of)
+        self.kinds: list[str] = [kind_of.name, *kind_of.kinds] if kind_of is not None else []
+
+    def __repr__(self) -> str:
+        return f"Failure({self.name!r}, {self.data})"
+
+    def _check_kind(self, kind_of: Any) -> None:
+        if kind_of is not None and not isinstance(kind_of, Failure):
+            msg = f"failure '{self.name}' can't be a kind of {kind_of!r:.60}: give the declaration of a Failure"
+            raise BadFormat(msg)
+        if kind_of is None or kind_of.data.kind is type(None):
+            return
+        if misfit := first_misfit(self.data.schema, kind_of.data.schema):
+            text = f"failure '{self.name}' has data of type {self.data}, and '{kind_of.name}', of which it is a kind,"
+            advice = f"declare both with the same type, or '{kind_of.name}' without data ({misfit})"
+            raise BadFormat(f"{text} {kind_of.data}, which its exception handlers want: {advice}")
+
+    def __call__(self, data: D = NOTHING, text: str = "") -> "FailureRaised":
+        """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is none."""
+        if not isinstance(text, str):
+            msg = f"failure '{self.name}' wants a text beside its data, and {text!r:.60} is none"
+            raise BadData(msg)
+        try:
+            return FailureRaised(self.name, text, self.data.encode(data), self.kinds)
+        except BadData as error:
+            msg = f"failure '{self.name}' wants data of type {self.data}: {error}"
+            raise BadData(msg) from None
+
+
+class FailureRaised(Exception):
+    """A failure on its way from a handler to its task."""
+
+    def __init__(self, name: str, text: str, body: bytes, kinds: Sequence[str] = ()) -> None:
+        super().__init__(f"{name}: {text}" if text else name)
+        self.name, self.text, self.body, self.kinds = name, text, body, list(kinds)

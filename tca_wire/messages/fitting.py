@@ -1,0 +1,207 @@
+"""Whether all data of one format can be read as another: where central passes on what was made for somebody else.
+
+An exception handler gets the failure's data, an action what the condition replies. The rules are those by which data
+are decoded (formats.py): fields that nobody wants are passed over, a whole number is a number, too, and of a union
+each alternative must find one that takes it. Formats do not tell everything; what they leave open fits.
+"""
+
+import json
+from typing import Any
+
+from tca_wire.messages.formats import brief
+
+_AT_LEAST = ("minimum", "exclusiveMinimum", "minLength", "minItems", "minProperties")
+_AT_MOST = ("maximum", "exclusiveMaximum", "maxLength", "maxItems", "maxProperties")
+_LENGTHS = ("minLength", "minItems", "minProperties")
+_EQUAL = ("multipleOf", "pattern")
+
+_TEXTS = frozenset(("uuid", "decimal", "date", "time", "duration"))
+"""Formats of what travels as text, and can be read as that."""
+
+_TYPES = {str: "string", int: "integer", float: "number", bool: "boolean", type(None): "null"}
+
+_ANYTHING: dict[str, Any] = {}
+
+
+def first_misfit(sent: str, wanted: str) -> str | None:
+    """Which values of the format *sent* (as JSON Schema) can't be read as *wanted*: ``"$.x: integer here, string
+    there"``, where "here" is what is wanted; None if all can, as far as formats tell.
+    """
+    if sent == wanted:
+        return None
+    try:
+        left, right = json.loads(sent or "{}"), json.loads(wanted or "{}")
+        found = _Fitting(left, right).misfit(left, right)
+    except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
+        return "$: one of the two is no JSON Schema"
+    return found and f"${found}"
+
+
+def alternatives(schema: str) -> list[str]:
+    """The schemas of which a value must fit one: several where a type is a union."""
+    whole = json.loads(schema)
+    shared = {name: whole[name] for name in ("$defs",) if name in whole}
+    texts = [(one, json.dumps(one)) for one in whole.get("anyOf", [whole])]
+    return [json.dumps(one | shared) if "$ref" in text else text for one, text in texts]
+
+
+class _Fitting:
+    """Walks two schemas side by side, following references. What it says begins with the place, from where it stands.
+
+    A pair of named types that is met again, within itself, fits if nothing else speaks against it; when something has,
+    what was found to fit meanwhile is looked at anew.
+    """
+
+    def __init__(self, sent: Any, wanted: Any) -> None:
+        self._definitions = [schema.get("$defs", {}) for schema in (sent, wanted)]
+        self._fits: dict[tuple[str, str], None] = {}
+        self._misfits: dict[tuple[str, str], str] = {}
+
+    def misfit(self, sent: Any, wanted: Any) -> str | None:
+        """Where and why a value of *sent* can't be read as *wanted*: ``".x: integer here, string there"``."""
+        pair = (sent.get("$ref", ""), wanted.get("$ref", ""))
+        if not all(pair):
+            return self._resolved(self._resolve(0, sent), self._resolve(1, wanted))
+        if pair in self._fits or pair in self._misfits:
+            return self._misfits.get(pair)
+        mark = len(self._fits)
+        self._fits[pair] = None
+        found = self._resolved(self._resolve(0, sent), self._resolve(1, wanted))
+        if found:
+            self._misfits[pair] = found
+            while len(self._fits) > mark:
+                self._fits.popitem()
+        return found
+
+    def _resolve(self, side: int, schema: Any) -> Any:
+        name = schema.get("$ref", "")
+        return self._definitions[side][name.rpartition("/")[2]] if name else schema
+
+    def _resolved(self, sent: Any, wanted: Any) -> str | None:
+        choices = wanted.get("anyOf", [wanted])
+        for one in _alternatives(sent):
+            if one is sent and choices == [wanted]:
+                return self._single(sent, wanted)
+            found = [self.misfit(one, choice) for choice in choices]
+            if None not in found:
+                return found[0] if len(found) == 1 else _differ(one, wanted)
+        return None
+
+    def _single(self, sent: Any, wanted: Any) -> str | None:
+        """Of two that are no unions."""
+        if _is_open(sent) or _is_open(wanted):
+            return None
+        if "enum" in sent or "enum" in wanted:
+            return None if _takes_value(sent, wanted) else _differ(sent, wanted)
+        kinds = (sent.get("type"), wanted.get("type"))
+        if kinds[0] != kinds[1] and kinds != ("integer", "number"):
+            return _differ(sent, wanted)
+        if not _takes_form(sent, wanted):
+            return _differ(sent, wanted)
+        found = _out_of_bounds(sent, wanted)
+        if found is None and kinds[1] == "object":
+            found = self._fields(sent, wanted) or self._other_fields(sent, wanted)
+        if found is None and kinds[1] == "array":
+            found = self._items(sent, wanted)
+        return found
+
+    def _fields(self, sent: Any, wanted: Any) -> str | None:
+        """The fields that are wanted."""
+        theirs, needed = sent.get("properties", {}), wanted.get("required", ())
+        others = _values(sent)
+        for name, field in wanted.get("properties", {}).items():
+            there = theirs.get(name, others)
+            if name in needed and name not in theirs:
+                return f".{name}: a field here, none there"
+            if name in needed and name not in sent.get("required", ()):
+                return f".{name}: required here, optional there"
+            if there is not None and (found := self.misfit(there, field)):
+                return f".{name}{found}"
+        return None
+
+    def _other_fields(self, sent: Any, wanted: Any) -> str | None:
+        """Those that are not: passed over, unless their values or names matter."""
+        taken = wanted.get("additionalProperties", _ANYTHING)
+        for name, field in sent.get("properties", {}).items():
+            if name in wanted.get("properties", {}):
+                continue
+            if taken is False:
+                return f".{name}: no field here, one there"
+            if found := self.misfit(field, taken):
+                return f".{name}{found}"
+        others = _values(sent)
+        if others is None:
+            return None
+        found = ": no further fields here, any there" if taken is False else self.misfit(others, taken)
+        return found and f"[...]{found}"
+
+    def _items(self, sent: Any, wanted: Any) -> str | None:
+        mine, yours = wanted.get("prefixItems", []), sent.get("prefixItems", [])
+        for place in range(max(len(mine), len(yours)) + 1):
+            there = yours[place] if place < len(yours) else sent.get("items", False if yours else _ANYTHING)
+            here = mine[place] if place < len(mine) else wanted.get("items", _ANYTHING)
+            if there is False:
+                return None
+            found = ": none here, some there" if here is False else self.misfit(there, here)
+            if found:
+                return f"[...]{found}"
+        return None
+
+
+def _alternatives(schema: Any) -> list[Any]:
+    """What a value may be, one by one."""
+    if len(schema.get("enum", ())) > 1:
+        return [{"enum": [value]} for value in schema["enum"]]
+    whole: list[Any] = schema.get("anyOf", [schema])
+    return whole
+
+
+def _is_open(schema: Any) -> bool:
+    """Whether it says nothing of what a value must be."""
+    return not any(key in schema for key in ("type", "enum", "anyOf"))
+
+
+def _takes_value(sent: Any, wanted: Any) -> bool:
+    """Whether the one value that there is, if it is only one, is among those that are wanted."""
+    if "enum" not in sent:
+        return False
+    value = sent["enum"][0]
+    if "enum" in wanted:
+        return any(type(one) is type(value) and one == value for one in wanted["enum"])
+    kind = _TYPES.get(type(value))
+    if wanted["type"] not in (kind, "number" if kind == "integer" else kind) or not _takes_form({}, wanted):
+        return False
+    size = len(value) if isinstance(value, str) else None
+    exact = {"minimum": value, "maximum": value, "minLength": size, "maxLength": size}
+    return _out_of_bounds(exact, wanted) is None
+
+
+def _takes_form(sent: Any, wanted: Any) -> bool:
+    """Whether what is written as text, or as a list, is written so that it can be read."""
+    if sent.get("contentEncoding") != wanted.get("contentEncoding"):
+        return False
+    mine, yours = wanted.get("format"), sent.get("format")
+    return bool(mine == yours or (mine is None and yours in _TEXTS))
+
+
+def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
+    """Which bound that is wanted is not kept."""
+    for key in (*_AT_LEAST, *_AT_MOST, *_EQUAL):
+        mine, yours = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
+        if key == "maxItems" and yours is None and "prefixItems" in sent:
+            yours = len(sent["prefixItems"])
+        if mine is None or mine == yours:
+            continue
+        is_kept = yours is not None and ((key in _AT_LEAST and yours >= mine) or (key in _AT_MOST and yours <= mine))
+        if not is_kept:
+            return f": {key} {json.dumps(mine)} here, {'none' if yours is None else json.dumps(yours)} there"
+    return None
+
+
+def _values(schema: Any) -> Any:
+    """What the values of a mapping are; None of what has fields, and no others."""
+    return schema.get("additionalProperties", _ANYTHING) if "properties" not in schema else None
+
+
+def _differ(sent: Any, wanted: Any) -> str:
+    return f": {brief(wanted)} here, {brief(sent)} there"

@@ -1,0 +1,55 @@
+"""Notices: broadcasts of central itself about who is there. Any module may handle them, no module sends them."""
+
+import msgspec
+
+from tca_wire.messages.declarations import D, Message
+from tca_wire.vocabulary import MessageClass
+
+PREFIX = "tca: "
+"""Names of messages that begin so are central's own."""
+
+COMMANDS = "tca "
+"""Modules whose names begin so are commands that people type (``tca status``): notices do not tell of them."""
+
+
+class Notice(Message[D, None]):
+    """A broadcast of central's. Nothing is sent or recorded while nobody listens."""
+
+    message_class = MessageClass.BROADCAST
+
+
+class Arrival(msgspec.Struct, frozen=True):
+    """A module has joined, or another program that is no command of people's."""
+
+    module: str
+    """Its name, unique among those connected."""
+    process: str
+    """Where it runs: "host:pid"."""
+
+
+class Departure(msgspec.Struct, frozen=True):
+    """A module has left, or another program that is no command of people's."""
+
+    module: str
+    why: str
+    """In words, for people: it said goodbye, its connection closed, ..."""
+
+
+class HandlerCount(msgspec.Struct, frozen=True):
+    """A message is handled by more or fewer than before."""
+
+    message: str
+    handlers: int
+    """So many modules handle it now and have a thread for it."""
+
+
+MODULE_JOINED = Notice[Arrival](f"{PREFIX}module joined", Arrival)
+MODULE_LEFT = Notice[Departure](f"{PREFIX}module left", Departure)
+HANDLERS_CHANGED = Notice[HandlerCount](f"{PREFIX}handlers changed", HandlerCount)
+"""Not told of notices themselves."""
+
+NOTICES: dict[str, Message[object, None]] = {
+    notice.name: notice  # type: ignore[misc]
+    for notice in (MODULE_JOINED, MODULE_LEFT, HANDLERS_CHANGED)
+}
+"""By name."""

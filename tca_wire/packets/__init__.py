@@ -1,0 +1,1 @@
+"""What modules and central send each other, and its bytes."""

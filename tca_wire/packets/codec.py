@@ -1,0 +1,115 @@
+"""Packets: header and body pairs to bytes and back. One packet is one ZeroMQ frame.
+
+A packet holds one or more *items*, each ``length of header (u32, big endian), length of body (u32), header, body``.
+Items that wait for the same peer share a packet: with small messages, frames and calls are what costs.
+"""
+
+import re
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import msgspec
+
+from tca_wire.errors import ProtocolError
+from tca_wire.packets.headers import ToCentral, ToModule
+from tca_wire.vocabulary import Limit
+
+_LENGTHS = struct.Struct(">II")
+
+
+def plain(value: Any) -> int:
+    """A number of a type of its own, as programs have them, goes as a plain one."""
+    if isinstance(value, int):
+        return int(value)
+    msg = f"Encoding objects of type {type(value).__name__} is unsupported"
+    raise TypeError(msg)
+
+
+_encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
+
+# What msgspec raises on hostile bytes; the last two are no MsgspecError.
+_BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
+
+def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
+    """One item; packets are items joined."""
+    encoded = _encode(header)
+    return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
+
+
+def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
+    """A packet of several items."""
+    return b"".join(pack_item(header, body) for header, body in items)
+
+
+def packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """Items in as few packets as their size allows, each with the number of items in those before it."""
+    packed: list[bytes] = []
+    before = size = 0
+    for header, body in items:
+        item = pack_item(header, body)
+        if packed and size + len(item) > Limit.BODY:
+            yield before, b"".join(packed)
+            before += len(packed)
+            packed, size = [], 0
+        packed.append(item)
+        size += len(item)
+    yield before, b"".join(packed)
+
+
+def _split(packet: bytes) -> Iterator[tuple[bytes, bytes]]:
+    if not packet or len(packet) > Limit.PACKET:
+        msg = f"a packet of {len(packet)} bytes; 8 to {Limit.PACKET:d} are allowed"
+        raise ProtocolError(msg)
+    at, end = 0, len(packet)
+    while at < end:
+        if at + 8 > end:
+            msg = f"the packet ends inside the lengths of an item (byte {at} of {end})"
+            raise ProtocolError(msg)
+        header_length, body_length = _LENGTHS.unpack_from(packet, at)
+        header_end = at + 8 + header_length
+        at = header_end + body_length
+        if at > end:
+            msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {end} hold"
+            raise ProtocolError(msg)
+        yield packet[header_end - header_length : header_end], packet[header_end:at]
+
+
+def unpacker(kinds: Any, what_it_is_not: str) -> Callable[[bytes], list[tuple[Any, bytes]]]:
+    """What takes packets with headers of these *kinds* apart. It raises ProtocolError, whatever the bytes."""
+    decode = msgspec.msgpack.Decoder(kinds).decode
+
+    def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
+        try:
+            return [(decode(header), body) for header, body in _split(packet)]
+        except _BAD_BYTES as error:
+            msg = f"a header is {what_it_is_not}: {error}"
+            raise ProtocolError(msg) from None
+
+    return unpack
+
+
+unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(ToCentral, "no message to central")
+"""The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
+
+unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(ToModule, "no message to a module")
+"""The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
+
+
+_decode_header = msgspec.msgpack.Decoder(ToCentral).decode
+
+
+def misfit(header: Any) -> str:
+    """What is wrong with the fields of a header, as central would see it; "" if nothing is."""
+    try:
+        _decode_header(_encode(header))
+    except UnicodeEncodeError:
+        raise
+    except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:
+        place = re.search(r"`\$\[(\d+)\]", str(error))
+        fields = header.__struct_fields__
+        field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
+        what = str(error).partition(" - at ")[0]
+        return f"{field}: {what}" if field else what
+    return ""

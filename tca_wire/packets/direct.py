@@ -1,0 +1,63 @@
+"""What two modules say to each other when a message goes directly: headers and packets of that way.
+
+The sender connects to a slot's entrance (routes.py), greets with its key, and numbers what it sends. The packets are
+made as those to and from central are (codec.py).
+"""
+
+import msgspec
+
+from tca_wire.packets.codec import unpacker
+from tca_wire.packets.headers import Answer, Closing, GiveUp, Refused, Unknown
+
+
+class _Header(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """What all headers share: an array on the wire, whose first element is the kind."""
+
+
+class Greet(_Header, frozen=True, tag=96):
+    """First message of a sender, and again when it doubts that what it sent has arrived. Answered by Greeting."""
+
+    version: int
+    key: str
+    session: str
+    """Names this sender's way to this entrance, across reconnects."""
+    module: str
+    newest: int = 0
+    """The highest number that the sender has used."""
+    is_first: bool = True
+    """It was never answered a Greet in this session."""
+
+
+class Direct(_Header, frozen=True, tag=97):
+    """Handle this message; the body is its data. A query is answered by Answer or Refused, an inform by nothing."""
+
+    number: int
+    message: str
+    origin: int = 0
+    """The delivery that the sender is handling (0: none)."""
+
+
+class Greeting(_Header, frozen=True, tag=98):
+    """Of the sender's numbers up to *newest* those *missing* never arrived, and those *open* are queries that will be
+    answered. Answers to any others were given, or are forgotten.
+    """
+
+    newest: int
+    missing: list[int] = []
+    open: list[int] = []
+
+
+class Taken(_Header, frozen=True, tag=99):
+    """All messages up to this number have been begun with."""
+
+    number: int
+
+
+ToEntrance = Greet | Direct | GiveUp
+FromEntrance = Greeting | Taken | Answer | Refused | Unknown | Closing
+
+unpack_to_entrance = unpacker(ToEntrance, "no message to a slot")
+"""The items of a packet that came to an entrance. Raises ProtocolError, whatever the bytes."""
+
+unpack_from_entrance = unpacker(FromEntrance, "no message from a slot")
+"""The items of a packet that came from an entrance. Raises ProtocolError, whatever the bytes."""

@@ -1,0 +1,330 @@
+"""Plain values (what JSON has, or what a person types) made into data of a format that is known as JSON Schema only.
+
+For programs that send messages which they did not declare, such as the command line. Stricter than a decoder: a field
+that the format does not know is refused, for it is a slip of the pen.
+"""
+
+import base64
+import binascii
+import json
+import re
+from collections.abc import Callable, Sequence
+from datetime import date, datetime, time, timedelta
+from decimal import Decimal
+from difflib import get_close_matches
+from typing import Any
+from uuid import UUID
+
+import msgspec
+
+from tca_wire.errors import BadData
+from tca_wire.messages.formats import Format, brief
+
+_TEXTS = {
+    "date-time": datetime, "date": date, "time": time, "duration": timedelta, "uuid": UUID, "decimal": Decimal
+}  # fmt: skip
+_BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
+    "minimum": (lambda value, bound: value >= bound, "at least {}"),
+    "maximum": (lambda value, bound: value <= bound, "at most {}"),
+    "exclusiveMinimum": (lambda value, bound: value > bound, "more than {}"),
+    "exclusiveMaximum": (lambda value, bound: value < bound, "less than {}"),
+    "multipleOf": (lambda value, bound: value % bound == 0, "a multiple of {}"),
+    "minLength": (lambda value, bound: len(value) >= bound, "at least {} characters"),
+    "maxLength": (lambda value, bound: len(value) <= bound, "at most {} characters"),
+    "pattern": (lambda value, pattern: re.search(pattern, value) is not None, "text like {}"),
+    "minItems": (lambda value, bound: len(value) >= bound, "at least {} items"),
+    "maxItems": (lambda value, bound: len(value) <= bound, "at most {} items"),
+}
+_WORDS = {
+    "object": "an object", "array": "a list", "string": "a text", "integer": "a whole number", "number": "a number",
+    "boolean": "true or false", "null": "null", "date-time": "a time like 2024-02-03T12:00:00Z", "date":
+    "a date like 2024-02-03", "time": "a time like 12:00:00", "duration": "a duration like PT1.5S", "uuid": "a UUID",
+    "decimal": "a decimal number as text",
+}  # fmt: skip
+_LONGEST_SHOWN = 40
+
+
+class Bare:
+    """What somebody typed for a value: JSON where that fits, else the text itself."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __repr__(self) -> str:
+        return self.text
+
+    @property
+    def value(self) -> Any:
+        """The JSON value that the text is; the text, if it is none."""
+        try:
+            return json.loads(self.text)
+        except (ValueError, RecursionError):
+            return self.text
+
+
+class PlainFormat(Format[Any]):
+    """A format of which only the schema is known. Its values are plain: dicts, lists, texts, numbers, None."""
+
+    def __init__(self, schema: str) -> None:
+        try:
+            self.shape: Any = json.loads(schema or "{}")
+        except (ValueError, RecursionError):
+            self.shape = {}
+        is_nothing = self.shape == {"type": "null"}
+        super().__init__(type(None) if is_nothing else Any)
+        self.schema = schema
+
+    def __str__(self) -> str:
+        return brief(self.shape)
+
+    @property
+    def takes_fields(self) -> bool:
+        """Whether its values may have named fields."""
+        return _Fitting(self.shape).takes_fields(self.shape)
+
+    def encode(self, value: Any) -> bytes:
+        """*value*, in which texts may be Bare, as bytes. Raises BadData, naming the field, if it does not fit."""
+        try:
+            fitted = _Fitting(self.shape).fit(self.shape, value, "")
+        except RecursionError:
+            raise BadData("it is nested too deeply") from None
+        return super().encode(fitted)
+
+
+def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
+    """Why the field at *path* (none: the whole) of data of a format can't be *value*; "" if it can, as far as formats
+    tell.
+    """
+    whole = PlainFormat(schema).shape
+    fitting, problem = _Fitting(whole), ""
+    try:
+        for option in fitting.field(whole, path):
+            try:
+                fitting.fit(option, value, ".".join(path))
+            except (BadData, RecursionError) as error:
+                problem = str(error)
+            else:
+                return ""
+    except BadData as error:
+        return str(error)
+    return problem
+
+
+def knows_field(schema: str, path: Sequence[str]) -> bool:
+    """Whether data of a format may have a field at *path*."""
+    whole = PlainFormat(schema).shape
+    try:
+        _Fitting(whole).field(whole, path)
+    except BadData:
+        return False
+    return True
+
+
+class _Fitting:
+    """Walks value and schema side by side, and builds the data. What it does not know of a schema it lets pass."""
+
+    def __init__(self, schema: Any) -> None:
+        self._definitions = schema.get("$defs", {}) if isinstance(schema, dict) else {}
+        self._of_type: dict[str, Callable[[dict[str, Any], Any, str], Any]] = {
+            "object": self._object,
+            "array": self._array,
+            "string": self._string,
+            "integer": self._integer,
+            "number": self._number,
+            "boolean": lambda schema, value, path: self._only(bool, schema, value, path),
+            "null": lambda schema, value, path: self._only(type(None), schema, value, path),
+        }
+
+    def _resolve(self, schema: Any) -> dict[str, Any]:
+        for _ in range(100):  # a chain of references, or a circle
+            if not isinstance(schema, dict) or "$ref" not in schema:
+                break
+            schema = self._definitions.get(str(schema["$ref"]).rpartition("/")[2], {})
+        return schema if isinstance(schema, dict) else {}
+
+    def takes_fields(self, schema: Any) -> bool:
+        schema = self._resolve(schema)
+        if options := schema.get("anyOf"):
+            return any(self.takes_fields(option) for option in options)
+        return schema.get("type", "object") == "object" and "enum" not in schema
+
+    def field(self, schema: Any, path: Sequence[str]) -> list[Any]:
+        """What the field at *path* may be, a schema each; raises BadData where there is none."""
+        found = self._options(schema)
+        for depth, name in enumerate(path):
+            known = [key for option in found for key in option.get("properties", ())]
+            found = [one for option in found for one in self._fields_named(option, name)]
+            if not found:
+                raise BadData(f"{_place('.'.join(path[: depth + 1]))} is unknown: {_advice(name, known)}")
+        return found
+
+    def _options(self, schema: Any) -> list[dict[str, Any]]:
+        schema = self._resolve(schema)
+        if not isinstance(schema.get("anyOf"), list):
+            return [schema]
+        return [self._resolve(option) for option in schema["anyOf"]]
+
+    def _fields_named(self, schema: dict[str, Any], name: str) -> list[Any]:
+        if schema.get("type", "object") != "object" or "enum" in schema:
+            return []
+        others = schema.get("additionalProperties", "properties" not in schema)
+        field = schema.get("properties", {}).get(name, others)
+        return [] if field is False else self._options(field)
+
+    def fit(self, schema: Any, value: Any, path: str) -> Any:
+        """The data that *value* is; raises BadData where it is none."""
+        if isinstance(value, Bare):
+            return self._fit_bare(schema, value, path)
+        schema = self._resolve(schema)
+        if isinstance(schema.get("anyOf"), list):
+            return self._any(schema, value, path)
+        if "enum" in schema and not any(value == one and type(value) is type(one) for one in schema["enum"]):
+            raise self._unfit(schema, value, path)
+        fit_type = self._of_type.get(str(schema.get("type")))
+        fitted = fit_type(schema, value, path) if fit_type else _without_bare(value)
+        _check_bounds(schema, value, path)
+        return fitted
+
+    def _fit_bare(self, schema: Any, typed: Bare, path: str) -> Any:
+        try:
+            return self.fit(schema, typed.value, path)
+        except BadData:
+            if isinstance(typed.value, str):
+                raise
+            try:
+                return self.fit(schema, typed.text, path)
+            except BadData:
+                pass
+            raise
+
+    def _any(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        options = schema["anyOf"]
+        told = schema.get("discriminator", {})
+        kind = value.get(told.get("propertyName")) if isinstance(value, dict) else None
+        kind = kind.value if isinstance(kind, Bare) else kind
+        if isinstance(kind, str) and kind in told.get("mapping", {}):
+            return self.fit({"$ref": told["mapping"][kind]}, value, path)
+        errors = []
+        for option in options:
+            try:
+                return self.fit(option, value, path)
+            except BadData as error:
+                errors.append((option, error))
+        if isinstance(value, dict):  # what is wrong with its fields says more than that it is none of them
+            with_fields = [error for option, error in errors if self.takes_fields(option)]
+            if len(with_fields) == 1:
+                raise with_fields[0]
+        raise self._unfit(schema, value, path)
+
+    # --- one type each ---------------------------------------------------------------------------------------------
+
+    def _object(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        fields, others = schema.get("properties", {}), schema.get("additionalProperties", "properties" not in schema)
+        if not isinstance(value, dict):
+            raise self._unfit(schema, value, path)
+        for name in value if others is False else ():
+            if name not in fields:
+                raise BadData(f"{_place(_field(path, name))} is unknown: {_advice(name, list(fields))}")
+        for name in schema.get("required", ()):
+            if name not in value:
+                raise BadData(f"{_place(_field(path, name))} is missing: it must be {self._wanted(fields.get(name))}")
+        return {name: self.fit(fields.get(name, others), one, _field(path, name)) for name, one in value.items()}
+
+    def _array(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        if schema.get("format") == "numpy":
+            raise BadData(f"{_place(path)} is a numpy array, which can't be written as text: send it from Python")
+        if not isinstance(value, list | tuple):
+            raise self._unfit(schema, value, path)
+        places, rest = schema.get("prefixItems", []), schema.get("items", {})
+        return [
+            self.fit(places[index] if index < len(places) else rest, one, f"{path}[{index}]")
+            for index, one in enumerate(value)
+        ]
+
+    def _string(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        if not isinstance(value, str):
+            raise self._unfit(schema, value, path)
+        if schema.get("contentEncoding") == "base64":
+            try:
+                return base64.b64decode(value, validate=True)
+            except (binascii.Error, ValueError):
+                raise BadData(f"{_place(path)} holds bytes, written in base64, and {_shown(value)} is not") from None
+        if kind := _TEXTS.get(schema.get("format", "")):
+            try:
+                msgspec.convert(value, kind)
+            except msgspec.ValidationError:
+                raise self._unfit(schema, value, path) from None
+        return value
+
+    def _integer(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self._unfit(schema, value, path)
+        return value
+
+    def _number(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._unfit(schema, value, path)
+        try:
+            return float(value)
+        except OverflowError:
+            raise self._unfit(schema, value, path) from None
+
+    def _only(self, kind: type, schema: dict[str, Any], value: Any, path: str) -> Any:
+        if not isinstance(value, kind):
+            raise self._unfit(schema, value, path)
+        return value
+
+    # --- in words --------------------------------------------------------------------------------------------------
+
+    def _unfit(self, schema: dict[str, Any], value: Any, path: str) -> BadData:
+        return BadData(f"{_place(path)} must be {self._wanted(schema)}, and {_shown(value)} is not")
+
+    def _wanted(self, schema: Any) -> str:
+        schema = self._resolve(schema)
+        if "enum" in schema:
+            return brief(schema)
+        if "anyOf" in schema:
+            return " or ".join(self._wanted(option) for option in schema["anyOf"])
+        if fields := schema.get("properties"):
+            return f"an object with {', '.join(fields)}"
+        return _WORDS.get(schema.get("format") or schema.get("type"), "something else")
+
+
+def _without_bare(value: Any) -> Any:
+    """Data of which nothing is known: what was typed is JSON, if it can be."""
+    if isinstance(value, dict):
+        return {name: _without_bare(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_without_bare(one) for one in value]
+    return value.value if isinstance(value, Bare) else value
+
+
+def _check_bounds(schema: dict[str, Any], value: Any, path: str) -> None:
+    for key, (holds, words) in _BOUNDS.items():
+        if key not in schema:
+            continue
+        try:
+            is_met = holds(value, schema[key])
+        except (TypeError, re.error, ZeroDivisionError):  # the schema comes from anybody
+            continue
+        if not is_met:
+            raise BadData(f"{_place(path)} must be {words.format(schema[key])}, and {_shown(value)} is not")
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+
+
+def _place(path: str) -> str:
+    return f"field '{path}'" if path else "the data"
+
+
+def _field(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else str(name)
+
+
+def _advice(name: str, known: list[str]) -> str:
+    if nearest := get_close_matches(name, known, n=1):
+        return f"did you mean '{nearest[0]}'?"
+    return f"the fields are {', '.join(known)}" if known else "there are no fields"
