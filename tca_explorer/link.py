@@ -158,7 +158,7 @@ class Link:
         if self._caught > MOST_CAUGHT and self._on_caught is not None:
             self._on_caught(self.error)
 
-    # --- what the module library calls: see tca_module/link/connection.py ----------------------------------------------
+    # --- what the module library calls: see tca_module/link/connection.py -----------------------
 
     def declare(self, *messages: Message[Any, Any], within: float = 0.0) -> None:
         """Central must know these."""
