@@ -63,11 +63,12 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "vocabulary": set(),
         "endpoint": set(),
         "user_file": set(),
+        "waits": set(),
         "constraints": {"points"},
         "packets": {"constraints", "errors", "points", "vocabulary"},
         "messages": {"errors", "packets", "vocabulary"},
         "journal": {"constraints", "errors", "points", "vocabulary"},
-        "text": {"constraints", "errors", "journal", "messages", "points", "vocabulary"},
+        "text": {"constraints", "errors", "journal", "messages", "points", "vocabulary", "waits"},
     },
     "tca_central": {
         "errors": set(),
