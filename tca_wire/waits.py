@@ -26,7 +26,9 @@ class WaitKind(StrEnum):
     RECOVERY = "recovery"  # an exception handler decides what becomes of it
     PRESENCE = "presence"  # a module waits until messages are handled
     CONDITION = "condition"  # a monitor watches
-    RUNNING = "running"  # no wait: its handler runs
+    RUNNING = "running"  # a handler runs, and waits for nothing
+    LOCKED = "locked"  # somebody has the resource for himself
+    CIRCLE = "circle"  # it waits for itself, by way of others
 
 
 class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -34,17 +36,30 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
 
     kind: WaitKind
     number: int = 0
-    """The task, message or claim that is waited for."""
+    """The task, message or claim that is waited for. Of RUNNING 0 is the waiting task's own handler."""
     name: str = ""
-    """What that is called: "move leg"; of HANDLER the message that nobody handles."""
+    """What that is called: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that is
+    asked, "" of a demon monitor.
+    """
     moment: int = 0
-    """What the task has to reach (a Moment)."""
+    """What the task has to reach (a Moment); 0: its end, however it comes."""
     module: str = ""
-    """Whose resource it is; who has the lock, or suspended the task."""
+    """Whose resource it is; of LOCK among what keeps a resource, and of LOCKED: who wants or has it. Of RESUME who
+    suspended the task, of LISTENER who added the wiretap.
+    """
     resource: str = ""
     seconds: float | None = None
     """Of DELAY: when it is over, on the journal's clock; after a point that has not come: how long after."""
+    holds: bool | None = None
+    """Of CONDITION: how the last test came out; None: there was none."""
+    answered: int = 0
+    """Of REPLY to a multi-query: how many have answered; *because* has the others."""
     more: int = 0
-    """How many more of the same kind and moment are waited for, which are not told one by one."""
+    """How many more of the same kind and moment are waited for, which are not told one by one; of RESOURCE how many
+    others would do as well.
+    """
     because: "tuple[WaitFor, ...]" = ()
-    """What keeps that busy, in turn: who is in the resource, who has the lock, where the query is."""
+    """What keeps that busy, in turn. Of RESOURCE and LOCK: who is in it (RUNNING), has it (LOCKED) or wants it first
+    (LOCK), or that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: for which message (RUNNING; TASK, if it
+    is not handled any more). Of REPLY: where the query is (HANDLER, RESOURCE, RUNNING). Of RUNNING: what it waits for.
+    """

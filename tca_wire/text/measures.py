@@ -1,0 +1,51 @@
+"""Lengths of time, counts, lists and numbered things in words: one form each, everywhere."""
+
+from collections.abc import Sequence
+
+_NAMED = 3
+"""How many of several are named."""
+
+
+def duration(seconds: float) -> str:
+    """``742 µs``, ``12.3 ms``, ``1.5 s``, ``12:05 min``, ``33:09:06 h``."""
+    if seconds < 5e-7:
+        return "0 s"
+    for unit, size in (("µs", 1e-6), ("ms", 1e-3)):
+        if seconds < 999.5 * size:
+            return f"{seconds / size:.3g} {unit}"
+    if seconds < 119.5:
+        return f"{seconds:.3g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02} min" if minutes < 120 else f"{minutes // 60}:{minutes % 60:02}:{rest:02} h"
+
+
+def run_time(seconds: float) -> str:
+    """A time of the run, in seconds since it began: ``12.300 s``."""
+    return f"{seconds:.3f} s" if seconds < 10_000 else f"{seconds:.1f} s"
+
+
+def percent(share: float) -> str:
+    """``62%``, ``4.1%``."""
+    return f"{share:.0%}" if share >= 0.0995 else f"{share:.1%}"
+
+
+def times(number: int) -> str:
+    """``once``, ``twice``, ``3 times``."""
+    return {1: "once", 2: "twice"}.get(number, f"{number:,} times")
+
+
+def counted(number: int, what: str) -> str:
+    """``1 task``, ``2 tasks``, ``12,000 tasks``."""
+    return f"{number:,} {what}{'s' * (number != 1)}"
+
+
+def listed(names: Sequence[str], more: int = 0, *, named: int = _NAMED) -> str:
+    """``a``, ``a and b``, ``a, b and c``, ``a, b, c and 52 more``. Of very many only the first are *named*."""
+    more += max(len(names) - named, 0)
+    told = [*names[:named], *([f"{more:,} more"] if more else [])]
+    return f"{', '.join(told[:-1])} and {told[-1]}" if len(told) > 1 else "".join(told)
+
+
+def numbered(name: str, number: int) -> str:
+    """A task, message or lock: ``grip {24}``."""
+    return f"{name} {{{number}}}" if number else name

@@ -1,0 +1,220 @@
+"""Waits in English: what goes after "waits". The only place where text says what is waited for."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from tca_wire.points import Moment
+from tca_wire.text.facts_in_words import by_whom, place
+from tca_wire.text.measures import duration, listed, numbered, run_time
+from tca_wire.waits import WaitFor, WaitKind
+
+_REACHED = {
+    0: ("has", "ended"),
+    Moment.START_HANDLING: ("is", "being handled"),
+    Moment.END_HANDLING: ("has", "been handled"),
+    Moment.START_PLANNING: ("is", "being planned"),
+    Moment.END_PLANNING: ("is", "planned"),
+    Moment.START_ACHIEVING: ("is", "being achieved"),
+    Moment.END_ACHIEVING: ("is", "achieved"),
+}
+_OF_SEVERAL = {"is": "are", "has": "have"}
+
+Waits = Sequence[WaitFor]
+
+
+def in_words(wait: WaitFor, now: float | None = None) -> str:
+    """One wait: ``until move leg {4} is achieved``. *now*, where somebody reads it at once: a delay is told as how long
+    it still takes, not as when it is over.
+    """
+    return _clause([wait], now)
+
+
+def several_in_words(waits: Iterable[WaitFor], now: float | None = None) -> str:
+    """Several, those of one kind and moment together: ``until a {1} and b {2} are achieved, and for legs``."""
+    return ", and ".join(clauses(waits, now))
+
+
+def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
+    """The same, one by one."""
+    groups: dict[object, list[WaitFor]] = {}
+    for wait in dict.fromkeys(waits):
+        is_plain = wait.kind in _TOGETHER and not wait.because
+        groups.setdefault((wait.kind, wait.moment, wait.seconds) if is_plain else wait, []).append(wait)
+    return [_clause(group, now) for group in groups.values()]
+
+
+def reached(moment: int, number: int = 1) -> str:
+    """What so many tasks do when they reach a moment: ``is achieved``, ``have been handled``."""
+    verb, rest = _REACHED[moment]
+    return f"{verb if number == 1 else _OF_SEVERAL[verb]} {rest}"
+
+
+def _clause(waits: Waits, now: float | None) -> str:
+    if waits[0].kind is WaitKind.DELAY:
+        return _delay(waits[0].seconds, now)
+    return _WORDS[waits[0].kind](waits)
+
+
+def _names(waits: Waits) -> str:
+    return listed([numbered(one.name, one.number) for one in waits], sum(one.more for one in waits))
+
+
+def _number(waits: Waits) -> int:
+    return len(waits) + sum(one.more for one in waits)
+
+
+def _delay(end: float | None, now: float | None) -> str:
+    if end is None:
+        return "until a delay is over"
+    return f"until {run_time(end)}" if now is None else f"for another {duration(max(end - now, 0.0))}"
+
+
+def _point(waits: Waits) -> str:
+    after = f"{duration(waits[0].seconds)} after " if waits[0].seconds else ""
+    return f"until {after}{_names(waits)} {reached(waits[0].moment, _number(waits))}"
+
+
+def _parent(waits: Waits) -> str:
+    return f"until its parent {_names(waits)} {reached(waits[0].moment)}"
+
+
+def _listener(waits: Waits) -> str:
+    wait = waits[0]
+    return f"until {_names(waits)}, the listener of a wiretap{by_whom(wait.module)}, {reached(wait.moment)}"
+
+
+def _handler(waits: Waits) -> str:
+    names = listed([one.name for one in waits], sum(one.more for one in waits))
+    return f"for a module that handles {names}" if _number(waits) == 1 else f"for modules that handle {names}"
+
+
+def _resource(waits: Waits) -> str:
+    wait = waits[0]
+    others = f" (or {wait.more} more)" if wait.more else ""
+    return f"for {place(wait.module, wait.resource)}{others}{_kept(wait.because)}"
+
+
+def _lock(waits: Waits) -> str:
+    wait = waits[0]
+    of = numbered(f"{wait.name or 'lock'} of {place(wait.module, wait.resource)}", wait.number)
+    return f"for the {of}{_kept(wait.because)}"
+
+
+def _kept(because: Waits) -> str:
+    """What keeps others out of a resource: ``, busy with walk {3} and 2 more``, ``, which panel has locked``."""
+    running = [one for one in because if one.kind is WaitKind.RUNNING]
+    parts = [f"busy with {_names(running)}"] if running else []
+    parts += [f"which {_keeper(one, is_first=not running)}" for one in because if one.kind is not WaitKind.RUNNING]
+    return f", {', and '.join(parts)}" if parts else ""
+
+
+def _keeper(wait: WaitFor, *, is_first: bool) -> str:
+    verb = "reserve" if wait.name == "reservation" else "lock"
+    whose = f" {_for_what(wait.because[0])}" if wait.because else ""
+    if wait.kind is WaitKind.HANDLER:
+        return "has no handler now"
+    if wait.kind is WaitKind.LOCKED:
+        return f"{wait.module} has {verb}{'d' if verb == 'reserve' else 'ed'}{whose}"
+    return f"{wait.module} waits to {verb}{'' if is_first else ' first'}{whose}"
+
+
+def _for_what(message: WaitFor) -> str:
+    how = "while handling" if message.kind is WaitKind.RUNNING else "for"
+    return f"{how} {numbered(message.name, message.number)}"
+
+
+def _reply(waits: Waits) -> str:
+    reply = "reply" if _number(waits) == 1 else "replies"
+    return f"for the {reply} to {_names(waits)}{_whereabouts(waits[0])}"
+
+
+def _whereabouts(query: WaitFor) -> str:
+    """Where a query is: ``, which no module handles``; and who has not answered a multi-query yet."""
+    if not query.because:
+        return ""
+    if len(query.because) > 1 or query.answered:
+        return f", which {_not_answered(query)}"
+    where = query.because[0]
+    at = place(where.module, where.resource)
+    if where.kind is WaitKind.HANDLER:
+        return ", which no module handles"
+    if where.kind is WaitKind.RESOURCE:
+        return f", which is queued {_resource([where])}"
+    return f", which {at} handles" + (f" and waits {several_in_words(where.because)}" if where.because else "")
+
+
+def _not_answered(query: WaitFor) -> str:
+    """``arm and legs (queued, busy with walk {3}) have not answered (1 of 3 has)``."""
+    number = len(query.because)
+    told = f" ({query.answered} of {query.answered + number} {_has(query.answered)})" if query.answered else ""
+    return f"{listed(list(map(_who, query.because)))} {_has(number)} not answered{told}"
+
+
+def _who(where: WaitFor) -> str:
+    at = place(where.module, where.resource)
+    return f"{at} (queued{_kept(where.because)})" if where.kind is WaitKind.RESOURCE else at
+
+
+def _has(number: int) -> str:
+    return "has" if number == 1 else "have"
+
+
+def _resume(waits: Waits) -> str:
+    wait = waits[0]
+    by = f", suspended{by_whom(wait.module)}," if wait.module else ""
+    return f"until {numbered(wait.name, wait.number) if wait.number else 'it'}{by} is resumed"
+
+
+def _recovery(waits: Waits) -> str:
+    return f"until {_names(waits) if waits[0].number else 'somebody'} has dealt with its failure"
+
+
+def _condition(waits: Waits) -> str:
+    wait = waits[0]
+    if not wait.name:
+        return "until it is fired"
+    if wait.holds is None:
+        return f"for the first test of its condition {wait.name}"
+    return f"for the next test of its condition {wait.name}, which {'held' if wait.holds else 'did not hold'}"
+
+
+def _running(waits: Waits) -> str:
+    number = _number(waits)
+    whose = f"the handler{'s' * (number > 1)} of {_names(waits)}" if waits[0].number else "its handler"
+    on = f", which waits {several_in_words(waits[0].because)}" if waits[0].because else ""
+    return f"until {whose} return{'s' * (number == 1)}{on}"
+
+
+def _locked(waits: Waits) -> str:
+    wait = waits[0]
+    return f"until {wait.module} releases {wait.resource}"
+
+
+def _circle(waits: Waits) -> str:
+    return f"for itself, by way of {_names(waits)}"
+
+
+_TOGETHER = frozenset((
+    WaitKind.CONSTRAINT, WaitKind.SUBTASK, WaitKind.TASK, WaitKind.HANDLER, WaitKind.PRESENCE, WaitKind.REPLY,
+    WaitKind.RUNNING,
+))  # fmt: skip
+"""Kinds of which several are told in one clause."""
+
+_WORDS: dict[WaitKind, Callable[[Waits], str]] = {
+    WaitKind.CONSTRAINT: _point,
+    WaitKind.PARENT: _parent,
+    WaitKind.LISTENER: _listener,
+    WaitKind.SUBTASK: _point,
+    WaitKind.RESOURCE: _resource,
+    WaitKind.HANDLER: _handler,
+    WaitKind.REPLY: _reply,
+    WaitKind.TASK: _point,
+    WaitKind.LOCK: _lock,
+    WaitKind.RESUME: _resume,
+    WaitKind.RECOVERY: _recovery,
+    WaitKind.PRESENCE: _handler,
+    WaitKind.CONDITION: _condition,
+    WaitKind.RUNNING: _running,
+    WaitKind.LOCKED: _locked,
+    WaitKind.CIRCLE: _circle,
+}
+"""One row per kind that needs no clock."""
