@@ -105,7 +105,7 @@ def central(
         raise click.ClickException(str(error)) from None
     try:
         if not no_journal:
-            server.journal = JournalWriter(folder, epoch=epoch, version=version("tca"), sync=Sync(sync))
+            server.journal = JournalWriter(folder, epoch=epoch, version=version("tca-central"), sync=Sync(sync))
             if journal is not None:
                 _remember(journal)
         _tell_where(server.endpoint, None if no_journal else folder)

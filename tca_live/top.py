@@ -65,7 +65,7 @@ def _screen() -> Any:
         from tca_live import top_screen  # noqa: PLC0415
     except ImportError:
         raise click.ClickException(
-            "tca top needs the Python package 'rich': pip install 'tca[top]', or ask for --once --json"
+            "tca top needs the Python package 'rich': pip install 'tca-central[top]', or ask for --once --json"
         ) from None
     return top_screen
 

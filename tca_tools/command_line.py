@@ -92,7 +92,7 @@ class CommandLine(click.Group):
 
 
 @click.group(cls=CommandLine, epilog="'tca completion --help' tells how the shell completes these commands.")
-@click.version_option(package_name="tca", prog_name="tca")
+@click.version_option(package_name="tca-central", prog_name="tca")
 def main() -> None:
     """Task Control Architecture: run, watch and understand robots of many programs."""
 

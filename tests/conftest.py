@@ -1,6 +1,7 @@
 """Shared fixtures."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -21,7 +22,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Byte code is kept, also where the environment (of many containers) says otherwise: else each of the hundreds of
     processes that the tests start compiles all sources anew.
+
+    Ctrl-C ends what the tests start, also where a shell in the background has told everything to ignore it.
     """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     settings.register_profile("ours", derandomize=not config.getoption("--new-lives"), deadline=None)

@@ -15,7 +15,8 @@ def converted(svg: str, kind: str) -> bytes:
         import vl_convert  # noqa: PLC0415 - pictures are an extra
     except ImportError:
         raise NoPicture(
-            f"a .{kind} needs the Python package 'vl-convert-python': pip install 'tca[pictures]', or ask for .svg"
+            f"a .{kind} needs the Python package 'vl-convert-python': pip install 'tca-central[pictures]',"
+            " or ask for .svg"
         ) from None
     try:
         if kind == "pdf":

@@ -156,7 +156,7 @@ class _Counted:
 
 
 def _missing(package: str, extra: str, error: ImportError) -> ToolError:
-    return ToolError(f"the Python package '{package}' can't be loaded ({error}): pip install 'tca[{extra}]'")
+    return ToolError(f"the Python package '{package}' can't be loaded ({error}): pip install 'tca-central[{extra}]'")
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def _run(recording: Recording, name: str, speed: float, at: float | None) -> Non
     try:
         from tca_tools.replay.app import Replay  # noqa: PLC0415 - textual is an extra
     except ImportError as error:
-        raise ToolError(f"'{error.name}' is missing: pip install 'tca[replay]', or use --text") from None
+        raise ToolError(f"'{error.name}' is missing: pip install 'tca-central[replay]', or use --text") from None
     Replay(recording, name, speed=speed, at=at).run()
 
 

@@ -24,7 +24,7 @@ def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     try:
         import jinja2  # noqa: F401, PLC0415 - an extra
     except ImportError:
-        raise ToolError("reports need Jinja2: pip install 'tca[report]'") from None
+        raise ToolError("reports need Jinja2: pip install 'tca-central[report]'") from None
     journal = open_log(log_path)
     text = _page(journal)
     write_output(output, text)

@@ -25,7 +25,7 @@ def _with_graphviz(source: str, kind: str) -> bytes:
     try:
         import graphviz  # noqa: PLC0415 - pictures are an extra
     except ImportError:
-        raise _Missing("the Python package 'graphviz' is missing (pip install 'tca[pictures]')") from None
+        raise _Missing("the Python package 'graphviz' is missing (pip install 'tca-central[pictures]')") from None
     try:
         picture: bytes = graphviz.Source(source).pipe(format=kind, quiet=True)
     except graphviz.ExecutableNotFound:

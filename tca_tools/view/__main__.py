@@ -33,7 +33,7 @@ def view(log_path: Path | None, port: int, host: str, browser: bool) -> None:
         from tca_tools.view.app import application  # noqa: PLC0415
         from tca_tools.view.runs import Runs  # noqa: PLC0415
     except ImportError as error:
-        raise ToolError(f"the package '{error.name}' is missing: pip install 'tca[view]'") from None
+        raise ToolError(f"the package '{error.name}' is missing: pip install 'tca-central[view]'") from None
     log = open_log(log_path)
     log.check_beginning()
     log.tell()

@@ -5,27 +5,20 @@ import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+
+MODULE = (sys.executable, "-m", "tca_central")
 
 
 class Central:
     """A running daemon."""
 
-    def __init__(self, folder: Path, *options: str, bind: str = "") -> None:
+    def __init__(self, folder: Path, *options: str, bind: str = "", command: Sequence[str] = MODULE) -> None:
         self.address = bind or f"ipc://{folder}/central.sock"
         self.journal = folder / "journal"
-        command = [
-            sys.executable,
-            "-m",
-            "tca_central",
-            "--bind",
-            self.address,
-            "--journal",
-            str(self.journal),
-            *options,
-        ]
+        command = [*command, "--bind", self.address, "--journal", str(self.journal), *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         assert self.process.stderr
         self.first_line = "" if "--quiet" in options else self.process.stderr.readline().strip()
@@ -41,8 +34,8 @@ class Central:
 
 
 @contextmanager
-def central(folder: Path, *options: str, bind: str = "") -> Iterator[Central]:
-    running = Central(folder, *options, bind=bind)
+def central(folder: Path, *options: str, bind: str = "", command: Sequence[str] = MODULE) -> Iterator[Central]:
+    running = Central(folder, *options, bind=bind, command=command)
     try:
         yield running
     finally:

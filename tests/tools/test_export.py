@@ -168,7 +168,7 @@ def test_a_missing_package_is_named(run: Path, tmp_path: Path, name: str, packag
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 1
     assert f"the Python package '{package}' can't be loaded" in result.stderr
-    assert f"pip install 'tca[{extra}]'" in result.stderr
+    assert f"pip install 'tca-central[{extra}]'" in result.stderr
 
 
 def test_files_that_cant_be_finished_leave_nothing(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -212,7 +212,7 @@ def test_a_picture_that_needs_a_package_says_which(
     monkeypatch.setitem(sys.modules, "vl_convert", None)
     result = tca("gantt", run, "-o", tmp_path / "chart.png")
     assert result.exit_code == 1
-    assert "pip install 'tca[pictures]'" in result.stderr
+    assert "pip install 'tca-central[pictures]'" in result.stderr
     assert not (tmp_path / "chart.png").exists()
 
 

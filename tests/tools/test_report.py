@@ -321,7 +321,7 @@ def test_without_jinja_one_line_says_what_to_install(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(__import__("sys").modules, "jinja2", None)
     result = tca_report(stepping().write(tmp_path / "run"), "-o", tmp_path / "run.html")
     assert result.exit_code == ToolError.exit_code
-    assert "pip install 'tca[report]'" in result.output
+    assert "pip install 'tca-central[report]'" in result.output
 
 
 @given(st.lists(FACTS, max_size=80))

@@ -292,7 +292,7 @@ def test_without_graphviz_an_outline_is_drawn(
     result = tca("tree", run, "-o", tmp_path / "tree.svg")
     assert result.exit_code == 0
     assert result.stderr == (
-        "no picture can be drawn: the Python package 'graphviz' is missing (pip install 'tca[pictures]'),"
+        "no picture can be drawn: the Python package 'graphviz' is missing (pip install 'tca-central[pictures]'),"
         " and so is the package 'pygraphviz': drawn as an outline\n"
     )
     assert (tmp_path / "tree.svg").read_text().startswith("<svg")

@@ -1,0 +1,108 @@
+"""The wheel and the source distribution that ``python -m build`` makes work in a fresh virtual environment.
+
+What they depend on is taken from the environment of the tests, so that nothing is downloaded.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+from pathlib import Path
+
+import pytest
+from integration.programs import central
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = sorted(path.name for path in ROOT.glob("tca_*"))
+
+EVERY_MODULE = f"""
+import importlib, pathlib
+for package in {PACKAGES}:
+    folder = pathlib.Path(importlib.import_module(package).__file__).parent
+    assert "fresh" in folder.parts, folder
+    assert (folder / "py.typed").exists(), folder
+    for path in sorted(folder.rglob("*.py")):
+        if path.stem != "__main__":
+            importlib.import_module(".".join([package, *path.relative_to(folder).with_suffix("").parts]))
+            print(path.relative_to(folder.parent))
+"""
+
+ROBOT = """
+from tca_module import Command, Module
+MOVE = Command("move", float)
+robot = Module("robot")
+robot.handles(MOVE)(lambda _, distance: None)
+with robot.running():
+    robot.command(MOVE, 2.5).wait()
+"""
+
+
+def run(*command: object, cwd: Path, **environment: str) -> str:
+    result = subprocess.run(
+        [str(part) for part in command], cwd=cwd, capture_output=True, text=True, check=False, timeout=300,
+        env={**os.environ, **environment},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder with both distributions; the wheel is made of the sources in the other one."""
+    sources = tmp_path_factory.mktemp("sources")
+    for name in ("setup.cfg", "pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, sources)
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
+    run(sys.executable, "-m", "build", "--no-isolation", sources, cwd=sources)
+    return sources / "dist"
+
+
+@pytest.fixture(scope="module")
+def python(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of an environment into which the wheel was installed."""
+    environment = tmp_path_factory.mktemp("environment") / "fresh"
+    run(sys.executable, "-m", "venv", "--without-pip", environment, cwd=dist)
+    python = environment / "bin" / "python"
+    pip = (sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-index", "--no-deps")
+    run(*pip, *dist.glob("*.whl"), cwd=dist)
+    packages = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=dist).strip())
+    (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return python
+
+
+def files(package: str) -> set[str]:
+    """The files of a package here."""
+    return {
+        str(path.relative_to(ROOT))
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
+    }
+
+
+@pytest.mark.slow
+def test_the_source_distribution_holds_all_sources(dist: Path) -> None:
+    (archive,) = dist.glob("tca_central-*.tar.gz")
+    with tarfile.open(archive) as opened:
+        names = {name.partition("/")[2] for name in opened.getnames()}
+    assert set().union(*map(files, PACKAGES)) <= names
+
+
+@pytest.mark.slow
+def test_what_was_installed_can_be_imported(python: Path, tmp_path: Path) -> None:
+    imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
+    here = {name for package in PACKAGES for name in files(package)}
+    assert imported == {name for name in here if name.endswith(".py") and not name.endswith("__main__.py")}
+    installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
+    assert [name for name in here if not (installed / name).exists()] == []
+
+
+@pytest.mark.slow
+def test_the_command_runs_a_central_and_reads_its_journal(python: Path, tmp_path: Path) -> None:
+    tca = python.with_name("tca")
+    assert run(tca, "--version", cwd=tmp_path).startswith("tca, version ")
+    with central(tmp_path, command=(str(tca), "central")) as daemon:
+        run(python, "-c", ROBOT, cwd=tmp_path, TCA_CENTRAL=daemon.address)
+    assert "move {1}" in run(tca, "tree", daemon.journal, cwd=tmp_path)
