@@ -19,7 +19,7 @@ from tca_tools.analysis.spans import Cover, Span
 from tca_tools.analysis.summary import span_of
 from tca_tools.analysis.words import listed, moment, seconds
 from tca_tools.analysis.words import times as say_times
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import GOOD_FATES
 from tca_wire.text.facts_in_words import by_whom, place
 
@@ -28,7 +28,7 @@ _NOTHING = 1e-9
 
 
 def advice(
-    past: Past,
+    run: Run,
     causes: Causes,
     path: CriticalPath | None,
     overlaps: list[Overlap],
@@ -41,31 +41,31 @@ def advice(
     beside it, or would only shorten *other*, the path of another task. No bound is more than the run is long, and none
     of what lies on a path more than that is.
     """
-    run, least = span_of(past), max(at_least, _NOTHING)
-    found = [_on_overlap(past, path, overlap) for overlap in overlaps]
-    found += _on_standing(past, path, run)
+    handling, least = span_of(run), max(at_least, _NOTHING)
+    found = [_on_overlap(run, path, overlap) for overlap in overlaps]
+    found += _on_standing(run, path, handling)
     on_path: list[Advice] = []
     for one in filter(None, (path, other)):
         called = f"critical path of {one.task}" if other else "critical path"
-        told = [new for new in _on_path(past, causes, one, run, uses, kinds, least, called) if new.saving >= least]
+        told = [new for new in _on_path(run, causes, one, handling, uses, kinds, least, called) if new.saving >= least]
         if one is not path:
             known = {known.title for known in on_path}
             told = [replace(new, on_path=0.0, sooner=str(one.task)) for new in told if new.title not in known]
         on_path += told
-    queues = [_on_queue(queue, on_path, run) for queue in growing(past, *run)]
+    queues = [_on_queue(queue, on_path, handling) for queue in growing(run, *handling)]
     found += [*queues, *(one for one in on_path if one.title not in {queue.title for queue in queues})]
     return sorted((one for one in found if one.saving >= least), key=lambda one: (-one.on_path, -one.saving))
 
 
 def _on_path(
-    past: Past, causes: Causes, path: CriticalPath, run: Span, uses: list[Use], kinds: list[Kind], at_least: float,
+    run: Run, causes: Causes, path: CriticalPath, handling: Span, uses: list[Use], kinds: list[Kind], at_least: float,
     called: str,
 ) -> Iterator[Advice]:  # fmt: skip
     """What there is to say of one path."""
-    window = max(path.start, run[0]), min(path.end, run[1])
+    window = max(path.start, handling[0]), min(path.end, handling[1])
     for kind in kinds:
         yield _on_failures(window, path, kind, called)
-    yield from on_waits(past, causes, path, window, uses, at_least, called)
+    yield from on_waits(run, causes, path, window, uses, at_least, called)
 
 
 # --- failures ------------------------------------------------------------------------------------------------------
@@ -97,16 +97,16 @@ def _on_failures(window: Span, path: CriticalPath, kind: Kind, called: str) -> A
 # --- planning while acting -----------------------------------------------------------------------------------------
 
 
-def _on_overlap(past: Past, path: CriticalPath | None, overlap: Overlap) -> Advice:
+def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice:
     chance, times = overlap.example, len(overlap.chances)
     on_path = {(id(step.handling), step.start) for step in path.steps} if path else set()
     saved_on_path = sum(
         min(one.saving, sum(step.seconds for step in one.steps if (id(step.handling), step.start) in on_path))
         for one in overlap.chances
     )
-    acting, second = place(*chance.acting), past.name(chance.second)
+    acting, second = place(*chance.acting), run.name(chance.second)
     planners = list(dict.fromkeys(place(step.module, step.resource) for step in chance.steps))
-    first = past.name(chance.first)
+    first = run.name(chance.first)
     pair = f"one '{first}' and the next" if first == second else f"'{first}' and '{second}'"
     text = (
         f"{acting} stood idle {say_times(times)} between {pair}, {seconds(overlap.idle)} in all. For "
@@ -114,8 +114,8 @@ def _on_overlap(past: Past, path: CriticalPath | None, overlap: Overlap) -> Advi
         f"before is executed would save at most {seconds(overlap.saving)}"
     )
     example = (
-        f"{moment(chance.start)} to {moment(chance.end)}, between {past.describe(chance.first)} and "
-        f"{past.describe(chance.second)}: {chance.reason}"
+        f"{moment(chance.start)} to {moment(chance.end)}, between {run.describe(chance.first)} and "
+        f"{run.describe(chance.second)}: {chance.reason}"
     )
     title = f"Plan the next while {acting} acts"
     return Advice(
@@ -155,45 +155,45 @@ def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
 # --- what nobody could work on, on the critical path or beside it ---------------------------------------------------
 
 
-def _on_standing(past: Past, path: CriticalPath | None, run: Span) -> Iterator[Advice]:
+def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[Advice]:
     """Of messages that nobody handled, and of suspended tasks: how long at most one of a name stood."""
     on_path: dict[tuple[Topic, str], float] = defaultdict(float)
     for step in path.steps if path else ():
         if step.doing in _STANDING:
-            on_path[_STANDING[step.doing], past.name(step.message_id)] += Cover([(step.start, step.end)]).within(*run)
-    for (topic, name), sums in _stood(past).items():
-        saving = sums.within(*run)
+            on_path[_STANDING[step.doing], run.name(step.message_id)] += Cover([(step.start, step.end)]).within(*window)
+    for (topic, name), sums in _stood(run).items():
+        saving = sums.within(*window)
         known = {"name": name, "times": say_times(sums.times), "seconds": seconds(saving)}
-        title, text, remedy = (words.format(**known) for words in _standing_words(past, topic, name, sums))
+        title, text, remedy = (words.format(**known) for words in _standing_words(run, topic, name, sums))
         moves_end = min(on_path[topic, name], saving)
         yield Advice(topic, title, text, saving, moves_end, sums.times, sums.words, remedy, sums.longest)
 
 
-def _stood(past: Past) -> dict[tuple[Topic, str], Sum]:
+def _stood(run: Run) -> dict[tuple[Topic, str], Sum]:
     """By topic and name: what stood, from when until when."""
     found: dict[tuple[Topic, str], Sum] = defaultdict(Sum)
 
     def add(topic: Topic, message_id: int, since: float, end: float | None, who: str) -> None:
-        until = past.time if end is None else end
+        until = run.time if end is None else end
         words = f"{who}, from {moment(since)}, {seconds(until - since)}"
-        found[topic, past.name(message_id)].add(since, until, words)
+        found[topic, run.name(message_id)].add(since, until, words)
 
-    for queueing in past.queueings:
+    for queueing in run.queueings:
         if not queueing.module:
-            who = past.describe(queueing.message_id)
+            who = run.describe(queueing.message_id)
             add(Topic.HANDLER, queueing.message_id, queueing.start, queueing.end, who)
-    for suspension in past.suspensions():
+    for suspension in run.suspensions():
         if (since := suspension.standstill) is not None:
-            who = past.describe(suspension.task) + (f" suspended{by_whom(suspension.by)}" if suspension.by else "")
+            who = run.describe(suspension.task) + (f" suspended{by_whom(suspension.by)}" if suspension.by else "")
             add(Topic.SUSPENDED, suspension.task, since, suspension.end, who)
     return found
 
 
-def _standing_words(past: Past, topic: Topic, name: str, sums: Sum) -> Words:
+def _standing_words(run: Run, topic: Topic, name: str, sums: Sum) -> Words:
     """What there is to say; of what nobody ever handled, or nobody any more when it was last needed, something else."""
     if topic is not Topic.HANDLER:
         return _STANDING_WORDS[topic]
-    if not (offers := past.offers.get(name, ())):
+    if not (offers := run.offers.get(name, ())):
         return _NEVER
     last = max(end for _, end in sums.spans)
     return _GONE if all(offer.end is not None and offer.end <= last for offer in offers) else _STANDING_WORDS[topic]

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tca_tools.run.past import Past
 from tca_tools.run.records import Claim, Handling, Message, Queueing, Suspension, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment
 from tca_wire.vocabulary import Role
 
@@ -71,21 +71,21 @@ class _At:
 class Causes:
     """The causes of a run's events."""
 
-    def __init__(self, past: Past) -> None:
-        self._past = past
+    def __init__(self, run: Run) -> None:
+        self._run = run
         self._ended: dict[float, Handling] = {}
         self._deliveries: dict[int, Handling] = {}
-        for handling in past.handlings:
+        for handling in run.handlings:
             if handling.delivery:
                 self._deliveries[handling.delivery] = handling
                 if handling.end is not None:
                     self._ended[handling.end] = handling
-        self._sent = {message.received: message for message in past.messages.values() if not message.role}
+        self._sent = {message.received: message for message in run.messages.values() if not message.role}
         self._released = {
-            claim.end: claim for claim in past.claims.values() if claim.end is not None and claim.granted is not None
+            claim.end: claim for claim in run.claims.values() if claim.end is not None and claim.granted is not None
         }
-        self._resumed = {one.end: one for one in past.suspensions() if one.is_resumed}
-        self._outside = {name: _Outside(past, module.waits) for name, module in past.modules.items()}
+        self._resumed = {one.end: one for one in run.suspensions() if one.is_resumed}
+        self._outside = {name: _Outside(run, module.waits) for name, module in run.modules.items()}
         self._waits: dict[int, list[Wait]] = {}
         """Of runs of handlers that were walked through, their waits as they ended."""
 
@@ -147,13 +147,13 @@ class Causes:
             return self._by(sent.sender, sent.origin, sent.id, at.time)
         if (found := self._at_claim(at)) is not None:
             return found
-        if (message := self._past.messages.get(at.message_id)) is not None:
+        if (message := self._run.messages.get(at.message_id)) is not None:
             return self._without_event(message, at)
         return (None, None) if at.wait is None else self._in_vain(at.wait, at.time)
 
     def _at_claim(self, at: _At) -> tuple[Step | None, _At | None] | None:
         """Back into who had a lock until then; or from a lock that was wanted until then, to where it was asked for."""
-        wanted, held = self._past.claims.get(at.message_id), self._released.get(at.time)
+        wanted, held = self._run.claims.get(at.message_id), self._released.get(at.time)
         if held is None or held is wanted or held.granted is None or held.granted >= at.time:
             return None if wanted is None else self._wanted(wanted, at.time)
         if holder := self.handling_of(held.origin, at.time):
@@ -164,7 +164,7 @@ class Causes:
         """The handler that ended then; of several (a module was lost) that of the message that is looked at. One that
         was cut off while it waited did nothing.
         """
-        message = self._past.messages.get(at.message_id)
+        message = self._run.messages.get(at.message_id)
         own = (run for run in reversed(message.handlings) if run.end == at.time) if message else ()
         ended = next(iter(own), None) or self._ended.get(at.time)
         waited = at.wait.by if at.wait else None
@@ -193,10 +193,10 @@ class Causes:
 
     def _in_vain(self, wait: Wait, time: float) -> tuple[Step | None, _At | None]:
         """Nothing is known that ended a wait: back to what went on of what was waited for, or to where it began."""
-        if (claim := self._past.claims.get(wait.awaited)) is not None:
+        if (claim := self._run.claims.get(wait.awaited)) is not None:
             return self._wanted(claim, time)
-        message = self._past.messages.get(wait.awaited)
-        if message is not None and (found := _went_on(self._past, message, time)):
+        message = self._run.messages.get(wait.awaited)
+        if message is not None and (found := _went_on(self._run, message, time)):
             return found
         message_id, run = (wait.by.message_id, wait.by) if isinstance(wait.by, Handling) else (wait.awaited, None)
         return Step(wait.start, time, Doing.UNKNOWN, wait.awaited, ""), _At(wait.start, message_id, run)
@@ -213,12 +213,12 @@ class Causes:
         if isinstance(message, Task) and (held := self._held(message, time)):
             return held
         if message.received == time:
-            return None, (_At(time, message.about) if message.about in self._past.messages else None)
+            return None, (_At(time, message.about) if message.about in self._run.messages else None)
         return self._until_ended(message, at)
 
     def _left_queue(self, message: Message, time: float) -> Queueing | None:
         """The stay in a queue that was over then; of what goes to many, of one of its copies."""
-        queueings = [*message.queueings, *self._past.copies.get(message.id, ())]
+        queueings = [*message.queueings, *self._run.copies.get(message.id, ())]
         return next((one for one in queueings if one.end == time), None)
 
     def _until_ended(self, message: Message, at: _At) -> tuple[Step | None, _At | None]:
@@ -230,10 +230,10 @@ class Causes:
         ends = (run.end for run in reversed(message.handlings) if run.end is not None and run.end < time)
         since = max(next(ends, message.received), message.received)
         if was_ended:  # a handler that does not heed it goes on
-            return _went_on(self._past, message, time) or _waited(since, time, Doing.KILLED, message.id)
+            return _went_on(self._run, message, time) or _waited(since, time, Doing.KILLED, message.id)
         if at.wait is not None and at.wait.start < time:
             return self._in_vain(at.wait, time)
-        return _went_on(self._past, message, time) or _waited(since, time, Doing.UNKNOWN, message.id)
+        return _went_on(self._run, message, time) or _waited(since, time, Doing.UNKNOWN, message.id)
 
     def _held(self, task: Task, time: float) -> tuple[Step | None, _At] | None:
         """A delay of a task was over then, or a suspension, or one began."""
@@ -250,7 +250,7 @@ class Causes:
 
     def _stood_until(self, task: Task, time: float) -> Task | None:
         """What nobody handled under a task, or was suspended, until all was ended."""
-        for one in self._past.under(task):
+        for one in self._run.under(task):
             unhandled = any(queueing.end == time and not queueing.module for queueing in one.queueings)
             if one is not task and (unhandled or any(end.end == time for end in one.suspensions)):
                 return one
@@ -261,7 +261,7 @@ class Causes:
         was suspended.
         """
         last = task.received
-        for one in self._past.under(task):
+        for one in self._run.under(task):
             if any(queueing.start < queueing.end == time for queueing in one.queueings if queueing.end is not None):
                 return None, _At(time, one.id)
             spans: list[Handling | Suspension] = [*one.handlings, *one.suspensions]
@@ -270,13 +270,13 @@ class Causes:
 
     def _delayed(self, task: Task, before: int, moment: Moment, added: float, time: float) -> tuple[Step, _At]:
         """Back to the point after which the delay counts; counted from the time that it was asked for, to that."""
-        start, cause = delay_of(self._past, task, before, moment, added)
+        start, cause = delay_of(self._run, task, before, moment, added)
         start = start if start < time else min(added, time)
         return Step(start, time, Doing.DELAY, task.id, ""), _At(start, cause)
 
     def _monitored(self, message: Message, time: float) -> tuple[Step | None, _At | None]:
         """Central asks a monitor's condition, or sends its action, when the time has come: back to its start."""
-        monitor = self._past.tasks.get(message.about)
+        monitor = self._run.tasks.get(message.about)
         if monitor is None:
             return None, None
         start = monitor.reached.get(Moment.START_HANDLING, monitor.received)
@@ -285,13 +285,15 @@ class Causes:
         return Step(start, time, Doing.WATCHING, monitor.id, ""), _At(start, monitor.id)
 
 
-def _went_on(past: Past, message: Message, time: float) -> tuple[Step | None, _At] | None:
+def _went_on(run: Run, message: Message, time: float) -> tuple[Step | None, _At] | None:
     """Somebody waited no longer for a message or task that was still handled, or still in a queue: back to that."""
-    run = next((run for run in reversed(message.handlings) if _covers(run, time)), None)
-    if run is not None:
-        wait = next((wait for wait in reversed(run.waits) if _covers(wait, time) and wait.awaited > message.id), None)
-        return None, _At(time, wait.awaited) if wait is not None else _At(time, message.id, run)
-    queueings = message.queueings or past.copies.get(message.id, [])
+    handling = next((handling for handling in reversed(message.handlings) if _covers(handling, time)), None)
+    if handling is not None:
+        wait = next(
+            (wait for wait in reversed(handling.waits) if _covers(wait, time) and wait.awaited > message.id), None
+        )
+        return None, _At(time, wait.awaited) if wait is not None else _At(time, message.id, handling)
+    queueings = message.queueings or run.copies.get(message.id, [])
     queueing = next((one for one in reversed(queueings) if _covers(one, time)), None)
     if queueing is None:
         return None
@@ -308,9 +310,9 @@ def _before(step: Step, since: float) -> _At:
     return _At(since, step.message_id, step.handling if step.resumed else None)
 
 
-def delay_of(past: Past, task: Task, before: int, moment: Moment, added: float) -> tuple[float, int]:
+def delay_of(run: Run, task: Task, before: int, moment: Moment, added: float) -> tuple[float, int]:
     """When a delay of a task began that counts from a moment of task *before*; and the message with which it did."""
-    other = past.tasks.get(before) if before != ROOT else None
+    other = run.tasks.get(before) if before != ROOT else None
     return (other.reached.get(moment, added), other.id) if other else (added, task.id)
 
 
@@ -339,14 +341,14 @@ class _Outside:
     until then.
     """
 
-    def __init__(self, past: Past, waits: list[Wait]) -> None:
+    def __init__(self, run: Run, waits: list[Wait]) -> None:
         self._ends: list[float] = []
         self._last: list[tuple[float, Wait]] = []
         """What was over last until then, and since when."""
         for wait in sorted((wait for wait in waits if wait.end is not None), key=_end_of):
             end = since = _end_of(wait)
             if wait.start == end:
-                task = past.tasks.get(wait.awaited)
+                task = run.tasks.get(wait.awaited)
                 since = task.reached.get(wait.moment, end) if task is not None and wait.moment else end
                 if since == end:
                     continue

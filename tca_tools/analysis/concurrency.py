@@ -18,9 +18,9 @@ from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.spans import Cover
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.waiting import why_waiting
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Role
@@ -82,57 +82,57 @@ class Overlap:
         return max(self.chances, key=lambda chance: round(chance.saving, 6))
 
 
-def overlaps(past: Past, causes: Causes) -> list[Overlap]:
+def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     """All planning that could have been done while something was acted, that which saves most first."""
     found: dict[tuple[object, ...], Overlap] = {}
-    free = _Free(past)
+    free = _Free(run)
     seen: set[tuple[int, float]] = set()
-    for acting, runs in _acting(past).items():
-        for chance in _chances(past, causes, free, acting, runs):
+    for acting, runs in _acting(run).items():
+        for chance in _chances(run, causes, free, acting, runs):
             place_in_time = (id(chance.steps[0].handling), chance.steps[0].start)
             if place_in_time not in seen:  # two resources may wait for the same plan
                 seen.add(place_in_time)
-                found.setdefault(_kind(past, chance), Overlap()).chances.append(chance)
+                found.setdefault(_kind(run, chance), Overlap()).chances.append(chance)
     return sorted(found.values(), key=lambda overlap: -overlap.saving)
 
 
-def _kind(past: Past, chance: Chance) -> tuple[object, ...]:
-    return chance.acting, past.name(chance.held.message_id), chance.remedy
+def _kind(run: Run, chance: Chance) -> tuple[object, ...]:
+    return chance.acting, run.name(chance.held.message_id), chance.remedy
 
 
-def _acting(past: Past) -> dict[Key, list[Handling]]:
+def _acting(run: Run) -> dict[Key, list[Handling]]:
     """The resources that act, and their runs of commands as they began."""
     found: dict[Key, list[Handling]] = {}
-    for key, runs in past.runs.items():
-        if commands := [run for run in runs if _is_command(past, run.message_id)]:
+    for key, runs in run.runs.items():
+        if commands := [handling for handling in runs if _is_command(run, handling.message_id)]:
             found[key] = commands
     return found
 
 
-def _is_command(past: Past, message_id: int) -> bool:
-    message = past.messages.get(message_id)
+def _is_command(run: Run, message_id: int) -> bool:
+    message = run.messages.get(message_id)
     return message is not None and message.message_class is MessageClass.COMMAND and message.role not in _REACTIONS
 
 
-def _chances(past: Past, causes: Causes, free: "_Free", acting: Key, runs: list[Handling]) -> Iterator[Chance]:
+def _chances(run: Run, causes: Causes, free: "_Free", acting: Key, runs: list[Handling]) -> Iterator[Chance]:
     """The gaps of one resource in which something was planned that could have been before."""
     end, acts_since, last = runs[0].start, runs[0].start, runs[0]
-    for run in runs:
-        if run.start > end:
-            chance = _chance(past, causes, acting, (last, run), end)
+    for handling in runs:
+        if handling.start > end:
+            chance = _chance(run, causes, acting, (last, handling), end)
             if chance is not None:
-                _bound(past, free, chance, acts_since)
+                _bound(run, free, chance, acts_since)
                 if chance.saving > 0:
                     yield chance
-                acts_since = run.start
-        if run.end is None or run.end > end:
-            end, last = past.time if run.end is None else run.end, run
+                acts_since = handling.start
+        if handling.end is None or handling.end > end:
+            end, last = run.time if handling.end is None else handling.end, handling
 
 
-def _chance(past: Past, causes: Causes, acting: Key, pair: tuple[Handling, Handling], gap: float) -> Chance | None:
+def _chance(run: Run, causes: Causes, acting: Key, pair: tuple[Handling, Handling], gap: float) -> Chance | None:
     """What a gap between two commands holds, if an order held planning back until its start or later."""
     first, second = pair
-    if _was_queued(past, second.message_id, gap):
+    if _was_queued(run, second.message_id, gap):
         return None  # there was something to act: only it could not begin
     steps: list[Step] = []
     for step in causes.back_from(second.start, second.message_id):
@@ -144,39 +144,39 @@ def _chance(past: Past, causes: Causes, acting: Key, pair: tuple[Handling, Handl
     if not steps or steps[-1].start < gap:
         return None  # the planning went on already: its speed is what counts
     steps.reverse()
-    number = next((n for n, step in enumerate(steps) if _was_held(past, step, gap)), None)
+    number = next((n for n, step in enumerate(steps) if _was_held(run, step, gap)), None)
     if number is None:
         return None
     held = steps[number]
-    planning = [step for step in steps[number:] if _plans(past, step, acting)]
+    planning = [step for step in steps[number:] if _plans(run, step, acting)]
     if not planning:
         return None
-    reason, remedy = _why(past, held)
+    reason, remedy = _why(run, held)
     return Chance(acting, first.message_id, second.message_id, held, gap, second.start, planning, reason, remedy, 0.0)
 
 
-def _was_queued(past: Past, message_id: int, time: float) -> bool:
+def _was_queued(run: Run, message_id: int, time: float) -> bool:
     """Whether a message stood in a queue at a time, and had since before."""
-    message = past.messages.get(message_id)
+    message = run.messages.get(message_id)
     queueings = message.queueings if message else []
     return any(one.start < time and (one.end is None or one.end > time) for one in queueings)
 
 
-def _was_held(past: Past, step: Step, gap: float) -> bool:
+def _was_held(run: Run, step: Step, gap: float) -> bool:
     """Whether a step could have begun before the gap, had an order not held it back."""
     if step.resumed:
-        return step.resumed.start < gap and step.resumed.awaited not in past.claims  # a lock is no order
-    message = past.messages.get(step.message_id)
+        return step.resumed.start < gap and step.resumed.awaited not in run.claims  # a lock is no order
+    message = run.messages.get(step.message_id)
     if message is None or step.doing is not Doing.WORK or not isinstance(message, Task):
         return False
-    is_first = any(run.start == step.start for run in message.handlings[:1])
+    is_first = any(handling.start == step.start for handling in message.handlings[:1])
     was_queued = any(one.end == step.start and one.start < gap for one in message.queueings)
     return message.received < gap and is_first and message.message_class.is_goal and not was_queued
 
 
-def _plans(past: Past, step: Step, acting: Key) -> bool:
+def _plans(run: Run, step: Step, acting: Key) -> bool:
     """Whether a step is planning: work, of something else than commands, elsewhere than where is acted."""
-    message = past.messages.get(step.message_id)
+    message = run.messages.get(step.message_id)
     if step.doing is not Doing.WORK or message is None or (step.module, step.resource) == acting:
         return False
     return message.message_class is not MessageClass.COMMAND and message.role not in _REACTIONS
@@ -185,59 +185,59 @@ def _plans(past: Past, step: Step, acting: Key) -> bool:
 # --- what held it back ---------------------------------------------------------------------------------------------
 
 
-def _why(past: Past, held: Step) -> tuple[str, str]:
+def _why(run: Run, held: Step) -> tuple[str, str]:
     """What held the planning back, in words, and what would have to change: the same of all chances of a kind."""
     if held.resumed:
-        who = f"the handler of {past.describe(held.message_id)}"
-        kind = f"the handler of '{past.name(held.message_id)}'"
+        who = f"the handler of {run.describe(held.message_id)}"
+        kind = f"the handler of '{run.name(held.message_id)}'"
         if held.doing is Doing.OUTSIDE:
             who = kind = held.module
-        if asked := _queued_question(past, held.resumed):
+        if asked := _queued_question(run, held.resumed):
             return f"{who} waited for the reply to {asked}", (
                 f"'{asked.name}' queues behind commands: let a resource of its own handle it"
             )
-        what, name = past.describe(held.resumed.awaited), _quoted(past, held.resumed.awaited)
+        what, name = run.describe(held.resumed.awaited), _quoted(run, held.resumed.awaited)
         remedy = (
             f"{kind} waits for {name} and only then goes on: let it send what follows at once, in a "
             "sequence with plan_ahead=1"
         )
         return f"{who} waited for {what}", remedy
-    task = past.tasks[held.message_id]
-    reasons = why_waiting(Then(past, nextafter(held.start, 0.0)), TaskId(task.id))
-    return f"{task} was held {' and '.join(reasons)}", _remedy(past, task, held.start)
+    task = run.tasks[held.message_id]
+    reasons = why_waiting(RunAt(run, nextafter(held.start, 0.0)), TaskId(task.id))
+    return f"{task} was held {' and '.join(reasons)}", _remedy(run, task, held.start)
 
 
-def _quoted(past: Past, number: int) -> str:
+def _quoted(run: Run, number: int) -> str:
     """The name of a message in quotes, where it has one."""
-    name = named(past, number)
-    return f"'{name}'" if name == past.name(number) else name
+    name = named(run, number)
+    return f"'{name}'" if name == run.name(number) else name
 
 
-def _queued_question(past: Past, wait: Wait) -> Message | None:
+def _queued_question(run: Run, wait: Wait) -> Message | None:
     """The query that was waited for, if it stood in a queue."""
-    asked = None if wait.moment else past.messages.get(wait.awaited)
+    asked = None if wait.moment else run.messages.get(wait.awaited)
     return asked if asked and asked.queueings and asked.message_class.has_reply else None
 
 
-def _remedy(past: Past, task: Task, released: float) -> str:
+def _remedy(run: Run, task: Task, released: float) -> str:
     """What holds tasks of this kind back: a constraint, or the parent's turn."""
     for hold in task.holds:
         before, after = hold.constraint.before, hold.constraint.after
-        if after.moment not in _PLANNING or before.task == ROOT or _reached(past, before) < released:
+        if after.moment not in _PLANNING or before.task == ROOT or _reached(run, before) < released:
             continue
         if before.task == task.id and before.moment is Moment.START_ACHIEVING:
             what = "let it be planned one ahead (plan_ahead=1, not 0 and not delay_planning)"
             return f"'{task.name}' is not planned before it may be achieved: {what}"
-        other = past.name(before.task)
+        other = run.name(before.task)
         if before.moment is Moment.START_ACHIEVING:
             return f"'{task.name}' is not planned before '{other}' is being achieved: plan further ahead (plan_ahead)"
         return f"a constraint lets '{task.name}' be planned only after '{other}': let it hold back the achieving alone"
-    parent = past.name(task.parent)
+    parent = run.name(task.parent)
     return f"'{task.name}' is planned only when its parent '{parent}' is: take away what delays the planning of that"
 
 
-def _reached(past: Past, point: Point) -> float:
-    task = past.tasks.get(point.task)
+def _reached(run: Run, point: Point) -> float:
+    task = run.tasks.get(point.task)
     return task.reached.get(point.moment, 0.0) if task else 0.0
 
 
@@ -247,22 +247,22 @@ def _reached(past: Past, point: Point) -> float:
 class _Free:
     """How long a resource had a free slot."""
 
-    def __init__(self, past: Past) -> None:
-        self._past = past
+    def __init__(self, run: Run) -> None:
+        self._run = run
         self._covers: dict[Key, Cover] = {}
 
     def within(self, key: Key, start: float, end: float) -> float:
         """Seconds of a window in which it had one."""
         if key not in self._covers:
-            runs = self._past.runs.get(key, [])
-            spans = ((run.start, self._past.time if run.end is None else run.end) for run in runs)
-            self._covers[key] = Cover(spans, capacity_of(self._past, key))
+            runs = self._run.runs.get(key, [])
+            spans = ((run.start, self._run.time if run.end is None else run.end) for run in runs)
+            self._covers[key] = Cover(spans, capacity_of(self._run, key))
         return max(end - start, 0.0) - self._covers[key].within(start, end)
 
 
-def _bound(past: Past, free: _Free, chance: Chance, acts_since: float) -> None:
+def _bound(run: Run, free: _Free, chance: Chance, acts_since: float) -> None:
     """The least of: the planning, place by place no more than its resource was free; and the acting before it."""
-    since = max(acts_since, _might_begin(past, chance))
+    since = max(acts_since, _might_begin(run, chance))
     window = max(chance.held.start - since, 0.0)
     work: dict[Key, float] = {}
     for step in chance.steps:
@@ -276,18 +276,18 @@ def _bound(past: Past, free: _Free, chance: Chance, acts_since: float) -> None:
     chance.saving = min(possible, window)
 
 
-def _might_begin(past: Past, chance: Chance) -> float:
+def _might_begin(run: Run, chance: Chance) -> float:
     """When the planning might have begun at the earliest, were it not for what held it back last."""
     if chance.held.resumed:
         return chance.held.resumed.start
-    task = past.tasks.get(chance.held.message_id)
+    task = run.tasks.get(chance.held.message_id)
     if task is None:
         return chance.held.start
     times = [task.received]
     for hold in task.holds:
         before = hold.constraint.before
         if hold.constraint.after.moment in _PLANNING and before.task != task.id:
-            times.append(_reached(past, before))
-    if (parent := past.tasks.get(task.parent)) is not None:
+            times.append(_reached(run, before))
+    if (parent := run.tasks.get(task.parent)) is not None:
         times.append(parent.reached.get(Moment.START_PLANNING, 0.0))
     return max((time for time in times if time < chance.held.start), default=task.received)

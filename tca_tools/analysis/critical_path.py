@@ -13,9 +13,9 @@ from tca_tools.analysis.releases import released, released_by
 from tca_tools.analysis.standing import going_on
 from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.analysis.words import moment, seconds
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import UNKNOWN, Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Message, Queueing, Suspension, Task, Wait
+from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_tools.why.story import awaited
 from tca_tools.why.waiting import of_blocker, why_waiting
 from tca_tools.why.whereabouts import kept_busy, why_in_vain
@@ -65,37 +65,37 @@ class Share:
     """Of the whole path (0 to 1)."""
 
 
-def last_task(past: Past) -> Task | None:
+def last_task(run: Run) -> Task | None:
     """The top-level task that ended last; one that goes on, if there is one: the oldest. Monitors that stand by do not
     count, but what they have sent does.
     """
-    top = mattering(past)
+    top = mattering(run)
     living = next((task for task in top if not is_over(task)), None)
     return living or max(top, key=_end_of, default=None)
 
 
-def longest_task(past: Past) -> Task | None:
+def longest_task(run: Run) -> Task | None:
     """The one of these that took longest."""
-    top = mattering(past)
-    return max(top, key=lambda task: (_end_of(task) if is_over(task) else past.time) - task.received, default=None)
+    top = mattering(run)
+    return max(top, key=lambda task: (_end_of(task) if is_over(task) else run.time) - task.received, default=None)
 
 
-def critical_path(past: Past, causes: Causes, task: Task) -> CriticalPath:
+def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
     """What led to the end of *task*; if it has not ended, to what goes on in it."""
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])
-    found = going_on(past, task)
+    found = going_on(run, task)
     steps = [found.standing] if found.standing else []
     steps += causes.back_from(found.time, found.message_id, found.handling)
     return CriticalPath(task, True, steps[::-1], found.because)
 
 
-def shares(past: Past, path: CriticalPath) -> list[Share]:
+def shares(run: Run, path: CriticalPath) -> list[Share]:
     """Where the path's time went, by message and place: the longest first."""
     found: dict[tuple[Doing, str, str], Share] = {}
     for step in path.steps:
-        name, where = named(past, step.message_id), where_of(step)
+        name, where = named(run, step.message_id), where_of(step)
         if step.doing is Doing.OUTSIDE:
             name = ""
         share = found.setdefault((step.doing, name, where), Share(step.doing, name, where, 0, 0.0, 0.0))
@@ -106,11 +106,11 @@ def shares(past: Past, path: CriticalPath) -> list[Share]:
     return sorted(found.values(), key=lambda share: -share.seconds)
 
 
-def named(past: Past, number: int) -> str:
+def named(run: Run, number: int) -> str:
     """What a message, or a lock, is called, without its number."""
-    if (claim := past.claims.get(number)) is not None:
+    if (claim := run.claims.get(number)) is not None:
         return f"{'reservation' if claim.is_reserved else 'lock'} of {place(claim.module, claim.resource)}"
-    name = past.name(number)
+    name = run.name(number)
     return "what was sent before the journal begins" if name == UNKNOWN else name
 
 
@@ -119,30 +119,30 @@ def where_of(step: Step) -> str:
     return place(step.module, step.resource) if step.module else ""
 
 
-def queueing_before(past: Past, step: Step) -> Queueing | None:
+def queueing_before(run: Run, step: Step) -> Queueing | None:
     """The wait in a queue that ended when a step began."""
-    message = past.messages.get(step.message_id)
+    message = run.messages.get(step.message_id)
     if message is None or step.resumed or step.doing is not Doing.WORK:
         return None
     return next((one for one in reversed(message.queueings) if one.end == step.start and one.start < step.start), None)
 
 
-def why_then(past: Past, step: Step) -> str:
+def why_then(run: Run, step: Step) -> str:
     """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is known."""
-    message = past.messages.get(step.message_id)
-    if message and step.doing in _WHY and (why := _WHY[step.doing](past, message, step)):
+    message = run.messages.get(step.message_id)
+    if message and step.doing in _WHY and (why := _WHY[step.doing](run, message, step)):
         return why
     if step.resumed:
         who = "sender" if step.doing is Doing.OUTSIDE else "handler"
-        return f"its {who} waited {awaited(past, step.resumed)}{_in_vain(past, step.resumed)}"
-    if queueing := queueing_before(past, step):
-        still = still_handled(Then(past, nextafter(step.start, 0.0)), message.id, step.start) if message else ""
+        return f"its {who} waited {awaited(run, step.resumed)}{_in_vain(run, step.resumed)}"
+    if queueing := queueing_before(run, step):
+        still = still_handled(RunAt(run, nextafter(step.start, 0.0)), message.id, step.start) if message else ""
         return _in_queue(queueing, step.start) + (f"; {still}" if still else "")
     if message is None or message.received == step.start:
-        return _made_for(past, message) if message and message.role else ""
+        return _made_for(run, message) if message and message.role else ""
     if isinstance(message, Task):
-        reasons = why_waiting(Then(past, nextafter(step.start, 0.0)), TaskId(message.id))
-        return f"it waited {' and '.join(reasons)}{released(past, message, step.start)}" if reasons else ""
+        reasons = why_waiting(RunAt(run, nextafter(step.start, 0.0)), TaskId(message.id))
+        return f"it waited {' and '.join(reasons)}{released(run, message, step.start)}" if reasons else ""
     return ""
 
 
@@ -153,46 +153,46 @@ def _in_queue(queueing: Queueing, until: float) -> str:
     return f"{waited} in the queue for {place(queueing.module, queueing.resource)}"
 
 
-def _made_for(past: Past, message: Message) -> str:
+def _made_for(run: Run, message: Message) -> str:
     """What central made a message for; and if that could not go on before, why."""
-    about, text = past.tasks.get(message.about), f"{message.role} for {past.describe(message.about)}"
+    about, text = run.tasks.get(message.about), f"{message.role} for {run.describe(message.about)}"
     if about is None or about.received >= message.received:
         return text
-    then = Then(past, nextafter(message.received, 0.0))
-    held = next((words for words, _ in released_by(then, about, message.received)), "")
-    return f"{text}, which waited {held}{released(past, about, message.received)}" if held else text
+    at = RunAt(run, nextafter(message.received, 0.0))
+    held = next((words for words, _ in released_by(at, about, message.received)), "")
+    return f"{text}, which waited {held}{released(run, about, message.received)}" if held else text
 
 
-def _in_vain(past: Past, wait: Wait) -> str:
+def _in_vain(run: Run, wait: Wait) -> str:
     """``, in vain``, with what is known of why; "" if what was waited for came."""
-    end = past.time if wait.end is None else wait.end
-    if why := past.deadlock(wait) or why_in_vain(past, wait):
-        still = still_handled(Then(past, nextafter(end, 0.0)), wait.awaited, end)
+    end = run.time if wait.end is None else wait.end
+    if why := run.deadlock(wait) or why_in_vain(run, wait):
+        still = still_handled(RunAt(run, nextafter(end, 0.0)), wait.awaited, end)
         return f", in vain: {why}" + (f"; {still}" if still else "")
-    claim, task = past.claims.get(wait.awaited), past.tasks.get(wait.awaited)
+    claim, task = run.claims.get(wait.awaited), run.tasks.get(wait.awaited)
     came = claim.granted if claim else task.reached.get(wait.moment) if task and wait.moment else end
     return ", in vain" if came is None or came > end else ""
 
 
-def _why_delayed(past: Past, message: Message, step: Step) -> str:
+def _why_delayed(run: Run, message: Message, step: Step) -> str:
     """Which delay it was; of one that is not over, until when it lasts."""
     for hold in message.holds if isinstance(message, Task) else ():
-        over = past.time if hold.over is None else hold.over
+        over = run.time if hold.over is None else hold.over
         if hold.constraint.delay and over == step.end:
-            then = Then(past, step.start)
-            words = of_blocker(then, then.tasks[message.id], hold)
+            at = RunAt(run, step.start)
+            words = of_blocker(at, at.tasks[message.id], hold)
             if hold.over is not None:
                 return f"it waited {words}"
             is_absolute = hold.constraint.before.task == ROOT
             due = hold.constraint.delay + (0.0 if is_absolute else step.start)
-            at = "" if is_absolute else f": that is at {moment(due)}"
-            since = "from now" if past.is_live else "after the journal ends"
-            later = f", {seconds(due - past.time)} {since}" if due > past.time else ""
-            return f"it waits {words}{at}{later}"
+            due_at = "" if is_absolute else f": that is at {moment(due)}"
+            since = "from now" if run.is_live else "after the journal ends"
+            later = f", {seconds(due - run.time)} {since}" if due > run.time else ""
+            return f"it waits {words}{due_at}{later}"
     return ""
 
 
-def _why_suspended(_past: Past, message: Message, step: Step) -> str:
+def _why_suspended(_run: Run, message: Message, step: Step) -> str:
     suspensions = message.suspensions if isinstance(message, Task) else []
     return next((_suspended(one, step) for one in suspensions if _covers(one, step)), "")
 
@@ -208,21 +208,21 @@ def _suspended(suspension: Suspension, step: Step) -> str:
     return f"suspended{text}" if text else ""
 
 
-def _why_queued(past: Past, message: Message, step: Step) -> str:
-    then = Then(past, nextafter(step.end, 0.0))
-    why = kept_busy(then, step.module, step.resource, message)
-    still = still_handled(then, message.id, step.end)
+def _why_queued(run: Run, message: Message, step: Step) -> str:
+    at = RunAt(run, nextafter(step.end, 0.0))
+    why = kept_busy(at, step.module, step.resource, message)
+    still = still_handled(at, message.id, step.end)
     where = place(step.module, step.resource)
     return f"for {where}, {why}" + (f"; {still}" if still else "") if why else ""
 
 
-def _why_held(past: Past, message: Message, _step: Step) -> str:
-    return f"it waits {' and '.join(why_waiting(Then(past), TaskId(message.id)))}"
+def _why_held(run: Run, message: Message, _step: Step) -> str:
+    return f"it waits {' and '.join(why_waiting(RunAt(run), TaskId(message.id)))}"
 
 
-def _why_locked(past: Past, message: Message, _step: Step) -> str:
+def _why_locked(run: Run, message: Message, _step: Step) -> str:
     waits = message.handling.waits if message.handling else []
-    return f"its handler waits {awaited(past, waits[-1])}" if waits else ""
+    return f"its handler waits {awaited(run, waits[-1])}" if waits else ""
 
 
 _WHY = {

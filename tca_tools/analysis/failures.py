@@ -11,8 +11,8 @@ from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
-from tca_tools.run.past import Past
 from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.why.story import awaited, exhausted
 from tca_wire.messages.failures import BAD_DATA, DEADLOCK, HANDLER_ERROR, NOT_BY_CHOICE
@@ -88,68 +88,68 @@ class Kind:
         return sum(case.fate is Fate.UNTOLD for case in self.cases)
 
 
-def failures(past: Past) -> list[Kind]:
+def failures(run: Run) -> list[Kind]:
     """The failures by name and message: first those of which most were not overcome, then by what they cost. With what
     nobody was told of nothing else failed: it comes after those.
     """
     kinds: dict[tuple[str, str], Kind] = {}
-    for message in past.messages.values():
+    for message in run.messages.values():
         if not message.failure and not message.changes:
             continue
-        for case in _cases(past, message):
+        for case in _cases(run, message):
             key = (case.failure, message.name)
             kinds.setdefault(key, Kind(*key)).cases.append(case)
-    for name, case in _refused(past):
+    for name, case in _refused(run):
         kinds.setdefault((DEADLOCK, name), Kind(DEADLOCK, name)).cases.append(case)
     return sorted(kinds.values(), key=lambda kind: (kind.untold - kind.bad, -kind.bad, -kind.cost))
 
 
-def _cases(past: Past, message: Message) -> Iterator[Case]:
+def _cases(run: Run, message: Message) -> Iterator[Case]:
     """The failures of one message, in order."""
     had = values(message, "failure")
-    in_vain = {run.end: run for run in message.handlings if run.outcome is Outcome.FAILED}
-    called = [past.tasks[one] for one in message.caught_by if one in past.tasks] if isinstance(message, Task) else []
+    in_vain = {handling.end: handling for handling in message.handlings if handling.outcome is Outcome.FAILED}
+    called = [run.tasks[one] for one in message.caught_by if one in run.tasks] if isinstance(message, Task) else []
     for number, (time, text) in enumerate(had):
         if not text:
             continue
         name, _, words = text.partition(": ")
         failed = in_vain.get(time)
-        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(past, message, failed, time)
-        why = told_to(past, message, time)
-        case = Case(message.id, str(message), name, words, time, by, [], fate(past, message, time), why, 0.0, 0.0)
+        by = "central" if name in _OF_CENTRAL and not failed else _raised_by(run, message, failed, time)
+        why = told_to(run, message, time)
+        case = Case(message.id, str(message), name, words, time, by, [], fate(run, message, time), why, 0.0, 0.0)
         case.lost = _lost(message, case, failed)
         if isinstance(message, Task):
-            _follow(past, message, case, called, had[number + 1] if number + 1 < len(had) else None)
+            _follow(run, message, case, called, had[number + 1] if number + 1 < len(had) else None)
         yield case
 
 
-def _refused(past: Past) -> Iterator[tuple[str, Case]]:
+def _refused(run: Run) -> Iterator[tuple[str, Case]]:
     """Those that were refused to wait, since that would have been a deadlock, and did not fail with that."""
-    if not past.deadlocks:
+    if not run.deadlocks:
         return
-    waits = [wait for run in past.handlings for wait in run.waits]
-    waits += [wait for module in past.modules.values() for wait in module.waits]
+    waits = [wait for handling in run.handlings for wait in handling.waits]
+    waits += [wait for module in run.modules.values() for wait in module.waits]
     for wait in waits:
-        circle = past.deadlock(wait)
-        if not circle or wait.end is None or (became := _became(past, wait)) is None:
+        circle = run.deadlock(wait)
+        if not circle or wait.end is None or (became := _became(run, wait)) is None:
             continue
-        run = wait.by if isinstance(wait.by, Handling) else None
-        message, name = (run.message_id, run.name) if run else (0, past.name(wait.awaited))
-        of, text = past.describe(message) if run else str(wait.by), circle.removeprefix(f"{DEADLOCK}: ")
-        why = f"it was to wait {awaited(past, wait)}"
+        handling = wait.by if isinstance(wait.by, Handling) else None
+        message, name = (handling.message_id, handling.name) if handling else (0, run.name(wait.awaited))
+        of, text = run.describe(message) if handling else str(wait.by), circle.removeprefix(f"{DEADLOCK}: ")
+        why = f"it was to wait {awaited(run, wait)}"
         yield name, Case(message, of, DEADLOCK, text, wait.end, "central", [], became, why, 0.0, 0.0)
 
 
-def _became(past: Past, wait: Wait) -> Fate | None:
+def _became(run: Run, wait: Wait) -> Fate | None:
     """What became of a wait that was refused; None if its handler failed with that, which is told as any failure."""
     if not isinstance(wait.by, Handling):
         return Fate.TOLD
-    run, failed = wait.by, failing(past, wait.by)
-    if run.outcome is not Outcome.FAILED or run.end is None:
+    handling, failed = wait.by, failing(run, wait.by)
+    if handling.outcome is not Outcome.FAILED or handling.end is None:
         return Fate.COPED
-    if isinstance(failed, Message) and failed.was("failure", run.end).startswith(DEADLOCK):
+    if isinstance(failed, Message) and failed.was("failure", handling.end).startswith(DEADLOCK):
         return None
-    return Fate.COPED if went_on(past, failed, run.end) else Fate.ANSWERED
+    return Fate.COPED if went_on(run, failed, handling.end) else Fate.ANSWERED
 
 
 def _lost(message: Message, case: Case, failed: Handling | None) -> float:
@@ -164,39 +164,41 @@ def _lost(message: Message, case: Case, failed: Handling | None) -> float:
     return case.time - next(begun, case.time)
 
 
-def _raised_by(past: Past, message: Message, failed: Handling | None, time: float) -> str:
+def _raised_by(run: Run, message: Message, failed: Handling | None, time: float) -> str:
     if failed:
         return f"its handler in {place(failed.module, failed.resource)}"
     where = message.handlings[-1] if message.handlings else None
-    by = next((one.by for one in past.raised.get(message.id, ()) if one.time == time), "")
+    by = next((one.by for one in run.raised.get(message.id, ()) if one.time == time), "")
     return (by_whom(by).removeprefix(" by ") or "another module or central") + (
         f", beside its handler in {place(where.module, where.resource)}" if where else ""
     )
 
 
-def _follow(past: Past, task: Task, case: Case, called: list[Task], after: tuple[float, str] | None) -> None:
+def _follow(run: Run, task: Task, case: Case, called: list[Task], after: tuple[float, str] | None) -> None:
     """What was done about a failure of a task: until *after*, when it had another failure, or ("") was retried."""
     first = bisect_left(called, case.time, key=_RECEIVED)
     mine = called[first : bisect_left(called, after[0], key=_RECEIVED) if after else None]
-    case.chain = [_described(past, one) for one in mine]
+    case.chain = [_described(run, one) for one in mine]
     if after and not after[1]:
         again = bisect_right(task.handlings, case.time, key=_START)
         case.recovery = (task.handlings[again].start if again < len(task.handlings) else after[0]) - case.time
         return
-    ends = [one.reached.get(Moment.END_ACHIEVING, past.time) for one in mine]
+    ends = [one.reached.get(Moment.END_ACHIEVING, run.time) for one in mine]
     case.recovery = max(ends, default=case.time) - case.time
-    if (above := begun_again_with(past, task, case.time)) is not None:
+    if (above := begun_again_with(run, task, case.time)) is not None:
         case.why = f"{above} was handled again: {above.state}"
     if case.fate in ENDED_TASKS:
         case.why = task.why_killed or ""
-        case.chain += [exhausted(one) for one in past.exhausted.get(task.id, ()) if one.time >= case.time]
+        case.chain += [exhausted(one) for one in run.exhausted.get(task.id, ()) if one.time >= case.time]
 
 
-def _described(past: Past, handler: Task) -> str:
-    run = handler.handlings[-1] if handler.handlings else None
-    words = str(handler) + (f" in {place(run.module, run.resource)}" if run else ", which nobody handled")
+def _described(run: Run, handler: Task) -> str:
+    handling = handler.handlings[-1] if handler.handlings else None
+    words = str(handler) + (
+        f" in {place(handling.module, handling.resource)}" if handling else ", which nobody handled"
+    )
     if handler.failure:
         words += f", which failed itself ({handler.failure.partition(':')[0]})"
-    if handler.id in past.reissued:
+    if handler.id in run.reissued:
         words += ", which passed the failure on"
     return words

@@ -16,8 +16,8 @@ from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.locks import Locks
 from tca_tools.analysis.spans import Cover, Span
-from tca_tools.run.past import Past
 from tca_tools.run.records import Claim, Queueing, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.whereabouts import why_in_vain
 from tca_wire.text.facts_in_words import called, place
 
@@ -72,9 +72,9 @@ class HeldUp:
     """The step that began after the longest."""
 
 
-def held_up(past: Past, causes: Causes, path: CriticalPath, window: Span, at_least: float) -> list[HeldUp]:
+def held_up(run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float) -> list[HeldUp]:
     """What the steps of a path waited for before they began, where it took *at_least* so many seconds in a window."""
-    waits = _Waits(past)
+    waits = _Waits(run)
     found: dict[tuple[Reason, str], list[tuple[Before, Step]]] = {}
     for step in path.steps:
         if (before := waits.before(step)) is not None:
@@ -92,27 +92,27 @@ def held_up(past: Past, causes: Causes, path: CriticalPath, window: Span, at_lea
 class _Waits:
     """What the steps of a run had waited for."""
 
-    def __init__(self, past: Past) -> None:
-        self.past = past
-        self._locks = Locks(past)
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self._locks = Locks(run)
 
     def before(self, step: Step) -> Before | None:
         """What a step had waited for in a queue, or its handler for a reply or a lock; None if it was neither."""
-        if (queueing := queueing_before(self.past, step)) is not None:
+        if (queueing := queueing_before(self.run, step)) is not None:
             return self._in_queue(queueing, step) if queueing.module else None
-        wait, asker = step.resumed, self.past.messages.get(step.message_id)
+        wait, asker = step.resumed, self.run.messages.get(step.message_id)
         if wait is None or wait.moment or asker is None or step.doing is not Doing.WORK:
             return None
         if asker.message_class.has_reply:
             return None  # the questions that a reply needs itself are part of the wait for it
-        if (wanted := self.past.claims.get(wait.awaited)) is not None:
+        if (wanted := self.run.claims.get(wait.awaited)) is not None:
             return self._of_claim(wanted, wait, step)
-        reason = Reason.IN_VAIN if why_in_vain(self.past, wait) else Reason.REPLY
-        return Before(reason, self.past.name(wait.awaited), wait.start, step.start)
+        reason = Reason.IN_VAIN if why_in_vain(self.run, wait) else Reason.REPLY
+        return Before(reason, self.run.name(wait.awaited), wait.start, step.start)
 
     def _in_queue(self, queueing: Queueing, step: Step) -> Before:
         where, start, end = (queueing.module, queueing.resource), queueing.start, step.start
-        message = self.past.messages.get(queueing.message_id)
+        message = self.run.messages.get(queueing.message_id)
         locked = self._locks.kept_out(*where, message.sender if message else "", start, end)
         if locked * 2 <= end - start:
             return Before(Reason.QUEUE, place(*where), start, end, queueing=queueing)
@@ -150,7 +150,7 @@ def _not_unhandled(waits: _Waits, step: Step) -> Iterator[Span]:
     if (before := waits.before(step)) is None:
         return
     is_asked = step.resumed is not None and before.reason in (Reason.REPLY, Reason.IN_VAIN)
-    asked = waits.past.messages.get(step.resumed.awaited) if step.resumed and is_asked else None
+    asked = waits.run.messages.get(step.resumed.awaited) if step.resumed and is_asked else None
     since = before.start
     for queueing in asked.queueings if asked else ():
         if not queueing.module and queueing.end is not None and queueing.end <= before.end:

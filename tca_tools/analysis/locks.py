@@ -10,8 +10,8 @@ from itertools import accumulate
 from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
-from tca_tools.run.past import Past
 from tca_tools.run.records import Claim
+from tca_tools.run.whole_run import Run
 from tca_wire.text.facts_in_words import called
 
 
@@ -33,10 +33,10 @@ class _OfOne:
 class Locks:
     """The locks and reservations of a run; each question costs O(log n)."""
 
-    def __init__(self, past: Past) -> None:
-        self._past = past
+    def __init__(self, run: Run) -> None:
+        self._run = run
         self._known: dict[tuple[str, str, str], _OfOne] = {}
-        reserved = ((key, one.sender) for key, claims in past.wanted.items() for one in claims if one.is_reserved)
+        reserved = ((key, one.sender) for key, claims in run.wanted.items() for one in claims if one.is_reserved)
         self._reserving = {(*key, sender) for key, sender in reserved}
 
     def kept_out(self, module: str, resource: str, sender: str, start: float, end: float) -> float:
@@ -56,10 +56,10 @@ class Locks:
 
     def last_before(self, module: str, resource: str, end: float) -> Claim | None:
         """The last that was granted before *end*; if none was, the last that was asked for."""
-        grants = self._past.granted(module, resource)
+        grants = self._run.granted(module, resource)
         if granted := bisect_left(grants, end, key=attrgetter("granted")):
             return grants[granted - 1]
-        wanted = self._past.asked_for(module, resource)
+        wanted = self._run.asked_for(module, resource)
         asked = bisect_left(wanted, end, key=_START)
         return wanted[asked - 1] if asked else None
 
@@ -67,13 +67,13 @@ class Locks:
         own = sender if (called(module), resource, sender) in self._reserving else ""
         key = (called(module), resource, own)
         if (known := self._known.get(key)) is None:
-            wanted = self._past.asked_for(module, resource)
+            wanted = self._run.asked_for(module, resource)
             claims = [claim for claim in wanted if not (own and claim.is_reserved and claim.sender == own)]
             known = self._known[key] = self._made(claims)
         return known
 
     def _made(self, claims: list[Claim]) -> _OfOne:
-        over = [self._past.time if claim.end is None else claim.end for claim in claims]
+        over = [self._run.time if claim.end is None else claim.end for claim in claims]
         waited = [last if claim.granted is None else claim.granted for claim, last in zip(claims, over, strict=True)]
         spans = [
             (claim.granted, last) for claim, last in zip(claims, over, strict=True) if claim.granted is not None

@@ -11,8 +11,8 @@ from math import ceil, sqrt
 
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.spans import levels
-from tca_tools.run.past import Past
 from tca_tools.run.records import Queueing
+from tca_tools.run.whole_run import Run
 
 _LENGTH = 5
 """A shorter queue is no sign."""
@@ -60,39 +60,39 @@ class Growing:
         return ceil(self.capacity * self.rate_in / self.rate_out)
 
 
-def growing(past: Past, start: float, end: float) -> list[Growing]:
+def growing(run: Run, start: float, end: float) -> list[Growing]:
     """All such queues of a run that lasted from *start* to *end*."""
     lines: dict[Key, list[Queueing]] = {}
-    for queueing in past.queueings:
+    for queueing in run.queueings:
         if queueing.module:
             lines.setdefault((queueing.module, queueing.resource), []).append(queueing)
-    found = (_growing(past, key, queued) for key, queued in lines.items() if len(queued) >= _LENGTH)
+    found = (_growing(run, key, queued) for key, queued in lines.items() if len(queued) >= _LENGTH)
     return [one for one in found if one and one.end - one.start >= _SHARE * (end - start)]
 
 
-def _growing(past: Past, key: Key, queued: list[Queueing]) -> Growing | None:
-    given = [run.start for run in past.runs.get(key, [])]
+def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
+    given = [handling.start for handling in run.runs.get(key, [])]
     end = max([queued[-1].start, *given[-1:]])
-    left = [one for one in queued if one.end is None or one.end > end or (one.end == end and not _was_given(past, one))]
+    left = [one for one in queued if one.end is None or one.end > end or (one.end == end and not _was_given(run, one))]
     if len(left) < _LENGTH:
         return None
     start, middle = _growth(queued, left, end)
     handled = sum(time > start for time in given)
     is_steady = len(left) / 4 <= middle <= len(left) * 3 / 4
     is_more = len(left) >= max(_GROWTH * handled, _CHANCE * sqrt(handled))
-    if not is_steady or not is_more or handled < _HANDLED or past.granted(*key):
+    if not is_steady or not is_more or handled < _HANDLED or run.granted(*key):
         return None
-    names = Counter(past.name(one.message_id) for one in left)
+    names = Counter(run.name(one.message_id) for one in left)
     longest = end - min(one.start for one in left)
     return Growing(
-        key, capacity_of(past, key), start, end, len(left), handled, longest, names.most_common(1)[0][0]
+        key, capacity_of(run, key), start, end, len(left), handled, longest, names.most_common(1)[0][0]
     )  # fmt: skip
 
 
-def _was_given(past: Past, queueing: Queueing) -> bool:
+def _was_given(run: Run, queueing: Queueing) -> bool:
     """Whether a wait ended with a handler that got the message."""
-    message = past.messages.get(queueing.message_id)
-    return message is not None and any(run.start == queueing.end for run in message.handlings)
+    message = run.messages.get(queueing.message_id)
+    return message is not None and any(handling.start == queueing.end for handling in message.handlings)
 
 
 def _growth(queued: list[Queueing], left: list[Queueing], end: float) -> tuple[float, int]:

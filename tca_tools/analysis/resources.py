@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tca_tools.analysis.spans import Cover, Span, levels
-from tca_tools.run.past import Past
 from tca_tools.run.records import Handling, Queueing
+from tca_tools.run.whole_run import Run
 from tca_wire.text.facts_in_words import place
 
 Key = tuple[str, str]
@@ -58,22 +58,22 @@ class Use:
         return max(self.busy - self.waiting, 0.0)
 
 
-def uses(past: Past, start: float, end: float) -> list[Use]:
+def uses(run: Run, start: float, end: float) -> list[Use]:
     """Each resource that handled or queued something between *start* and *end*, the busiest first."""
     handled: dict[Key, list[Handling]] = {}
-    for handling in past.handlings:
+    for handling in run.handlings:
         handled.setdefault((handling.module, handling.resource), []).append(handling)
     queued: dict[Key, list[Queueing]] = {}
-    for queueing in past.queueings:
+    for queueing in run.queueings:
         if queueing.module:
             queued.setdefault((queueing.module, queueing.resource), []).append(queueing)
-    found = [_use(past, key, handled.get(key, []), queued.get(key, []), start, end) for key in handled | queued]
+    found = [_use(run, key, handled.get(key, []), queued.get(key, []), start, end) for key in handled | queued]
     return sorted(found, key=lambda use: (-use.share, -use.queue_seconds, use.key))
 
 
-def capacity_of(past: Past, key: Key) -> int:
+def capacity_of(run: Run, key: Key) -> int:
     """The largest capacity that a resource had; 1 if the journal does not say."""
-    module = past.modules.get(key[0])
+    module = run.modules.get(key[0])
     return max(module.capacities.get(key[1], 1), 1) if module else 1
 
 
@@ -87,12 +87,12 @@ def busy(runs: list[Handling], capacity: int, start: float, end: float) -> Busy:
     return Busy(handled, waited, min(handled / given, 1.0) if given > 0 else 0.0)
 
 
-def _use(past: Past, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
+def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], start: float, end: float) -> Use:
     runs = [clipped(handling.start, handling.end, start, end) for handling in handled]
     lines = [clipped(queueing.start, queueing.end, start, end) for queueing in queued]
-    grants = past.granted(*key)
+    grants = run.granted(*key)
     locks = [clipped(claim.granted or claim.start, claim.end, start, end) for claim in grants]
-    capacity = capacity_of(past, key)
+    capacity = capacity_of(run, key)
     had = busy(handled, capacity, start, end)
     return Use(
         key,

@@ -13,24 +13,24 @@ from tca_tools.analysis.resources import Use
 from tca_tools.analysis.spans import Span
 from tca_tools.analysis.words import moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.whole_run import Run
 from tca_tools.why.story import awaited
 from tca_tools.why.whereabouts import why_in_vain
 
 
 def on_waits(
-    past: Past, causes: Causes, path: CriticalPath, window: Span, uses: list[Use], at_least: float, called: str
+    run: Run, causes: Causes, path: CriticalPath, window: Span, uses: list[Use], at_least: float, called: str
 ) -> Iterator[Advice]:
     """Advice for each kind of wait that lies on a path within a window; *called* is what to call the path."""
     by_name = {use.name: use for use in uses}
-    for held in held_up(past, causes, path, window, at_least):
+    for held in held_up(run, causes, path, window, at_least):
         use = by_name.get(held.name) if held.reason is Reason.QUEUE else None
-        yield _on_wait(past, held, use, window, called)
+        yield _on_wait(run, held, use, window, called)
     delays: dict[str, Sum] = defaultdict(Sum)
     for step in path.steps:
         if step.doing is Doing.DELAY:
-            delays[past.name(step.message_id)].add(step.start, step.end, past.describe(step.message_id))
+            delays[run.name(step.message_id)].add(step.start, step.end, run.describe(step.message_id))
     for name, total in delays.items():
         saving = total.within(*window)
         often = say_times(total.times)
@@ -45,7 +45,7 @@ def bottleneck(name: str) -> str:
     return _WORDS[Reason.QUEUE].title.format(name=name)
 
 
-def _on_wait(past: Past, held: HeldUp, use: Use | None, window: Span, called: str) -> Advice:
+def _on_wait(run: Run, held: HeldUp, use: Use | None, window: Span, called: str) -> Advice:
     saving, busy, but = held.saving, "", ""
     if use:
         busy = f" It is busy {percent(use.share)} of the time, with {use.capacity} at a time."
@@ -58,7 +58,7 @@ def _on_wait(past: Past, held: HeldUp, use: Use | None, window: Span, called: st
         _WORDS[held.reason], name=held.name, times=say_times(held.times), seconds=seconds(held.seconds),
         busy=busy, most=most, but=but, path=called,
     )  # fmt: skip
-    example, longest = _longest(past, held), (held.longest.start, held.longest.end)
+    example, longest = _longest(run, held), (held.longest.start, held.longest.end)
     return Advice(_TOPICS[held.reason], title, text, saving, saving, held.times, example, remedy, longest)
 
 
@@ -66,21 +66,21 @@ def _filled(words: Words, **known: str) -> Words:
     return Words(*(one.format(**known) for one in words))
 
 
-def _longest(past: Past, held: HeldUp) -> str:
+def _longest(run: Run, held: HeldUp) -> str:
     """The longest of some waits, in words, with what is known of why."""
     step, longest = held.step, held.longest
     asked, why = step.message_id, ""
     if longest.queueing is None and step.resumed:
-        what = f"the handler of {past.describe(asked)} waited {awaited(past, step.resumed)},"
+        what = f"the handler of {run.describe(asked)} waited {awaited(run, step.resumed)},"
         asked = step.resumed.awaited
-        if in_vain := why_in_vain(past, step.resumed):
+        if in_vain := why_in_vain(run, step.resumed):
             why = f", in vain: {in_vain}"
     else:
-        what = f"{past.describe(asked)} waited"
+        what = f"{run.describe(asked)} waited"
     words = f"{what} {seconds(longest.seconds)}, until {moment(longest.end)}{why}"
     if longest.claim:
         words += f"; {longest.claim.sender} had {'it' if longest.claim.granted is not None else 'asked for it'}"
-    still = still_handled(Then(past, nextafter(longest.end, 0.0)), asked, longest.end)
+    still = still_handled(RunAt(run, nextafter(longest.end, 0.0)), asked, longest.end)
     return words + (f"; {still}" if still else "")
 
 

@@ -7,8 +7,8 @@ from operator import attrgetter
 from typing import Any
 
 from tca_tools.analysis.words import counted, moment
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, Message, State, Task
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import STANDINGS, standing
 from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL
@@ -57,63 +57,63 @@ class Summary:
         return max(self.end - self.start, 0.0)
 
 
-def summary(past: Past) -> Summary:
+def summary(run: Run) -> Summary:
     """What there is to say of the whole run."""
-    counts = Counter(standing(past, task, task.state) for task in past.tasks.values())
-    top = [task for task in map(past.tasks.__getitem__, past.top) if not stands_by(task)]
+    counts = Counter(standing(run, task, task.state) for task in run.tasks.values())
+    top = [task for task in map(run.tasks.__getitem__, run.top) if not stands_by(task)]
     top_counts = Counter(task.state for task in top)
-    failed = [message for message in past.messages.values() if message.failure or message.changes]
+    failed = [message for message in run.messages.values() if message.failure or message.changes]
     failures = sum(bool(text) for message in failed for _, text in values(message, "failure"))
-    start, end = span_of(past)
+    start, end = span_of(run)
     return Summary(
-        past.began,
+        run.began,
         start,
         end,
-        past.is_live,
-        past.time,
-        len(_working(past)),
-        len(past.messages),
+        run.is_live,
+        run.time,
+        len(_working(run)),
+        len(run.messages),
         {one: counts[one] for one in STANDINGS if counts[one]},
         {state: top_counts[state] for state in State if top_counts[state]},
         failures,
         _reasons(top),
         bool(top) and all(task.state is State.ACHIEVED for task in top),
-        _outcome(past, top, top_counts, failures),
+        _outcome(run, top, top_counts, failures),
     )
 
 
-def _working(past: Past) -> set[str]:
-    offering = {name for name, module in past.modules.items() if module.resources}
-    senders = {message.sender for message in past.messages.values() if not message.role}
-    claiming = {claim.sender for claim in past.claims.values()}
-    running = {name for run in past.handlings for name in (run.module, run.direct_from)}
-    return (offering | senders | claiming | running) & past.modules.keys()
+def _working(run: Run) -> set[str]:
+    offering = {name for name, module in run.modules.items() if module.resources}
+    senders = {message.sender for message in run.messages.values() if not message.role}
+    claiming = {claim.sender for claim in run.claims.values()}
+    running = {name for handling in run.handlings for name in (handling.module, handling.direct_from)}
+    return (offering | senders | claiming | running) & run.modules.keys()
 
 
-def span_of(past: Past) -> tuple[float, float]:
+def span_of(run: Run) -> tuple[float, float]:
     """From the first task sent until the last one ended; if one goes on, until the journal's end. A monitor that stands
     by is not one of them, what it sends is.
     """
-    if not past.tasks:
-        first = next(iter(past.messages.values()), None)
-        return (first.received if first else past.time), past.time
-    top = mattering(past)
-    ends = (task.states[-1][0] if is_over(task) else past.time for task in top)
+    if not run.tasks:
+        first = next(iter(run.messages.values()), None)
+        return (first.received if first else run.time), run.time
+    top = mattering(run)
+    ends = (task.states[-1][0] if is_over(task) else run.time for task in top)
     return min(task.received for task in top), max(ends)
 
 
-def mattering(past: Past) -> list[Task]:
+def mattering(run: Run) -> list[Task]:
     """The tasks by which a run is judged, oldest first: those at the top; instead of monitors that stand by, what these
     have sent. Where there is nothing else, the monitors.
     """
-    found, walked = [], list(past.top)
+    found, walked = [], list(run.top)
     for number in walked:  # grows while it is walked
-        task = past.tasks[number]
+        task = run.tasks[number]
         if stands_by(task):
             walked += task.children
         else:
             found.append(task)
-    return sorted(found, key=_ID) or [past.tasks[number] for number in past.top]
+    return sorted(found, key=_ID) or [run.tasks[number] for number in run.top]
 
 
 def stands_by(task: Task) -> bool:
@@ -135,9 +135,9 @@ def values(message: Message, name: str) -> list[tuple[float, Any]]:
     return list(zip(since, [*(old for _, old in changes), getattr(message, name)], strict=True))
 
 
-def _outcome(past: Past, top: list[Task], counts: Counter[State], failures: int) -> str:
+def _outcome(run: Run, top: list[Task], counts: Counter[State], failures: int) -> str:
     """One sentence: good, bad or not over, and the first reason; monitors that go on apart."""
-    if not past.top:
+    if not run.top:
         return "No task was sent."
     bad = [task for task in top if task.state in ENDED_BADLY]
     living = len(top) - len(bad) - counts[State.ACHIEVED]
@@ -151,10 +151,10 @@ def _outcome(past: Past, top: list[Task], counts: Counter[State], failures: int)
     if living:
         subject = "The task" if len(top) == 1 else f"{living:,} of {len(top):,} top-level tasks"
         is_one = living == 1
-        still = f"{'is' if is_one else 'are'} still running, as of {moment(past.time)}"
-        parts.append(f"{subject} {still if past.is_live else 'had not ended when the journal did'}")
-    if watching := sum(stands_by(past.tasks[task]) and not is_over(past.tasks[task]) for task in past.top):
-        verb = f"still watch{'es' * (watching == 1)}" if past.is_live else "still watched"
+        still = f"{'is' if is_one else 'are'} still running, as of {moment(run.time)}"
+        parts.append(f"{subject} {still if run.is_live else 'had not ended when the journal did'}")
+    if watching := sum(stands_by(run.tasks[task]) and not is_over(run.tasks[task]) for task in run.top):
+        verb = f"still watch{'es' * (watching == 1)}" if run.is_live else "still watched"
         parts.append(f"{counted(watching, 'monitor')} {verb}")
     return "; ".join(parts) + "."
 

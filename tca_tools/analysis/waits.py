@@ -9,8 +9,8 @@ from itertools import pairwise
 from operator import attrgetter
 
 from tca_tools.analysis.words import moment, seconds
-from tca_tools.run.past import Past
 from tca_tools.run.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.story import awaited
 from tca_tools.why.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
 from tca_tools.why.whereabouts import why_in_vain
@@ -62,13 +62,13 @@ class Waits:
     longest: list[LongWait] = field(default_factory=list)
 
 
-def waits(past: Past, at_most: int = 10) -> list[Waits]:
+def waits(run: Run, at_most: int = 10) -> list[Waits]:
     """For each kind of wait that took time: how many there were, how long together, and the longest, with reasons."""
     by_kind = {kind: Waits(kind) for kind in WaitKind}
     heaps: dict[WaitKind, list[tuple[float, int, _Found]]] = {kind: [] for kind in WaitKind}
-    for number, found in enumerate(_all(past)):
+    for number, found in enumerate(_all(run)):
         kind, of_kind = found[0], by_kind[found[0]]
-        end = past.time if found[3] is None else found[3]
+        end = run.time if found[3] is None else found[3]
         length = end - found[2]
         if length < NO_TIME:
             continue
@@ -80,7 +80,7 @@ def waits(past: Past, at_most: int = 10) -> list[Waits]:
         else:
             heapq.heappushpop(heaps[kind], item)
     for kind, heap in heaps.items():
-        by_kind[kind].longest = [_told(past, found) for _, _, found in sorted(heap, reverse=True)]
+        by_kind[kind].longest = [_told(run, found) for _, _, found in sorted(heap, reverse=True)]
     return [of_kind for of_kind in by_kind.values() if of_kind.number]
 
 
@@ -88,57 +88,57 @@ _Found = tuple[WaitKind, int, float, float | None, Queueing | Wait | Suspension 
 """A wait: its kind, the message that waits, from when until when, and its record (None: a task that was held)."""
 
 
-def _all(past: Past) -> Iterator[_Found]:
-    yield from _of_tasks(past)
-    for queueing in past.queueings:
+def _all(run: Run) -> Iterator[_Found]:
+    yield from _of_tasks(run)
+    for queueing in run.queueings:
         kind = WaitKind.HANDLER if not queueing.module else WaitKind.RESOURCE
-        if queueing.module and locked_during(past, queueing.module, queueing.resource, queueing.start, queueing.end):
+        if queueing.module and locked_during(run, queueing.module, queueing.resource, queueing.start, queueing.end):
             kind = WaitKind.LOCK
         yield kind, queueing.message_id, queueing.start, queueing.end, queueing
-    for handling in past.handlings:
+    for handling in run.handlings:
         for wait in handling.waits:
-            yield _kind(past, wait), handling.message_id, wait.start, wait.end, wait
+            yield _kind(run, wait), handling.message_id, wait.start, wait.end, wait
 
 
-def _of_tasks(past: Past) -> Iterator[_Found]:
-    for task in past.tasks.values():
+def _of_tasks(run: Run) -> Iterator[_Found]:
+    for task in run.tasks.values():
         for number, (time, state) in enumerate(task.states):
             if state is State.HELD or state is State.PLANNED:
                 end = task.states[number + 1][0] if number + 1 < len(task.states) else None
                 yield WaitKind.CONSTRAINT, task.id, time, end, None
-    for suspension in past.suspensions():
+    for suspension in run.suspensions():
         if (since := suspension.standstill) is not None:
             yield WaitKind.SUSPENDED, suspension.task, since, suspension.end, suspension
 
 
-def _kind(past: Past, wait: Wait) -> WaitKind:
+def _kind(run: Run, wait: Wait) -> WaitKind:
     if wait.moment:
         return WaitKind.TASK
-    return WaitKind.LOCK if wait.awaited in past.claims else WaitKind.REPLY
+    return WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
 
 
-def locked_during(past: Past, module: str, resource: str, start: float, end: float | None) -> Claim | None:
+def locked_during(run: Run, module: str, resource: str, start: float, end: float | None) -> Claim | None:
     """The last lock or reservation of a resource that was in force at some time between *start* and *end*."""
-    grants = past.granted(module, resource)
-    place_before = bisect_left(grants, past.time if end is None else end, key=attrgetter("granted"))
+    grants = run.granted(module, resource)
+    place_before = bisect_left(grants, run.time if end is None else end, key=attrgetter("granted"))
     last = grants[place_before - 1] if place_before else None
     return last if last and (last.end is None or last.end > start) else None
 
 
-def _told(past: Past, found: _Found) -> LongWait:
+def _told(run: Run, found: _Found) -> LongWait:
     """A wait with its reasons, and of several how long each was one."""
     kind, message, start, end, record = found
-    told = LongWait(kind, past.describe(message), start, past.time if end is None else end, end is None)
+    told = LongWait(kind, run.describe(message), start, run.time if end is None else end, end is None)
     if isinstance(record, Queueing):
-        told.what = _queue_reason(past, record)
+        told.what = _queue_reason(run, record)
     elif isinstance(record, Suspension):
         told.what = _until_resumed(record)
     elif isinstance(record, Wait):
         told.who = f"the handler of {told.who}"
-        why = why_in_vain(past, record)
-        told.what = _awaited(past, record) + (f", in vain: {why}" if why else _where_handled(past, record))
+        why = why_in_vain(run, record)
+        told.what = _awaited(run, record) + (f", in vain: {why}" if why else _where_handled(run, record))
     else:
-        told.what = _why_held(past, past.tasks[message], told)
+        told.what = _why_held(run, run.tasks[message], told)
     return told
 
 
@@ -151,34 +151,34 @@ def _until_resumed(suspension: Suspension) -> str:
     return f"{text}; suspended{who} at {moment(suspension.start)}, what ran then ran on"
 
 
-def _why_held(past: Past, task: Task, wait: LongWait) -> str:
+def _why_held(run: Run, task: Task, wait: LongWait) -> str:
     """What held a task."""
     number = next(number for number, (time, _) in enumerate(task.states) if time == wait.start)
     is_killed = task.killed is not None and task.written("killed") <= wait.end
     unknown = "until it was killed" if is_killed else "for something that the journal does not tell of"
-    return _by_cause(past, in_state(past, task, number), unknown)
+    return _by_cause(run, in_state(run, task, number), unknown)
 
 
-def _awaited(past: Past, wait: Wait) -> str:
+def _awaited(run: Run, wait: Wait) -> str:
     """What a handler waited for."""
-    claim = past.claims.get(wait.awaited)
+    claim = run.claims.get(wait.awaited)
     if claim is None:
-        return awaited(past, wait)
-    parts = [part._replace(why=part.why.removeprefix(f"{claim}, but ")) for part in for_claim(past, wait, claim)]
+        return awaited(run, wait)
+    parts = [part._replace(why=part.why.removeprefix(f"{claim}, but ")) for part in for_claim(run, wait, claim)]
     if all(part.why == str(claim) for part in parts):
         return f"for the {claim}"
     untold = [part._replace(why="" if part.why == str(claim) else part.why) for part in parts]
-    return f"for the {claim}, but {_by_cause(past, untold, 'nobody has it')}"
+    return f"for the {claim}, but {_by_cause(run, untold, 'nobody has it')}"
 
 
-def _by_cause(past: Past, parts: list[Stretch], unknown: str) -> str:
+def _by_cause(run: Run, parts: list[Stretch], unknown: str) -> str:
     """The causes of a wait; of several those with the greatest shares, with how long each was one: ``busy with grip {3}
     (3.00 s), move {4} (2.00 s), and 2 more (0.52 s)``.
     """
     lengths: dict[str, float] = {}
     for part in parts:
         cause = part.why or unknown
-        length = (past.time if part.end is None else part.end) - part.start
+        length = (run.time if part.end is None else part.end) - part.start
         if length >= NO_TIME or len(parts) == 1:
             lengths[cause] = lengths.get(cause, 0.0) + length
     if len(lengths) <= 1:
@@ -199,17 +199,17 @@ def _once(whys: list[str]) -> Iterator[str]:
         yield why.removeprefix(resource + busy) if busy and before.startswith(resource + busy) else why
 
 
-def _where_handled(past: Past, wait: Wait) -> str:
+def _where_handled(run: Run, wait: Wait) -> str:
     """Who was slow: the module that replied."""
-    message = past.messages.get(wait.awaited)
+    message = run.messages.get(wait.awaited)
     last: Handling | None = message.handlings[-1] if message and message.handlings and not wait.moment else None
     return f" from {place(last.module, last.resource)}" if last else ""
 
 
-def _queue_reason(past: Past, queueing: Queueing) -> str:
+def _queue_reason(run: Run, queueing: Queueing) -> str:
     if not queueing.module:
-        return f"for a module that handles {past.name(queueing.message_id)}"
-    message = past.messages.get(queueing.message_id)
-    parts = in_queue(past, queueing, message) if message else []
-    causes = _by_cause(past, parts, "for no reason told") if any(part.why for part in parts) else ""
+        return f"for a module that handles {run.name(queueing.message_id)}"
+    message = run.messages.get(queueing.message_id)
+    parts = in_queue(run, queueing, message) if message else []
+    causes = _by_cause(run, parts, "for no reason told") if any(part.why for part in parts) else ""
     return f"for {place(queueing.module, queueing.resource)}" + (f", {causes}" if causes else "")

@@ -219,11 +219,11 @@ def _show_violations(violations: list[Violation], journal: Log, *, everything: b
     if not violations:
         return
     violations = sorted(violations, key=lambda violation: violation.place)
-    past, width = History.until(open_log(journal.path)), line_width()
+    run, width = History.until(open_log(journal.path)), line_width()
     shown = violations[:_MOST_SHOWN] if everything else _first_of_each_kind(violations)
     for violation in shown:
         click.echo()
-        click.echo("\n".join(violation_lines(violation, past, width)))
+        click.echo("\n".join(violation_lines(violation, run, width)))
     if more := len(violations) - len(shown):
         click.echo(f"\nand {more} more" + ("" if everything else ": --all shows them"))
 

@@ -74,16 +74,16 @@ def wait_ended(world: World, fact: facts.WaitEnded) -> None:
             what = f"'{fact.module}' waits no longer for {world.name(fact.task)}, for which it did not wait"
             world.broken(WAITS, fact.task, what)
         return
-    past = next((moment for moment in waits if item is None or item.reached & moment), 0)
-    if not past and item is not None and len(set(waits)) > 1:  # one was given up, and the fact does not say which
+    run = next((moment for moment in waits if item is None or item.reached & moment), 0)
+    if not run and item is not None and len(set(waits)) > 1:  # one was given up, and the fact does not say which
         item.waiters = [one for one in item.waiters if one[:2] != (fact.module, fact.origin)]
         waits[:] = [0] * len(waits)
-    past = past or waits[0]
-    waits.remove(past)
+    run = run or waits[0]
+    waits.remove(run)
     if not waits:
         del world.waits[key]
-    if item is not None and (fact.module, fact.origin, past) in item.waiters:
-        item.waiters.remove((fact.module, fact.origin, past))
+    if item is not None and (fact.module, fact.origin, run) in item.waiters:
+        item.waiters.remove((fact.module, fact.origin, run))
 
 
 def check_waits(world: World, item: Item) -> None:

@@ -137,7 +137,7 @@ class Property:
         return ""
 
     def blame(self, items: Iterable[Any], culprit: int = 0) -> str:
-        """The messages (a task of ``Then`` will do) in words; the first of them is the culprit, if no other is."""
+        """The messages (a task of ``RunAt`` will do) in words; the first of them is the culprit, if no other is."""
         found = sorted(items, key=lambda item: item.id)
         self.culprit = culprit or (found[0].id if found else 0)
         named = found[:_MOST_NAMED]

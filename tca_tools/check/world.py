@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from tca_tools.check.records import FAN_OUT, Claims, Item, Place
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, TaskId
 from tca_wire.text.facts_in_words import called
@@ -42,7 +42,7 @@ class World:
         self.passed = 0.0  #: seconds since the event before
         self.items: dict[int, Item] = {}  #: by number, oldest first; each copy of a broadcast has one of its own
         self.deliveries: dict[int, Item] = {}  #: of tasks that are handled again: by delivery
-        self.history: Past | None = None  #: all records so far, where properties ask for them
+        self.history: Run | None = None  #: all records so far, where properties ask for them
         self.strange: set[int] = set()  #: deliveries of what was sent before the journal begins
         self.over: dict[int, Gone] = {}  #: the messages that are not under way any more
         self.joined: dict[str, None] = {}
@@ -69,11 +69,11 @@ class World:
     # --- for properties --------------------------------------------------------------------------------------------
 
     @property
-    def then(self) -> Then:
+    def run(self) -> RunAt:
         """All that is known of the run until now: every task, what it waits for, what ended long ago."""
         if self.history is None:
             raise ValueError("the records are kept only where properties come from a file")
-        return Then(self.history)
+        return RunAt(self.history)
 
     @property
     def messages(self) -> list[Item]:

@@ -13,7 +13,7 @@ from tca_tools.options import force_option
 from tca_tools.output import check_free, made_for, make_folder, new_file
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import Log, open_log
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.printable import printable
@@ -36,9 +36,9 @@ def _perfetto(journal: Log, output: Path) -> None:
         from tca_tools.export.trace.packets import write_trace  # noqa: PLC0415 - exports are extras
     except ImportError as error:
         raise _missing("perfetto", "exports", error) from None
-    past = folded(journal)
+    run = folded(journal)
     with new_file(output) as stream:
-        write_trace(past, stream)
+        write_trace(run, stream)
 
 
 def _mcap(journal: Log, output: Path) -> None:
@@ -47,10 +47,10 @@ def _mcap(journal: Log, output: Path) -> None:
     except ImportError as error:
         raise _missing("mcap", "exports", error) from None
     entries = _Counted(journal)
-    past = folded(journal, entries=entries)
+    run = folded(journal, entries=entries)
     again = islice(Log(journal.path), entries.count)  # a run that goes on has more of them by now
     with new_file(output) as stream:
-        write_mcap(past, again, stream)
+        write_mcap(run, again, stream)
 
 
 def _json_lines(journal: Log, output: Path) -> None:
@@ -74,11 +74,11 @@ def _parquet(journal: Log, output: Path) -> None:
     _tables("parquet", folded(journal), output, write_parquet)
 
 
-def _tables(name: str, past: Past, output: Path, write: Callable[..., None]) -> None:
+def _tables(name: str, run: Run, output: Path, write: Callable[..., None]) -> None:
     make_folder(output)
     for table in TABLES:
         with new_file(output / f"{table.name}{FORMATS[name].tables}") as stream:
-            write(table, past, stream)
+            write(table, run, stream)
 
 
 FORMATS = {

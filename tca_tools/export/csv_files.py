@@ -5,18 +5,18 @@ import io
 from typing import BinaryIO
 
 from tca_tools.export.tables import Kind, Row, Table, batches
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 
 _ROWS_AT_ONCE = 1 << 12
 
 
-def write_csv(table: Table, past: Past, stream: BinaryIO) -> None:
+def write_csv(table: Table, run: Run, stream: BinaryIO) -> None:
     """Write one table."""
     text = io.TextIOWrapper(stream, "utf-8", newline="", write_through=True)
     writer = csv.writer(text)
     writer.writerow(table.columns)
     flags = [place for place, kind in enumerate(table.columns.values()) if kind is Kind.FLAG]
-    for rows in batches(table, past, _ROWS_AT_ONCE):
+    for rows in batches(table, run, _ROWS_AT_ONCE):
         writer.writerows(_with_words(row, flags) for row in rows)
     text.detach()
 

@@ -14,8 +14,8 @@ from tca_tools.data import plain_data
 from tca_tools.export.nanoseconds import Nanoseconds, since_1970
 from tca_tools.export.schemas import Schema, object_schema, plain_schema
 from tca_tools.log.fact_rows import fact_row
-from tca_tools.run.at_time import TaskThen
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import TaskAt
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, kind_of
@@ -48,13 +48,13 @@ class Said(NamedTuple):
     content: dict[str, Any]
 
 
-def write_mcap(past: Past, entries: Iterable[Entry], stream: BinaryIO) -> None:
+def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
     """Write a run, of which all is known, and its entries once more."""
-    writer = _Topics(past, stream)
-    nanoseconds = Nanoseconds(past)
+    writer = _Topics(run, stream)
+    nanoseconds = Nanoseconds(run)
     streams = (
-        _from_entries(past, entries, nanoseconds), _states(past, nanoseconds), _resources(past, nanoseconds),
-        _now(past, nanoseconds),
+        _from_entries(run, entries, nanoseconds), _states(run, nanoseconds), _resources(run, nanoseconds),
+        _now(run, nanoseconds),
     )  # fmt: skip
     for said in heapq.merge(*streams, key=itemgetter(0)):
         writer.write(said)
@@ -64,17 +64,17 @@ def write_mcap(past: Past, entries: Iterable[Entry], stream: BinaryIO) -> None:
 # --- what is said -------------------------------------------------------------------------------------------------
 
 
-def _from_entries(past: Past, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:
-    wording, began = Wording(), since_1970(past)
+def _from_entries(run: Run, entries: Iterable[Entry], nanoseconds: Nanoseconds) -> Iterator[Said]:
+    wording, began = Wording(), since_1970(run)
     names: dict[int, str] = {}
     time, place_in_past = 0, -1
     for entry in entries:
-        if place_in_past < 0 or entry.number != past.numbers[place_in_past]:
+        if place_in_past < 0 or entry.number != run.numbers[place_in_past]:
             place_in_past += 1  # else it is one of several records of one event
-        time = nanoseconds(past.times[place_in_past])
+        time = nanoseconds(run.times[place_in_past])
         for fact in entry.facts:
             line = _log_line(entry, fact, wording, time + began)
-            if isinstance(fact, facts.Failed) and _has_coped(past, fact, past.times[place_in_past]):
+            if isinstance(fact, facts.Failed) and _has_coped(run, fact, run.times[place_in_past]):
                 line["level"] = _WARNING
             yield Said(time, "/tca/log", "", line)
             yield Said(time, "/tca/facts", "", fact_row(entry, fact))
@@ -93,17 +93,17 @@ def _line(time: int, level: int, text: str, number: int) -> dict[str, Any]:
     return {"timestamp": timestamp, "level": level, "message": text, "name": "tca", "file": "", "line": number}
 
 
-def _now(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
+def _now(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
     """Of a run that goes on, that it does at the present: so far the file goes."""
-    if past.is_live and past.times:
-        time = max(nanoseconds(past.time), nanoseconds(past.times[-1]))
-        text = f"still running: nothing has happened since {past.times[-1]:.3f} s"
-        yield Said(time, "/tca/log", "", _line(time + since_1970(past), _INFO, text, past.numbers[-1]))
+    if run.is_live and run.times:
+        time = max(nanoseconds(run.time), nanoseconds(run.times[-1]))
+        text = f"still running: nothing has happened since {run.times[-1]:.3f} s"
+        yield Said(time, "/tca/log", "", _line(time + since_1970(run), _INFO, text, run.numbers[-1]))
 
 
-def _has_coped(past: Past, fact: facts.Failed, time: float) -> bool:
-    failed = past.delivered(fact.id)
-    return failed is not None and went_on(past, failed, time)
+def _has_coped(run: Run, fact: facts.Failed, time: float) -> bool:
+    failed = run.delivered(fact.id)
+    return failed is not None and went_on(run, failed, time)
 
 
 def _sent(fact: facts.Received, time: int, names: dict[int, str]) -> Iterator[Said]:
@@ -142,24 +142,24 @@ def _without_none(value: Any) -> Any:
     return [_without_none(item) for item in value] if isinstance(value, list) else value
 
 
-def _states(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
+def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
     """Each change of a task's state."""
-    changes = sorted((time, task.id) for task in past.tasks.values() for time, _ in task.states)
+    changes = sorted((time, task.id) for task in run.tasks.values() for time, _ in task.states)
     for time, number in changes:
-        record = past.tasks[number]
-        task = TaskThen(past, record, time)
+        record = run.tasks[number]
+        task = TaskAt(run, record, time)
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
         content |= {"state": str(task.state), "failure": task.failure}
         if task.failure:
-            content["handled"] = went_on(past, record, record.written("failure", time))
+            content["handled"] = went_on(run, record, record.written("failure", time))
         yield Said(nanoseconds(time), "/tca/tasks", "", content)
 
 
-def _resources(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
+def _resources(run: Run, nanoseconds: Nanoseconds) -> Iterator[Said]:
     """How many handlers run in a resource, and how many messages wait for it, when that changes."""
     changes = [
         (nanoseconds(time), place(span.module, span.resource) or "(no handler)", is_running, step)
-        for is_running, spans in ((True, past.handlings), (False, past.queueings))
+        for is_running, spans in ((True, run.handlings), (False, run.queueings))
         for span in spans
         for time, step in ((span.start, 1), (span.end, -1))
         if time is not None
@@ -178,12 +178,12 @@ def _resources(past: Past, nanoseconds: Nanoseconds) -> Iterator[Said]:
 class _Topics:
     """Writes to topics, which come into being with their first message."""
 
-    def __init__(self, past: Past, stream: BinaryIO) -> None:
-        self._past = past
-        self._began = since_1970(past)
+    def __init__(self, run: Run, stream: BinaryIO) -> None:
+        self._run = run
+        self._began = since_1970(run)
         self._writer = Writer(stream)
         self._writer.start(profile="", library="tca")
-        self._writer.add_metadata("tca", {"epoch": past.epoch, "began": repr(past.began or 0.0)})
+        self._writer.add_metadata("tca", {"epoch": run.epoch, "began": repr(run.began or 0.0)})
         self._channels: dict[tuple[str, str], int] = {}
         self._topics: set[str] = set()
         self._counts: dict[int, int] = {}
@@ -215,7 +215,7 @@ class _Topics:
 
     def _schema_about(self, topic: str, about: str) -> Schema:
         """The schema of what is sent or returned, from how the message was declared."""
-        known = self._past.formats.get(about)
+        known = self._run.formats.get(about)
         if topic == "/results":
             return object_schema(f"{about} (result)", id=_INT, data=plain_schema(known.reply) if known else None)
         data = plain_schema(known.data) if known else None

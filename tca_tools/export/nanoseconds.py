@@ -4,7 +4,7 @@ from array import array
 from bisect import bisect_left
 from math import isfinite
 
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 
 _LATEST = 4e9
 """More than a century, in seconds: what is written later than that is no time."""
@@ -17,11 +17,11 @@ class Nanoseconds:
     effect is never as early as its cause.
     """
 
-    def __init__(self, past: Past) -> None:
-        self._times = past.times
+    def __init__(self, run: Run) -> None:
+        self._times = run.times
         self._nanoseconds = array("q")
         last = -1
-        for time in past.times:
+        for time in run.times:
             last = max(last + 1, _whole(time))
             self._nanoseconds.append(last)
 
@@ -33,9 +33,9 @@ class Nanoseconds:
         return _whole(time)
 
 
-def since_1970(past: Past) -> int:
+def since_1970(run: Run) -> int:
     """When the epoch began; 0 if that is not known."""
-    return _whole(past.began or 0.0)
+    return _whole(run.began or 0.0)
 
 
 def _whole(time: float) -> int:

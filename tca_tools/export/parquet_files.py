@@ -6,7 +6,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from tca_tools.export.tables import Kind, Table, batches
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 
 _ROWS_IN_A_GROUP = 1 << 16
 
@@ -19,11 +19,11 @@ _TYPES = {
 }
 
 
-def write_parquet(table: Table, past: Past, stream: BinaryIO) -> None:
+def write_parquet(table: Table, run: Run, stream: BinaryIO) -> None:
     """Write one table."""
     schema = pa.schema([(name, _TYPES[kind]) for name, kind in table.columns.items()])
     with parquet.ParquetWriter(stream, schema, compression="zstd") as writer:
-        for rows in batches(table, past, _ROWS_IN_A_GROUP):
+        for rows in batches(table, run, _ROWS_IN_A_GROUP):
             columns = [
                 pa.array(column, kind) for column, kind in zip(zip(*rows, strict=True), schema.types, strict=True)
             ]

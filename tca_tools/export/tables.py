@@ -11,8 +11,8 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 from tca_tools.data import plain_data
-from tca_tools.run.past import Past
 from tca_tools.run.records import Message, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import fate, has_coped, went_on
 from tca_wire.points import MOMENTS, describe_moments
 from tca_wire.vocabulary import CENTRAL, Outcome
@@ -36,53 +36,56 @@ class Table(NamedTuple):
 
     name: str
     columns: dict[str, Kind]
-    rows: Callable[[Past], Iterator[Row]]
+    rows: Callable[[Run], Iterator[Row]]
 
 
-def _run(past: Past) -> Iterator[Row]:
-    first, last = (past.clock[0], past.clock[-1]) if past.clock else (None, None)
-    yield past.epoch or None, past.began, first, last, max(past.time, last or 0.0), past.is_live, len(past.times)
+def _run(run: Run) -> Iterator[Row]:
+    first, last = (run.clock[0], run.clock[-1]) if run.clock else (None, None)
+    yield run.epoch or None, run.began, first, last, max(run.time, last or 0.0), run.is_live, len(run.times)
 
 
-def _messages(past: Past) -> Iterator[Row]:
-    for message in past.messages.values():
+def _messages(run: Run) -> Iterator[Row]:
+    for message in run.messages.values():
         yield (
             message.id, message.name, str(message.message_class), message.sender, message.origin or None,
             str(message.role) or None, message.about or None, message.received, _started(message), _ended(message),
-            message.answered, len(message.handlings), message.failure or None, _went_on(past, message),
+            message.answered, len(message.handlings), message.failure or None, _went_on(run, message),
             message.dropped or None,
             _json(message.body), _json(message.result), _json(message.failure_data),
         )  # fmt: skip
 
 
-def _went_on(past: Past, message: Message) -> bool | None:
+def _went_on(run: Run, message: Message) -> bool | None:
     """Whether the run went on after the failure that it has."""
-    return went_on(past, message, message.written("failure")) if message.failure else None
+    return went_on(run, message, message.written("failure")) if message.failure else None
 
 
-def _failures(past: Past) -> Iterator[Row]:
+def _failures(run: Run) -> Iterator[Row]:
     found = [
         (time, message, text)
-        for message in past.messages.values()
+        for message in run.messages.values()
         if message.failure or message.changes
         for time, text in message.became("failure")
         if text
     ]
     for time, message, text in sorted(found, key=itemgetter(0)):
         name, _, words = text.partition(": ")
-        became = fate(past, message, time)
-        by = _raised_by(past, message, time, text)
-        yield message.id, message.name, time, name, words or None, by, str(became), went_on(past, message, time)
+        became = fate(run, message, time)
+        by = _raised_by(run, message, time, text)
+        yield message.id, message.name, time, name, words or None, by, str(became), went_on(run, message, time)
 
 
-def _raised_by(past: Past, message: Message, time: float, text: str) -> str | None:
+def _raised_by(run: Run, message: Message, time: float, text: str) -> str | None:
     """The module that raised a failure: that of the handler which failed with it, or who did it beside that; or
     "central". None: the journal does not tell.
     """
-    for one in past.raised.get(message.id, ()):
+    for one in run.raised.get(message.id, ()):
         if (one.time, one.text) == (time, text):
             return one.by or None
-    failed = next((run for run in message.handlings if run.end == time and run.outcome is Outcome.FAILED), None)
+    failed = next(
+        (handling for handling in message.handlings if handling.end == time and handling.outcome is Outcome.FAILED),
+        None,
+    )
     return CENTRAL if failed is None or failed.is_lost else failed.module
 
 
@@ -94,57 +97,57 @@ def _ended(message: Message) -> float | None:
     return message.handlings[-1].end if message.handlings else None
 
 
-def _tasks(past: Past) -> Iterator[Row]:
+def _tasks(run: Run) -> Iterator[Row]:
     depths: dict[int, int] = {}
-    for task in past.tasks.values():
+    for task in run.tasks.values():
         depths[task.id] = depths.get(task.parent, 0) + 1
         reached = [task.reached.get(moment) for moment in MOMENTS]
         known = (task.id, task.name, task.parent, depths[task.id], str(task.state))
         yield *known, *reached, task.killed, task.killed_by or None, task.is_suspended
 
 
-def _states(past: Past) -> Iterator[Row]:
-    for task in past.tasks.values():
+def _states(run: Run) -> Iterator[Row]:
+    for task in run.tasks.values():
         for (start, state), (end, _) in pairwise(chain(task.states, [(None, None)])):
             yield task.id, task.name, str(state), start, end
 
 
-def _handlings(past: Past) -> Iterator[Row]:
-    for handling in past.handlings:
+def _handlings(run: Run) -> Iterator[Row]:
+    for handling in run.handlings:
         yield (
             handling.message_id or None, handling.delivery or None, handling.name, handling.module, handling.resource,
             handling.start, handling.end, handling.outcome and str(handling.outcome),
-            has_coped(past, handling) if handling.outcome is Outcome.FAILED else None, handling.direct_from or None,
+            has_coped(run, handling) if handling.outcome is Outcome.FAILED else None, handling.direct_from or None,
         )  # fmt: skip
 
 
-def _queueings(past: Past) -> Iterator[Row]:
-    for queueing in past.queueings:
-        name = past.name(queueing.message_id)
+def _queueings(run: Run) -> Iterator[Row]:
+    for queueing in run.queueings:
+        name = run.name(queueing.message_id)
         yield queueing.message_id, name, queueing.module, queueing.resource, queueing.start, queueing.end
 
 
-def _waits(past: Past) -> Iterator[Row]:
-    for handling in past.handlings:
+def _waits(run: Run) -> Iterator[Row]:
+    for handling in run.handlings:
         for wait in handling.waits:
             end = handling.end if wait.end is None else wait.end
-            yield handling.module, handling.resource, handling.delivery or None, *_wait(past, wait), wait.start, end
-    for module in past.modules.values():
+            yield handling.module, handling.resource, handling.delivery or None, *_wait(run, wait), wait.start, end
+    for module in run.modules.values():
         for wait in module.waits:
-            yield module.name, None, None, *_wait(past, wait), wait.start, wait.end
+            yield module.name, None, None, *_wait(run, wait), wait.start, wait.end
 
 
-def _wait(past: Past, wait: Wait) -> tuple[str, int, str, str | None]:
+def _wait(run: Run, wait: Wait) -> tuple[str, int, str, str | None]:
     """What is waited for: a reply, a task's moment, or a lock or reservation."""
-    claim = past.claims.get(wait.awaited)
+    claim = run.claims.get(wait.awaited)
     if claim:
         return "reservation" if claim.is_reserved else "lock", wait.awaited, claim.module, None
     moment = ", ".join(describe_moments(wait.moment)) if wait.moment else None
-    return "task" if wait.moment else "reply", wait.awaited, past.name(wait.awaited), moment
+    return "task" if wait.moment else "reply", wait.awaited, run.name(wait.awaited), moment
 
 
-def _claims(past: Past) -> Iterator[Row]:
-    for claim in past.claims.values():
+def _claims(run: Run) -> Iterator[Row]:
+    for claim in run.claims.values():
         yield (
             claim.id, claim.module, claim.resource, claim.is_reserved, claim.sender, claim.origin or None, claim.start,
             claim.granted, claim.end, claim.ended or None,
@@ -227,10 +230,10 @@ TABLES = (
 """All of them."""
 
 
-def batches(table: Table, past: Past, size: int) -> Iterator[list[Row]]:
+def batches(table: Table, run: Run, size: int) -> Iterator[list[Row]]:
     """The rows of a table, *size* at a time."""
     rows: list[Row] = []
-    for row in table.rows(past):
+    for row in table.rows(run):
         rows.append(row)
         if len(rows) == size:
             yield rows

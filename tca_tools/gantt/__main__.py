@@ -12,9 +12,9 @@ from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.run.folding import folded
 from tca_tools.run.garbage import no_garbage
 from tca_tools.run.journals import open_log
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, Task
 from tca_tools.run.selection import check_modules, messages_of, one_task, subtree, tasks_called, waited_for
+from tca_tools.run.whole_run import Run
 from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.points import Moment
 from tca_wire.text.printable import printable
@@ -56,25 +56,25 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     journal.check()
 
 
-def _picked(past: Past, asked: Asked, story: str | None) -> Pick:
+def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
     """The bars that the options ask for. Raises NotInLog."""
-    check_modules(past, asked.modules)
+    check_modules(run, asked.modules)
     rows = frozenset(asked.modules) if asked.modules else None
     if story:
-        one = one_task(past, story)
-        wanted = messages_of(past, subtree(past, [one]))
-        return Pick(rows, wanted, waited_for(past, one, wanted), wanted, *_life(past, past.tasks[one]))
+        one = one_task(run, story)
+        wanted = messages_of(run, subtree(run, [one]))
+        return Pick(rows, wanted, waited_for(run, one, wanted), wanted, *_life(run, run.tasks[one]))
     if asked.task is not None:
-        return Pick(rows, messages_of(past, subtree(past, tasks_called(past, asked.task))))
+        return Pick(rows, messages_of(run, subtree(run, tasks_called(run, asked.task))))
     return Pick(rows)
 
 
-def _life(past: Past, task: Task) -> tuple[float, float | None]:
+def _life(run: Run, task: Task) -> tuple[float, float | None]:
     """When a task was sent, and a little after its end, if it has ended: what it waited for may have gone on."""
     if task.state not in OVER:
         return task.received, None
     end = max(task.states[-1][0], task.reached.get(Moment.END_ACHIEVING, 0.0))
-    return task.received, min(end + (end - task.received) * ROOM, past.time)
+    return task.received, min(end + (end - task.received) * ROOM, run.time)
 
 
 if __name__ == "__main__":

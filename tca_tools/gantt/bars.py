@@ -11,8 +11,8 @@ from typing import Any
 from tca_tools.gantt import titles
 from tca_tools.gantt.parts import Bar, Chart, Held, Mark, Part, Row
 from tca_tools.gantt.window import ALL, Pick, span_of
-from tca_tools.run.past import Past
 from tca_tools.run.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import has_coped, went_on
 from tca_tools.why.stretches import in_state
 from tca_wire.text.facts_in_words import place
@@ -29,16 +29,16 @@ _HELD = (State.HELD, State.PLANNED)
 """States in which a task may not go on yet: it may not be handled, or may not be achieved."""
 
 
-def chart(past: Past, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
+def chart(run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
     """What happened between *start* and *end*, a row for each resource; by default all that happened."""
     rows: dict[tuple[str, str], Row] = {}
-    for module in past.modules.values():
+    for module in run.modules.values():
         if pick.row(module.name):
-            _add_rows(rows, past, module)
-    _Filler(past, pick, rows, start, end).fill()
+            _add_rows(rows, run, module)
+    _Filler(run, pick, rows, start, end).fill()
     bars = [bar for row in rows.values() for bar in row.bars]
-    names = dict.fromkeys(chain((message.name for message in past.messages.values()), (bar.name for bar in bars)))
-    start, end = span_of(list(rows.values()), past, pick, start, end)
+    names = dict.fromkeys(chain((message.name for message in run.messages.values()), (bar.name for bar in bars)))
+    start, end = span_of(list(rows.values()), run, pick, start, end)
     for row in rows.values():
         row.handled, row.queued, row.held_back = (
             _in_lanes(bars, start, end) for bars in (row.handled, row.queued, row.held_back)
@@ -59,9 +59,9 @@ def _shows_empty(row: Row, pick: Pick) -> bool:
     return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
 
 
-def _add_rows(rows: dict[tuple[str, str], Row], past: Past, module: ModuleRecord) -> None:
+def _add_rows(rows: dict[tuple[str, str], Row], run: Run, module: ModuleRecord) -> None:
     """A row for each resource of a module."""
-    connected = [(start, past.time if end is None else end) for start, end in module.joined]
+    connected = [(start, run.time if end is None else end) for start, end in module.joined]
     for resource in _resources(module):
         rows[module.name, resource] = Row(place(module.name, resource), connected, is_offered=bool(module.resources))
 
@@ -75,9 +75,9 @@ class _Filler:
     """Puts bars into rows."""
 
     def __init__(
-        self, past: Past, pick: Pick, rows: dict[tuple[str, str], Row], start: float | None, end: float | None
+        self, run: Run, pick: Pick, rows: dict[tuple[str, str], Row], start: float | None, end: float | None
     ) -> None:
-        self.past = past
+        self.run = run
         self.pick = pick
         self.rows = rows
         self.start = start
@@ -85,17 +85,17 @@ class _Filler:
 
     def fill(self) -> None:
         """Make the bars of everything that is asked for and shows."""
-        for handling in self._showing(self.past.handlings):
+        for handling in self._showing(self.run.handlings):
             if self._wants(handling):
                 self._row(handling.module, handling.resource).handled.append(self._handled(handling))
-        for module in filter(self.pick.row, self.past.modules):
-            self._add_waits(self.past.modules[module])
-        for queueing in self._showing(self.past.queueings):
+        for module in filter(self.pick.row, self.run.modules):
+            self._add_waits(self.run.modules[module])
+        for queueing in self._showing(self.run.queueings):
             if self._wants(queueing):
                 self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
-        for task in self.past.tasks.values():
+        for task in self.run.tasks.values():
             self._add_kept(task)
-        for claim in filter(self._wants_claim, chain.from_iterable(self.past.grants.values())):
+        for claim in filter(self._wants_claim, chain.from_iterable(self.run.grants.values())):
             self._row(claim.module, claim.resource).held.append(self._held(claim))
 
     def _wants_claim(self, claim: Claim) -> bool:
@@ -122,34 +122,34 @@ class _Filler:
         return self.rows[key]
 
     def _until(self, end: float | None) -> float:
-        return self.past.time if end is None else end
+        return self.run.time if end is None else end
 
     def _is_beside(self, number: int) -> bool:
         return self.pick.messages is not None and number not in self.pick.messages
 
     def _handled(self, handling: Handling) -> Bar:
-        past, end = self.past, self._until(handling.end)
-        bar = Bar(handling.name, partial(titles.handled, past, handling), handling.start, end, handling.end is None)
+        run, end = self.run, self._until(handling.end)
+        bar = Bar(handling.name, partial(titles.handled, run, handling), handling.start, end, handling.end is None)
         bar.has_failed = handling.outcome is Outcome.FAILED
-        bar.has_coped = bar.has_failed and has_coped(past, handling)
+        bar.has_coped = bar.has_failed and has_coped(run, handling)
         bar.was_killed = handling.outcome is Outcome.KILLED
         bar.is_beside = self._is_beside(handling.message_id)
         bar.raised = self._raised(handling.message_id, bar)
         for wait in _lasting(handling.waits):
             until = end if wait.end is None else min(wait.end, end)
-            bar.waits.append(Part(wait.start, until, partial(titles.handler_waits, past, handling, wait)))
+            bar.waits.append(Part(wait.start, until, partial(titles.handler_waits, run, handling, wait)))
         return bar
 
     def _waited(self, module: str, wait: Wait) -> Bar:
-        end, tell = self._until(wait.end), partial(titles.module_waits, self.past, module, wait)
+        end, tell = self._until(wait.end), partial(titles.module_waits, self.run, module, wait)
         part = Part(wait.start, end, tell)
         return Bar(
-            titles.awaited_name(self.past, wait), tell, wait.start, end, wait.end is None, waits=[part], is_outside=True
+            titles.awaited_name(self.run, wait), tell, wait.start, end, wait.end is None, waits=[part], is_outside=True
         )
 
     def _queued(self, queueing: Queueing) -> Bar:
-        tell = partial(titles.queued, self.past, queueing)
-        name, end = self.past.name(queueing.message_id), self._until(queueing.end)
+        tell = partial(titles.queued, self.run, queueing)
+        name, end = self.run.name(queueing.message_id), self._until(queueing.end)
         bar = Bar(name, tell, queueing.start, end, queueing.end is None)
         bar.is_beside = self._is_beside(queueing.message_id)
         bar.raised = self._raised(queueing.message_id, bar)
@@ -157,16 +157,14 @@ class _Filler:
 
     def _raised(self, number: int, bar: Bar) -> list[Mark]:
         """The failures that were raised on a task in a bar of it, or after its last one."""
-        task = self.past.tasks.get(number)
-        failures = self.past.raised.get(number, []) if task is not None else []
+        task = self.run.tasks.get(number)
+        failures = self.run.raised.get(number, []) if task is not None else []
         if task is None or not failures:
             return []
         starts = [handling.start for handling in task.handlings] + [queueing.start for queueing in task.queueings]
         after = min((start for start in starts if start > bar.start), default=inf)
         marks = (one for one in failures if bar.start <= one.time < after)
-        return [
-            Mark(one.time, went_on(self.past, task, one.time), titles.raised(self.past, task, one)) for one in marks
-        ]
+        return [Mark(one.time, went_on(self.run, task, one.time), titles.raised(self.run, task, one)) for one in marks]
 
     def _add_kept(self, task: Task) -> None:
         """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
@@ -175,11 +173,11 @@ class _Filler:
             return
         ends = [*task.states[1:], (None, State.SUSPENDED)]
         for number, ((start, state), (end, _)) in enumerate(zip(task.states, ends, strict=True)):
-            where = _home(self.past, task, start, end) if state in wanted else None
+            where = _home(self.run, task, start, end) if state in wanted else None
             if where is None or not self.pick.row(where[0]):
                 continue
             if state is State.SUSPENDED:
-                tell = partial(titles.suspended, self.past, task, start, end)
+                tell = partial(titles.suspended, self.run, task, start, end)
                 self._row("", SUSPENDED).queued.append(self._kept(task, start, end, tell, is_suspended=True))
             else:
                 self._row(*where).held_back += self._held_back(task, number)
@@ -187,8 +185,8 @@ class _Filler:
     def _held_back(self, task: Task, number: int) -> list[Bar]:
         """A bar for each cause, one after the other in a lane."""
         bars: list[Bar] = []
-        for part in self._showing(in_state(self.past, task, number)):
-            bar = self._kept(task, part.start, part.end, partial(titles.held_back, self.past, task, part))
+        for part in self._showing(in_state(self.run, task, number)):
+            bar = self._kept(task, part.start, part.end, partial(titles.held_back, self.run, task, part))
             bar.why = partial(titles.why_held, task, part, is_named=not bars)
             bar.first = bars[0] if bars else None
             bars.append(bar)
@@ -205,7 +203,7 @@ class _Filler:
 
     def _held(self, claim: Claim) -> Held:
         start = claim.start if claim.granted is None else claim.granted
-        tell = partial(titles.held, self.past, claim)
+        tell = partial(titles.held, self.run, claim)
         return Held(start, self._until(claim.end), claim.is_reserved, claim.sender, claim.end is None, tell)
 
 
@@ -214,12 +212,12 @@ def _lasting(waits: Iterable[Wait]) -> Iterator[Wait]:
     return (wait for wait in waits if wait.end is None or wait.end > wait.start)
 
 
-def _home(past: Past, task: Task, start: float, end: float | None) -> tuple[str, str]:
+def _home(run: Run, task: Task, start: float, end: float | None) -> tuple[str, str]:
     """Where a task was handled or, if it was not, would have been while it was suspended, from *start* to *end*."""
     spans: list[Handling | Queueing] = [*task.handlings[:1], *filter(attrgetter("module"), task.queueings)]
     if spans:
         return spans[0].module, spans[0].resource
-    for offer in reversed(past.offers.get(task.name, [])):
+    for offer in reversed(run.offers.get(task.name, [])):
         if (end is None or offer.start < end) and (offer.end is None or offer.end > start):
             return offer.module, offer.resource
     return "", ""

@@ -4,8 +4,8 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 from tca_tools.gantt.parts import Row
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, Task
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import watches
 
 ROOM = 0.02
@@ -41,18 +41,18 @@ class Pick:
 ALL = Pick()
 
 
-def span_of(rows: list[Row], past: Past, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
+def span_of(rows: list[Row], run: Run, pick: Pick, start: float | None, end: float | None) -> tuple[float, float]:
     """From when until when the chart goes: what was not asked for is where things happened, with a little room; of a
     run in which something goes on, until now. Who is just connected, or still has a lock, makes it no longer.
     """
-    now = past.time
+    now = run.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
     times = [*_moments(rows, with_locks=pick.messages is None)] or [0.0, now]
     first, last = min(times), max(times)
     room = (last - first) * ROOM
     start = max(first - room, 0.0) if start is None else start
     if end is None:
-        end = now if past.is_live and _goes_on(rows, past, pick) else min(last + room, now)
+        end = now if run.is_live and _goes_on(rows, run, pick) else min(last + room, now)
     return start, max(end, start)
 
 
@@ -67,15 +67,13 @@ def _moments(rows: list[Row], *, with_locks: bool) -> Iterator[float]:
                 yield one.end
 
 
-def _goes_on(rows: list[Row], past: Past, pick: Pick) -> bool:
+def _goes_on(rows: list[Row], run: Run, pick: Pick) -> bool:
     """Whether something has not ended: a bar, or a task that has none, since it is held."""
     if any(bar.is_open for row in rows for bar in row.bars):
         return True
-    return any(
-        task.state not in OVER and pick.message(task.id) and _is_at_it(past, task) for task in past.tasks.values()
-    )
+    return any(task.state not in OVER and pick.message(task.id) and _is_at_it(run, task) for task in run.tasks.values())
 
 
-def _is_at_it(past: Past, task: Task) -> bool:
+def _is_at_it(run: Run, task: Task) -> bool:
     """Whether a task that has not ended does more than to watch, or to wait for what is under it."""
-    return not watches(task, task.state) and all(past.tasks[child].state in OVER for child in task.children)
+    return not watches(task, task.state) and all(run.tasks[child].state in OVER for child in task.children)

@@ -126,14 +126,14 @@ class Replay(App[None]):
         """Show the run as it was after an event."""
         self.place = min(max(place, 0), self.recording.last)
         self._said = said
-        then = self.recording.then(self.place)
+        at = self.recording.at(self.place)
         if self.follows and (about := self._about()):
             self.selected = about
-        if self.selected not in then.tasks:
-            self.selected = int(then.top[0]) if then.top else 0
-        rows = self.outline.rows(then, self.selected)
-        self.query_one(TreePane).show(rows, then, self.selected)
-        self.query_one(StoryPane).show(self.selected, then)
+        if self.selected not in at.tasks:
+            self.selected = int(at.top[0]) if at.top else 0
+        rows = self.outline.rows(at, self.selected)
+        self.query_one(TreePane).show(rows, at, self.selected)
+        self.query_one(StoryPane).show(self.selected, at)
         self.query_one(MessagesPane).show(self.place)
         self.query_one(TimeBar).show(self.place)
 
@@ -141,12 +141,12 @@ class Replay(App[None]):
         """The task that the event at the cursor is about: the one that failed, or whose question did; or the first that
         is named.
         """
-        past = self.recording.past
+        run = self.recording.run
         for fact in sorted(self.recording.facts(self.place), key=lambda fact: not isinstance(fact, Failed)):
-            message = past.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
+            message = run.delivered(subject_of(fact)) if isinstance(fact, Failed) else None
             asker = message.by.message_id if message and message.by else 0
             for number in (subject_of(fact), asker, getattr(fact, "origin", 0)):
-                if number in past.tasks:
+                if number in run.tasks:
                     return number
         return 0
 
@@ -299,6 +299,6 @@ class Replay(App[None]):
             self.go_to(self.place, f"no task '{printable(self._wanted)}' is sent {where}")
             return
         self.selected, self.follows = found, False
-        born = self.recording.place_of_record(self.recording.past.tasks[found].received)
+        born = self.recording.place_of_record(self.recording.run.tasks[found].received)
         is_asked_by_number = str(found) == self._wanted.strip("{}")
         self.go_to(self.place if is_asked_by_number and born < self.place else born)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import click
 
 from tca_tools.replay.recording import Recording
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import columns_of, cut
@@ -21,23 +21,23 @@ _FAR = 100
 
 def growth_lines(recording: Recording, start: float, width: int | None) -> Iterator[str]:
     """The lines from a time on: ``+`` for what is sent, then what becomes of it and why it waits."""
-    past = recording.past
+    run = recording.run
     changes = [
-        (time, number, order) for number, task in past.tasks.items() for order, (time, _) in enumerate(task.states)
+        (time, number, order) for number, task in run.tasks.items() for order, (time, _) in enumerate(task.states)
     ]
     for time, number, order in sorted(changes):
         clock = recording.time(recording.place_of_record(time))
         if clock < start:
             continue
-        then = Then(past, time)
-        task = then.tasks[number]
-        state = standing(past, past.tasks[number], past.tasks[number].states[order][1], time)
+        at = RunAt(run, time)
+        task = at.tasks[number]
+        state = standing(run, run.tasks[number], run.tasks[number].states[order][1], time)
         depth = recording.depths[number]
         indent = "  " * depth if depth <= _DEEPEST else f"{'  ' * _DEEPEST}[{depth}] "
         start_of_line = f"{clock:10.3f}  {' ' if order else '+'} {indent}"
         room = None if width is None else max(width - len(start_of_line) - _SHORTEST_STATE, _SHORTEST_NAME)
         line = f"{start_of_line}{cut(words.called(task), room)}: "
-        note = words.note(then, task, within=_FAR)
+        note = words.note(at, task, within=_FAR)
         rest = cut(
             note if note.startswith(state) else f"{state}" + (f", {note}" if note else ""),
             None if width is None else max(width - columns_of(line), _SHORTEST_STATE - 2),

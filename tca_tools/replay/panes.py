@@ -17,7 +17,7 @@ from textual.widgets import Footer, Input
 from tca_tools.data import data_text
 from tca_tools.replay.recording import Recording
 from tca_tools.replay.tree import Row
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.terminal import cut
@@ -63,13 +63,13 @@ class TreePane(ScrollView, can_focus=True):
     def __init__(self) -> None:
         super().__init__(id="tree")
         self.rows: list[Row] = []
-        self.then: Then | None = None
+        self.at: RunAt | None = None
         self.selected = 0
         self._name_width = 20
 
-    def show(self, rows: list[Row], then: Then, selected: int) -> None:
+    def show(self, rows: list[Row], at: RunAt, selected: int) -> None:
         """Show other rows, and keep the selected one in sight."""
-        self.rows, self.then, self.selected = rows, then, selected
+        self.rows, self.at, self.selected = rows, at, selected
         names = (len(row.guides) + len(self._called(row)) for row in rows)
         room = max(int(self.size.width * _SHARE_OF_NAMES), 20)
         self._name_width = min(max(names, default=20), _NAME_WIDTH, room)
@@ -83,26 +83,26 @@ class TreePane(ScrollView, can_focus=True):
         return next((place for place, row in enumerate(self.rows) if row.task == task and task), None)
 
     def _called(self, row: Row) -> str:
-        if not row.task or self.then is None:
+        if not row.task or self.at is None:
             return f"+ {row.folded} more"
-        return words.called(self.then.tasks[row.task]) + (f" + {row.folded}" if row.folded else "")
+        return words.called(self.at.tasks[row.task]) + (f" + {row.folded}" if row.folded else "")
 
     def render_line(self, y: int) -> Strip:
         """One line, drawn when it is seen."""
         place = y + int(self.scroll_offset.y)
-        if place >= len(self.rows) or self.then is None:
+        if place >= len(self.rows) or self.at is None:
             return Strip.blank(self.size.width, self.rich_style)
-        row, then = self.rows[place], self.then
+        row, at = self.rows[place], self.at
         if not row.task:
             return self._strip(Text.assemble((f"{row.guides}{self._called(row)}", "dim")))
-        task = then.tasks[row.task]
+        task = at.tasks[row.task]
         standing = task.standing
         is_chosen = row.task == self.selected
         name = Text.assemble((row.guides, "dim"), (self._called(row), "bold reverse" if is_chosen else ""))
         name.truncate(self._name_width, overflow="ellipsis", pad=True)
-        note = words.note_of(then, task)
+        note = words.note_of(at, task)
         room = self.scrollable_content_region.width - self._name_width - _STATE_WIDTH - 3
-        told = note.within(max(room, _SHORTEST_NOTE), then.time)
+        told = note.within(max(room, _SHORTEST_NOTE), at.time)
         return self._strip(
             Text.assemble(name, "  ", (f"{standing:{_STATE_WIDTH}}", colour_of(standing)), " ", (told, "dim"))
         )
@@ -178,13 +178,13 @@ class StoryPane(Widget):
         super().__init__(id="story")
         self._recording = recording
         self._shown = 0
-        self._then: Then | None = None
+        self._at: RunAt | None = None
         self._back = 0
         """How many lines before the last the window ends."""
 
-    def show(self, task: int, then: Then) -> None:
+    def show(self, task: int, at: RunAt) -> None:
         """Show another task, or another moment."""
-        self._shown, self._then, self._back = task, then, 0
+        self._shown, self._at, self._back = task, at, 0
         self.refresh()
 
     def scroll_by(self, lines: int) -> None:
@@ -202,24 +202,24 @@ class StoryPane(Widget):
 
     def render(self) -> Text:
         """What the task is and why it waits; below, the newest lines of its story, or those that were scrolled to."""
-        then = self._then
-        if then is None or self._shown not in then.tasks:
+        at = self._at
+        if at is None or self._shown not in at.tasks:
             return Text("no task is selected: up and down choose one, / looks for one", style="dim")
-        task = then.tasks[self._shown]
+        task = at.tasks[self._shown]
         head = Text.assemble((printable(str(task)), "bold"), "  ", (task.standing, colour_of(task.standing)))
         lines = [head]
         if data := words.data(task):
             lines.append(Text.assemble((cut(data, 3 * max(self.size.width, 20)), "dim")))
-        if reasons := why_waiting(then, TaskId(self._shown)):
-            waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(age(then, task), then.time)}"
+        if reasons := why_waiting(at, TaskId(self._shown)):
+            waits = f"{waits_how(task)} {', and '.join(reasons)}{words.lasting(age(at, task), at.time)}"
             lines.append(Text.assemble((printable(waits), "yellow")))
-        if end := in_the_end(then, task):
+        if end := in_the_end(at, task):
             lines.append(Text.assemble((printable(f"in the end {end}"), "yellow")))
-        lines += [Text.assemble((printable(said), "yellow")) for said in coming(then, task)]
+        lines += [Text.assemble((printable(said), "yellow")) for said in coming(at, task)]
         above = [line for text in lines for line in self._wrapped(text, self.size.width)]
         above = above[: max(self.size.height - _LEAST_STORY, 1)]
-        told = [one for one in story(then.past, self._shown, then.moment) if one.time <= then.moment]
-        body = [line for sentence in told for line in self._sentence(sentence, then)]
+        told = [one for one in story(at.run, self._shown, at.moment) if one.time <= at.moment]
+        body = [line for sentence in told for line in self._sentence(sentence, at)]
         room = max(self.size.height - len(above) - 1, 1)
         self._back = min(self._back, max(len(body) - room, 0))
         last = len(body) - self._back
@@ -229,11 +229,11 @@ class StoryPane(Widget):
         """The lines that it takes."""
         return text.wrap(self.app.console, max(width, 1))
 
-    def _sentence(self, sentence: Sentence, then: Then) -> Iterator[Text]:
-        past, clock = self._recording.past, self._recording.time(self._recording.place_of_record(sentence.time))
-        text = printable(sentence.by(then.moment, then.time))
+    def _sentence(self, sentence: Sentence, at: RunAt) -> Iterator[Text]:
+        run, clock = self._recording.run, self._recording.time(self._recording.place_of_record(sentence.time))
+        text = printable(sentence.by(at.moment, at.time))
         style = "red" if text.startswith(("failed", "killed")) else ""
-        if style and coped_with(past, past.tasks[self._shown], sentence.time, then.moment):
+        if style and coped_with(run, run.tasks[self._shown], sentence.time, at.moment):
             style = _HANDLED
         start = f"{clock:9.3f}  "
         for line in self._wrapped(Text(text, style), self.size.width - len(start)):

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from math import inf
 
 from tca_tools.log.__main__ import BAD_NEWS
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import kind_of
@@ -25,12 +25,12 @@ class Recording:
         """The places at which something failed."""
         self._failed: list[tuple[int, int]] = []
         """The same with what failed: a message or delivery."""
-        self.past: Past = History.until(self._kept(entries))
-        self.wording = Wording(self.past.name)
+        self.run: Run = History.until(self._kept(entries))
+        self.wording = Wording(self.run.name)
         self.bad = {place for place, number in self._failed if not self._has_coped(place, number)}
         """Those of them after which the run did not go on, as far as the journal tells."""
-        self.depths = _depths(self.past)
-        self.sizes = _sizes(self.past)
+        self.depths = _depths(self.run)
+        self.sizes = _sizes(self.run)
 
     def _kept(self, entries: Iterable[facts.Entry]) -> Iterator[facts.Entry]:
         number = None
@@ -50,15 +50,15 @@ class Recording:
             self.failures.append(place)
 
     def _has_coped(self, place: int, number: int, known: float = inf) -> bool:
-        failed = self.past.delivered(number)
-        return failed is not None and went_on(self.past, failed, self.past.times[place], known)
+        failed = self.run.delivered(number)
+        return failed is not None and went_on(self.run, failed, self.run.times[place], known)
 
     def is_bad_news(self, place: int, fact: facts.Fact, now: int) -> bool | None:
         """Whether a fact is bad news; None: it was, and the run had gone on by the place that is looked at *now*; of
         what comes later, as far as the journal tells.
         """
         if isinstance(fact, facts.Failed):
-            return None if self._has_coped(place, fact.id, self.past.times[now] if place <= now else inf) else True
+            return None if self._has_coped(place, fact.id, self.run.times[now] if place <= now else inf) else True
         return kind_of(fact) in BAD_NEWS
 
     @property
@@ -68,21 +68,21 @@ class Recording:
 
     def time(self, place: int) -> float:
         """What the clock showed."""
-        return self.past.clock[place] if self.past.clock else 0.0
+        return self.run.clock[place] if self.run.clock else 0.0
 
-    def then(self, place: int) -> Then:
+    def at(self, place: int) -> RunAt:
         """What was known at a place."""
-        if not self.past.times:
-            return Then(self.past)
-        return Then(self.past, self.past.times[place], self.past.clock[place])
+        if not self.run.times:
+            return RunAt(self.run)
+        return RunAt(self.run, self.run.times[place], self.run.clock[place])
 
     def place_of(self, time: float) -> int:
         """The last place at which the clock showed no more than *time*."""
-        return max(bisect_right(self.past.clock, time) - 1, 0)
+        return max(bisect_right(self.run.clock, time) - 1, 0)
 
     def place_of_record(self, time: float) -> int:
         """The place of a time that a record tells."""
-        return min(bisect_left(self.past.times, time), self.last)
+        return min(bisect_left(self.run.times, time), self.last)
 
     def facts(self, place: int) -> Iterator[facts.Fact]:
         """What happened there."""
@@ -101,28 +101,28 @@ class Recording:
         """The next task (or, step -1, the one before) that is sent after a place and has *text* in its name, or is of
         that number.
         """
-        wanted, numbers = text.casefold(), list(self.past.tasks)
-        if wanted.strip("{}").isdecimal() and int(wanted.strip("{}")) in self.past.tasks:
+        wanted, numbers = text.casefold(), list(self.run.tasks)
+        if wanted.strip("{}").isdecimal() and int(wanted.strip("{}")) in self.run.tasks:
             return int(wanted.strip("{}"))
-        now = self.past.times[place] if self.past.times else 0.0
-        here = bisect_right(self.past.births, now) if step > 0 else bisect_left(self.past.births, now)
+        now = self.run.times[place] if self.run.times else 0.0
+        here = bisect_right(self.run.births, now) if step > 0 else bisect_left(self.run.births, now)
         order = numbers[here:] if step > 0 else reversed(numbers[:here])
-        return next((number for number in order if wanted in self.past.tasks[number].name.casefold()), None)
+        return next((number for number in order if wanted in self.run.tasks[number].name.casefold()), None)
 
 
-def _depths(past: Past) -> dict[int, int]:
+def _depths(run: Run) -> dict[int, int]:
     """How deep each task is: parents have smaller numbers, and come first where numbers are in order."""
     depths = {int(ROOT): -1}
-    for number in sorted(past.tasks):
-        depths[number] = depths[past.tasks[number].parent] + 1
+    for number in sorted(run.tasks):
+        depths[number] = depths[run.tasks[number].parent] + 1
     return depths
 
 
-def _sizes(past: Past) -> dict[int, int]:
+def _sizes(run: Run) -> dict[int, int]:
     """How many tasks each subtree has in the end."""
-    sizes = dict.fromkeys(past.tasks, 1)
-    for number in sorted(past.tasks, reverse=True):
-        if (parent := past.tasks[number].parent) != ROOT:
+    sizes = dict.fromkeys(run.tasks, 1)
+    for number in sorted(run.tasks, reverse=True):
+        if (parent := run.tasks[number].parent) != ROOT:
             sizes[parent] += sizes[number]
     return sizes
 
@@ -130,10 +130,10 @@ def _sizes(past: Past) -> dict[int, int]:
 class Living:
     """The tasks that had been sent and not ended, by what they are under. Moving costs what changes in between."""
 
-    def __init__(self, past: Past) -> None:
-        self._births = [(task.received, number, task.parent) for number, task in past.tasks.items()]
+    def __init__(self, run: Run) -> None:
+        self._births = [(task.received, number, task.parent) for number, task in run.tasks.items()]
         ends = [(task.reached[Moment.END_ACHIEVING], number, task.parent)
-                for number, task in past.tasks.items() if Moment.END_ACHIEVING in task.reached]  # fmt: skip
+                for number, task in run.tasks.items() if Moment.END_ACHIEVING in task.reached]  # fmt: skip
         self._ends = sorted(ends)
         self._born = self._ended = 0
         self.below: dict[int, dict[int, None]] = {}

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from tca_tools.replay.recording import Living, Recording
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST
 from tca_wire.points import ROOT, TaskId
 
@@ -35,7 +35,7 @@ class Outline:
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._living = Living(recording.past)
+        self._living = Living(recording.run)
         self._opened: dict[int, bool] = {}
         self._is_small = True
         self._selected = 0
@@ -49,21 +49,19 @@ class Outline:
         """Open a task that is closed, close one that is open."""
         self._opened[task] = not is_open
 
-    def rows(self, then: Then, selected: int = 0) -> list[Row]:
+    def rows(self, at: RunAt, selected: int = 0) -> list[Row]:
         """The rows at a moment; what the *selected* task is under is open."""
-        self._living.move(then.moment)
-        self._is_small = len(then.tasks) <= SHOWN_AT_MOST
-        needed = set(self._above(selected, then)) - {selected}
+        self._living.move(at.moment)
+        self._is_small = len(at.tasks) <= SHOWN_AT_MOST
+        needed = set(self._above(selected, at)) - {selected}
         self._selected = selected
         rows: list[Row] = []
-        waiting = list(reversed(self._below(then, ROOT, "", needed)))
+        waiting = list(reversed(self._below(at, ROOT, "", needed)))
         while waiting and len(rows) < MOST_ROWS:
             row = waiting.pop()
             if row.task:
-                shown = (
-                    self._below(then, row.task, _under(row.guides), needed) if self._is_open(row.task, needed) else []
-                )
-                hidden = self._hidden(then, row.task) if not shown else 0
+                shown = self._below(at, row.task, _under(row.guides), needed) if self._is_open(row.task, needed) else []
+                hidden = self._hidden(at, row.task) if not shown else 0
                 row = row._replace(folded=hidden)
                 waiting += reversed(shown)
             rows.append(row)
@@ -71,16 +69,16 @@ class Outline:
             rows.append(Row(0, ROOT, "", len(waiting)))
         return rows
 
-    def _hidden(self, then: Then, task: int) -> int:
+    def _hidden(self, at: RunAt, task: int) -> int:
         """How many tasks are under one that is closed: all of them, if it is over."""
-        lives = task in self._living.below.get(self._recording.past.tasks[task].parent, ())
-        return len(then.children(task)) if lives else self._recording.sizes[task] - 1
+        lives = task in self._living.below.get(self._recording.run.tasks[task].parent, ())
+        return len(at.children(task)) if lives else self._recording.sizes[task] - 1
 
-    def _above(self, task: int, then: Then) -> Iterable[int]:
+    def _above(self, task: int, at: RunAt) -> Iterable[int]:
         """The task and all that it is under."""
-        while task and task in then.tasks:
+        while task and task in at.tasks:
             yield task
-            task = self._recording.past.tasks[task].parent
+            task = self._recording.run.tasks[task].parent
 
     def _is_open(self, task: int, needed: set[int]) -> bool:
         if (chosen := self._opened.get(task)) is not None:
@@ -88,12 +86,12 @@ class Outline:
         return (
             self._is_small
             or task in needed
-            or task in self._living.below.get(self._recording.past.tasks[task].parent, ())
+            or task in self._living.below.get(self._recording.run.tasks[task].parent, ())
         )
 
-    def _below(self, then: Then, parent: int, indent: str, needed: set[int]) -> list[Row]:
+    def _below(self, at: RunAt, parent: int, indent: str, needed: set[int]) -> list[Row]:
         """The rows right under a task."""
-        children = then.children(parent)
+        children = at.children(parent)
         shown = sorted(self._shown(children, parent, needed))
         rows: list[Row] = []
         is_deep = len(indent) > 3 * 12
@@ -122,7 +120,7 @@ class Outline:
 
     def _is_there(self, task: int, parent: int, children: list[TaskId]) -> bool:
         """Whether a task is among the children that had been sent."""
-        return self._recording.past.tasks[task].parent == parent and task <= children[-1]
+        return self._recording.run.tasks[task].parent == parent and task <= children[-1]
 
 
 def _under(guides: str) -> str:

@@ -20,7 +20,7 @@ from tca_tools.analysis.failures import Kind, failures
 from tca_tools.analysis.resources import Use, uses
 from tca_tools.analysis.summary import Summary, summary
 from tca_tools.analysis.waits import Waits, waits
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
 
 _WORTH_SAYING = 0.005
@@ -85,38 +85,38 @@ class Contents:
         return _KINDS
 
 
-def contents(past: Past) -> Contents:
+def contents(run: Run) -> Contents:
     """Ask everything."""
-    run = summary(past)
-    kinds, use = failures(past), uses(past, run.start, run.end)
-    causes = Causes(past)
-    last, longest = last_task(past), longest_task(past)
-    path = critical_path(past, causes, last) if last else None
+    handling = summary(run)
+    kinds, use = failures(run), uses(run, handling.start, handling.end)
+    causes = Causes(run)
+    last, longest = last_task(run), longest_task(run)
+    path = critical_path(run, causes, last) if last else None
     other = None
-    if path and longest and longest is not last and path.seconds < run.seconds / 2:
-        other = critical_path(past, causes, longest)
-    told = advice(past, causes, path, overlaps(past, causes), use, kinds, run.seconds * _WORTH_SAYING, other)
+    if path and longest and longest is not last and path.seconds < handling.seconds / 2:
+        other = critical_path(run, causes, longest)
+    told = advice(run, causes, path, overlaps(run, causes), use, kinds, handling.seconds * _WORTH_SAYING, other)
     return Contents(
-        run,
+        handling,
         kinds,
-        _stories(past, kinds),
-        waits(past, _WAITS),
+        _stories(run, kinds),
+        waits(run, _WAITS),
         use,
-        _shown(past, path) if path else None,
-        _shown(past, other) if other else None,
+        _shown(run, path) if path else None,
+        _shown(run, other) if other else None,
         told,
     )
 
 
-def _stories(past: Past, kinds: list[Kind]) -> dict[int, list[Sentence]]:
+def _stories(run: Run, kinds: list[Kind]) -> dict[int, list[Sentence]]:
     """The stories of the first failing message of each kind, then of others."""
     firsts = [kind.cases[0].message_id for kind in kinds]
     others = [case.message_id for kind in kinds[:_KINDS] for case in kind.cases[1:_STORIES_EACH]]
-    chosen = [one for one in dict.fromkeys([*firsts, *others]) if one in past.messages][:_STORIES]
-    return {message: story(past, message)[:_SENTENCES] for message in chosen}
+    chosen = [one for one in dict.fromkeys([*firsts, *others]) if one in run.messages][:_STORIES]
+    return {message: story(run, message)[:_SENTENCES] for message in chosen}
 
 
-def _shown(past: Past, path: CriticalPath) -> ShownPath:
+def _shown(run: Run, path: CriticalPath) -> ShownPath:
     longest = sorted(path.steps, key=lambda step: step.seconds, reverse=True)[:_STEPS]
     kept = sorted(longest, key=lambda step: step.start)
     steps = [
@@ -124,14 +124,12 @@ def _shown(past: Past, path: CriticalPath) -> ShownPath:
             step.start,
             step.seconds,
             step.doing,
-            f"before {past.describe(step.message_id)}"
-            if step.doing is Doing.OUTSIDE
-            else past.describe(step.message_id),
+            f"before {run.describe(step.message_id)}" if step.doing is Doing.OUTSIDE else run.describe(step.message_id),
             where_of(step),
-            why_then(past, step),
+            why_then(run, step),
         )
         for step in kept
     ]
-    told = [share for share in shares(past, path) if share.share >= _WORTH_A_LINE]
+    told = [share for share in shares(run, path) if share.share >= _WORTH_A_LINE]
     left_out = path.seconds - sum(step.seconds for step in kept)
     return ShownPath(path, told, steps, len(path.steps) - len(kept), max(left_out, 0.0))

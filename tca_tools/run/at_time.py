@@ -11,8 +11,8 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import standing, watches
 from tca_wire.constraints import Constraint
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -25,13 +25,13 @@ _Span = TypeVar("_Span", Queueing, Handling, Wait, Suspension)
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
 
-class TaskThen:
+class TaskAt:
     """A task as it was; what never changes is read from its record."""
 
-    __slots__ = ("_past", "_record", "_time")
+    __slots__ = ("_record", "_run", "_time")
 
-    def __init__(self, past: Past, record: Task, time: float) -> None:
-        self._past = past
+    def __init__(self, run: Run, record: Task, time: float) -> None:
+        self._run = run
         self._record = record
         self._time = time
 
@@ -78,7 +78,7 @@ class TaskThen:
         """The same in words; of a failure whether the run had gone on after it by then, of a monitor whether it
         watched.
         """
-        return standing(self._past, self._record, self.state, self._time)
+        return standing(self._run, self._record, self.state, self._time)
 
     @property
     def since(self) -> float:
@@ -134,17 +134,17 @@ class TaskThen:
     @property
     def children(self) -> list[TaskId]:
         """The tasks right under it, oldest first."""
-        return self._past.children_until(self._record.children, self._time)
+        return self._run.children_until(self._record.children, self._time)
 
     @property
     def caught_by(self) -> list[TaskId]:
         """The exception handlers that were called for its failures."""
-        return self._past.children_until(self._record.caught_by, self._time)
+        return self._run.children_until(self._record.caught_by, self._time)
 
     @property
     def called(self) -> float | None:
         """When the last of them was called."""
-        last = next((self._past.tasks.get(one) for one in reversed(self.caught_by)), None)
+        last = next((self._run.tasks.get(one) for one in reversed(self.caught_by)), None)
         return None if last is None else last.received
 
     @property
@@ -216,19 +216,19 @@ class TaskThen:
     @property
     def ahead(self) -> list[Ahead]:
         """Its deadlines that were to come, and when it was to be killed."""
-        known = self._past.ahead.get(self._record.id, ())
+        known = self._run.ahead.get(self._record.id, ())
         return [one for one in known if one.set_at <= self._time] if self.state not in (*OVER, State.ENDING) else []
 
 
-class Then:
+class RunAt:
     """A run as it was at a moment: ``tasks`` are those that had been sent."""
 
-    def __init__(self, past: Past, moment: float = inf, time: float | None = None) -> None:
-        self.past = past
-        self.moment = min(moment, past.time)
+    def __init__(self, run: Run, moment: float = inf, time: float | None = None) -> None:
+        self.run = run
+        self.moment = min(moment, run.time)
         self.time = self.moment if time is None else time
         """What the clock of the entries showed."""
-        self.tasks = _Tasks(past, self.moment)
+        self.tasks = _Tasks(run, self.moment)
         self.memo: dict[object, Any] = {}
         """What others have worked out of this moment, by whoever did: it never changes."""
         self._running: dict[tuple[str, str], list[Handling]] = {}
@@ -236,19 +236,19 @@ class Then:
         self._wanted: dict[tuple[str, str], list[Claim]] = {}
 
     @classmethod
-    def by_clock(cls, past: Past, clock: float | None, now: float | None = None) -> "Then":
+    def by_clock(cls, run: Run, clock: float | None, now: float | None = None) -> "RunAt":
         """As it was when the clock of the entries showed so many seconds (None: at the end).
 
         Of a run that goes on, *now* is the present; else time ends with the last entry.
         """
-        place = len(past.times) if clock is None else past.place(clock)
-        end = past.time if now is None else max(now, past.time)
-        return cls(past, past.times[place - 1] if place else -inf, end if clock is None else min(clock, end))
+        place = len(run.times) if clock is None else run.place(clock)
+        end = run.time if now is None else max(now, run.time)
+        return cls(run, run.times[place - 1] if place else -inf, end if clock is None else min(clock, end))
 
     @cached_property
     def top(self) -> list[TaskId]:
         """The tasks under the root."""
-        return self.past.children_until(self.past.top, self.moment)
+        return self.run.children_until(self.run.top, self.moment)
 
     def children(self, task: int) -> list[TaskId]:
         """The tasks right under *task*, oldest first."""
@@ -256,10 +256,10 @@ class Then:
 
     def has_reached(self, point: Point) -> bool:
         """Whether the point was past; what is unknown ended before the journal began."""
-        task = self.past.tasks.get(point.task)
+        task = self.run.tasks.get(point.task)
         return task is None or task.reached.get(point.moment, inf) <= self.moment
 
-    def ran_on(self, task: TaskThen) -> list[Handling]:
+    def ran_on(self, task: TaskAt) -> list[Handling]:
         """The handlers of what is under a suspended task that still worked, though it was suspended."""
         still = task.suspension.still if task.suspension else []
         return [run for run in still if self._works(run) and self._is_under(run.message_id, task.id)]
@@ -272,21 +272,21 @@ class Then:
 
     def _is_under(self, task: int, above: int) -> bool:
         while task > above:  # what is above has the smaller number
-            task = self.past.tasks[task].parent
+            task = self.run.tasks[task].parent
         return task == above
 
     def running(self, module: str, resource: str) -> list[Handling]:
         """The handlers that ran in a resource."""
         key = (module, resource)
         if key not in self._running:
-            runs = self.past.runs.get(key, [])
+            runs = self.run.runs.get(key, [])
             begun = islice(runs, bisect_right(runs, self.moment, key=_START))
             self._running[key] = [run for run in begun if run.end is None or run.end > self.moment]
         return self._running[key]
 
     def inside(self, module: str, resource: str) -> list[Handling]:
         """The same of all copies of the module."""
-        copies = [one for one in self.past.modules if called(one) == called(module)]
+        copies = [one for one in self.run.modules if called(one) == called(module)]
         return [run for one in copies for run in self.running(one, resource)]
 
     def queueing_of(self, message: Message) -> Queueing | None:
@@ -300,23 +300,23 @@ class Then:
     def copies_of(self, query: Message) -> tuple[list[Handling], list[Queueing]]:
         """Of a multi-query the runs of its handlers, and the waits of its copies in queues."""
         runs = [run for run in query.handlings if run.start <= self.moment and not _is_over(run, self.moment)]
-        copies = self.past.copies.get(query.id, ())
+        copies = self.run.copies.get(query.id, ())
         return runs, [one for one in copies if one.start <= self.moment and not _is_over(one, self.moment)]
 
     def waits_of(self, run: Handling) -> list[Wait]:
-        """What a handler waited for, like ``TaskThen.waits``."""
+        """What a handler waited for, like ``TaskAt.waits``."""
         return _waits(run.waits, self.moment)
 
     def waits_outside(self, module: str) -> list[Wait]:
         """What a module waited for outside of handlers."""
-        known = self.past.modules.get(module)
+        known = self.run.modules.get(module)
         return _waits(known.waits, self.moment) if known else []
 
     def wanted(self, module: str, resource: str) -> list[Claim]:
         """The locks and reservations that somebody waited for, oldest first, of all copies of a module."""
         key = (called(module), resource)
         if key not in self._wanted:
-            claims = self.past.asked_for(module, resource)
+            claims = self.run.asked_for(module, resource)
             begun = islice(claims, bisect_right(claims, self.moment, key=_START))
             self._wanted[key] = [claim for claim in begun if not (self.is_granted(claim) or self._has_ended(claim))]
         return self._wanted[key]
@@ -330,14 +330,14 @@ class Then:
 
     def capacity(self, module: str, resource: str) -> int:
         """How many messages a resource took at a time."""
-        known = self.past.modules.get(module)
+        known = self.run.modules.get(module)
         sizes = known.sizes.get(resource, ()) if known else ()
         begun = bisect_right(sizes, self.moment, key=_SINCE)
         return sizes[begun - 1][1] if begun else 1
 
     def reached_at(self, point: Point) -> float | None:
         """When a point was reached, if that is known and it was."""
-        task = self.past.tasks.get(point.task)
+        task = self.run.tasks.get(point.task)
         time = None if task is None else task.reached.get(point.moment)
         return time if time is not None and time <= self.moment else None
 
@@ -345,7 +345,7 @@ class Then:
         """The lock or reservation that was in force, in all copies of a module."""
         key = (called(module), resource)
         if key not in self._holders:
-            grants = self.past.granted(module, resource)
+            grants = self.run.granted(module, resource)
             granted = bisect_right(grants, self.moment, key=_GRANTED)
             last = grants[granted - 1] if granted else None
             self._holders[key] = last if last and (last.end is None or last.end > self.moment) else None
@@ -353,31 +353,31 @@ class Then:
 
     def describe(self, message_id: int) -> str:
         """A message's name with its id: ``take steps {7}``."""
-        return self.past.describe(message_id)
+        return self.run.describe(message_id)
 
 
-class _Tasks(Mapping[int, TaskThen]):
+class _Tasks(Mapping[int, TaskAt]):
     """The tasks that had been sent, oldest first."""
 
-    def __init__(self, past: Past, moment: float) -> None:
-        self._past = past
+    def __init__(self, run: Run, moment: float) -> None:
+        self._run = run
         self._moment = moment
-        self._count = bisect_right(past.births, moment)
-        self._seen: dict[int, TaskThen] = {}
+        self._count = bisect_right(run.births, moment)
+        self._seen: dict[int, TaskAt] = {}
 
-    def __getitem__(self, task: int) -> TaskThen:
+    def __getitem__(self, task: int) -> TaskAt:
         if (seen := self._seen.get(task)) is not None:
             return seen
-        record = self._past.tasks[task]
+        record = self._run.tasks[task]
         if record.received > self._moment:
             raise KeyError(task)
-        return self._seen.setdefault(task, TaskThen(self._past, record, self._moment))
+        return self._seen.setdefault(task, TaskAt(self._run, record, self._moment))
 
     def __len__(self) -> int:
         return self._count
 
     def __iter__(self) -> Iterator[int]:
-        return islice(self._past.tasks, self._count)
+        return islice(self._run.tasks, self._count)
 
 
 def _is_over(span: _Span, time: float) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from math import inf, nextafter
 from typing import Any
 
-from tca_tools.run.fold_reactions import Reacting
+from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.garbage import no_garbage
 from tca_tools.run.records import Claim, Handling, Hold, Message, Offer, Queueing, Raised, Task, Wait
 from tca_wire.journal import facts
@@ -16,7 +16,7 @@ from tca_wire.text.facts_in_words import called
 from tca_wire.vocabulary import Outcome, Refusal
 
 
-class History(Reacting):
+class History(ReactionFold):
     """What happened until ``time``; ``apply`` is the only way it changes."""
 
     def __init__(self) -> None:

@@ -3,7 +3,7 @@
 history.py says which fact writes what.
 """
 
-from tca_tools.run.fold_notes import Notes
+from tca_tools.run.fold_records import RecordFold
 from tca_tools.run.records import Ahead, Exhausted, Hold, Task
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
@@ -18,7 +18,7 @@ _HOLDS = {
 """Of wiretaps that hold: which moment of the listener comes no later than which of the tapped task."""
 
 
-class Reacting(Notes):
+class ReactionFold(RecordFold):
     """Records that are being written, of what reacts to others."""
 
     def __init__(self) -> None:

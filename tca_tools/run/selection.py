@@ -9,9 +9,9 @@ from operator import attrgetter
 from typing import Protocol, TypeVar
 
 from tca_tools.errors import NotInLog
-from tca_tools.run.at_time import TaskThen, Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import Claim, Handling, Message, Queueing, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.text.printable import printable
 
@@ -25,7 +25,7 @@ class Forest(Protocol):
     """Tasks as they were at a moment, oldest first, each under its parent."""
 
     @property
-    def tasks(self) -> Mapping[int, TaskThen]:
+    def tasks(self) -> Mapping[int, TaskAt]:
         """By number."""
 
     @property
@@ -39,9 +39,9 @@ class Forest(Protocol):
 class Part:
     """Some tasks of a run, as they were. Those whose parents are not among them stand at the top."""
 
-    def __init__(self, then: Then, chosen: Collection[int]) -> None:
-        self.tasks = {number: then.tasks[number] for number in then.tasks if number in chosen}
-        self.time = then.time
+    def __init__(self, at: RunAt, chosen: Collection[int]) -> None:
+        self.tasks = {number: at.tasks[number] for number in at.tasks if number in chosen}
+        self.time = at.time
         self._top = [TaskId(number) for number, task in self.tasks.items() if task.parent not in chosen]
 
     def children(self, task: int) -> list[TaskId]:
@@ -51,16 +51,16 @@ class Part:
         return [child for child in self.tasks[task].children if child in self.tasks]
 
 
-def tasks_called(past: Past, text: str) -> list[TaskId]:
+def tasks_called(run: Run, text: str) -> list[TaskId]:
     """The tasks that *text* means: the one of that number, or all of that name. Raises NotInLog if there is none."""
     wanted = text.strip().strip("{}")
-    found = [TaskId(int(wanted))] if wanted.isdecimal() and int(wanted) in past.tasks else []
-    found = found or [TaskId(task.id) for task in past.tasks.values() if task.name == text]
+    found = [TaskId(int(wanted))] if wanted.isdecimal() and int(wanted) in run.tasks else []
+    found = found or [TaskId(task.id) for task in run.tasks.values() if task.name == text]
     if not found:
-        if wanted.isdecimal() and (message := past.messages.get(int(wanted))):
+        if wanted.isdecimal() and (message := run.messages.get(int(wanted))):
             told = f"'tca tree --story {message.id}' tells what became of it"
             raise NotInLog(f"{printable(str(message))} is a {message.message_class}, no task: {told}")
-        raise no_task(text, {task.name for task in past.tasks.values()}, _in_journal(past))
+        raise no_task(text, {task.name for task in run.tasks.values()}, _in_journal(run))
     return found
 
 
@@ -69,20 +69,20 @@ def no_task(text: str, names: Collection[str], where: str = "in this journal") -
     return NotInLog(f"no task '{printable(text)}' {where}{_nearest(text, names)}")
 
 
-def one_task(past: Past, text: str) -> TaskId:
+def one_task(run: Run, text: str) -> TaskId:
     """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there are several."""
-    return TaskId(_only(tasks_called(past, text), text, "tasks"))
+    return TaskId(_only(tasks_called(run, text), text, "tasks"))
 
 
-def one_message(past: Past, text: str) -> int:
+def one_message(run: Run, text: str) -> int:
     """The same of what is no task, too, unless tasks have that name."""
     wanted = text.strip().strip("{}")
-    if wanted.isdecimal() and int(wanted) in past.messages:
+    if wanted.isdecimal() and int(wanted) in run.messages:
         return int(wanted)
-    if any(task.name == text for task in past.tasks.values()):
-        return one_task(past, text)
-    found = [message.id for message in past.messages.values() if message.name == text]
-    return _only(found, text, "messages") if found else one_task(past, text)
+    if any(task.name == text for task in run.tasks.values()):
+        return one_task(run, text)
+    found = [message.id for message in run.messages.values() if message.name == text]
+    return _only(found, text, "messages") if found else one_task(run, text)
 
 
 def _only(found: Sequence[int], text: str, what: str) -> int:
@@ -92,15 +92,15 @@ def _only(found: Sequence[int], text: str, what: str) -> int:
     return found[0]
 
 
-def check_modules(past: Past, names: Iterable[str]) -> None:
+def check_modules(run: Run, names: Iterable[str]) -> None:
     """Raises NotInLog if a module is none of the journal's."""
     for name in names:
-        if name not in past.modules:
-            raise NotInLog(f"no module '{printable(name)}' {_in_journal(past)}{_nearest(name, past.modules)}")
+        if name not in run.modules:
+            raise NotInLog(f"no module '{printable(name)}' {_in_journal(run)}{_nearest(name, run.modules)}")
 
 
 def part_of(
-    then: Then,
+    at: RunAt,
     *,
     roots: Iterable[TaskId] | None = None,
     modules: Iterable[str] = (),
@@ -112,80 +112,82 @@ def part_of(
     What hangs above a task that was asked for is there too, up to the roots. A task is of the modules that handled it
     or in whose queue it waited. Times are those of the entries' clock.
     """
-    past = then.past
-    under = None if roots is None else subtree(past, roots)
+    run = at.run
+    under = None if roots is None else subtree(run, roots)
     wanted = set(modules)
-    begin, until = _time_at(past, start, -inf), _time_at(past, end, inf)
+    begin, until = _time_at(run, start, -inf), _time_at(run, end, inf)
     chosen = {
         number
-        for number in then.tasks
+        for number in at.tasks
         if (under is None or number in under)
-        and (not wanted or _is_of(past.tasks[number], wanted))
-        and _lived(past.tasks[number], begin, until)
+        and (not wanted or _is_of(run.tasks[number], wanted))
+        and _lived(run.tasks[number], begin, until)
     }
     for number in sorted(chosen, reverse=True):  # parents have smaller ids than their children
-        parent = past.tasks[number].parent
+        parent = run.tasks[number].parent
         while parent != ROOT and parent not in chosen and (under is None or parent in under):
             chosen.add(parent)
-            parent = past.tasks[parent].parent
-    return Part(then, chosen)
+            parent = run.tasks[parent].parent
+    return Part(at, chosen)
 
 
-def subtree(past: Past, roots: Iterable[TaskId]) -> set[int]:
+def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
     """The tasks at and under *roots*."""
     found = dict.fromkeys(map(int, roots))
     below = list(found)
     for number in below:  # grows while it is walked
-        for child in past.tasks[number].children:
+        for child in run.tasks[number].children:
             if child not in found:
                 found[child] = None
                 below.append(child)
     return set(found)
 
 
-def messages_of(past: Past, tasks: Iterable[int]) -> set[int]:
+def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
     """These tasks, and the messages that were sent by their handlers, or by the handlers of such messages."""
     found = set(tasks)
-    for number, message in past.messages.items():  # whoever sends is older than what he sends
-        if not isinstance(message, Task) and past.message_of.get(message.origin, message.origin) in found:
+    for number, message in run.messages.items():  # whoever sends is older than what he sends
+        if not isinstance(message, Task) and run.message_of.get(message.origin, message.origin) in found:
             found.add(number)
     return found
 
 
-def waited_for(past: Past, task: TaskId, of: set[int]) -> set[int]:
+def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
     """What the messages *of* a task's subtree waited for: who had their resources, what came first by a constraint."""
     found: set[int] = set()
     for number in of:
-        message = past.messages[number]
+        message = run.messages[number]
         for wait in (wait for handling in message.handlings for wait in handling.waits):
             found.add(wait.awaited)
-            if claim := past.claims.get(wait.awaited):
-                found |= _had(past, claim.module, claim.resource, wait)
+            if claim := run.claims.get(wait.awaited):
+                found |= _had(run, claim.module, claim.resource, wait)
         for queueing in message.queueings:
-            found |= _had(past, queueing.module, queueing.resource, queueing)
+            found |= _had(run, queueing.module, queueing.resource, queueing)
         if isinstance(message, Task):
             found.update(hold.constraint.before.task for hold in message.holds)
-    above = set(lineage(past, task))
-    found |= subtree(past, (TaskId(number) for number in found if number in past.tasks and number not in above))
-    return {number for number in found if number not in of and number in past.messages}
+    above = set(lineage(run, task))
+    found |= subtree(run, (TaskId(number) for number in found if number in run.tasks and number not in above))
+    return {number for number in found if number not in of and number in run.messages}
 
 
-def lineage(past: Past, task: TaskId) -> list[TaskId]:
+def lineage(run: Run, task: TaskId) -> list[TaskId]:
     """A task and what it hangs under, up to the root's child."""
     found = [task]
-    while (parent := past.tasks[found[-1]].parent) != ROOT:
+    while (parent := run.tasks[found[-1]].parent) != ROOT:
         found.append(parent)
     return found
 
 
-def _had(past: Past, module: str, resource: str, wait: Queueing | Wait) -> set[int]:
+def _had(run: Run, module: str, resource: str, wait: Queueing | Wait) -> set[int]:
     """What had a resource while something waited for it, one after the other: what was handled there, and for what it
     was locked or reserved.
     """
-    end = past.time if wait.end is None else wait.end
-    claims = _during(past.granted(module, resource), wait.start, end, _GRANTED)
-    runs = _during(past.runs.get((module, resource), []), wait.start, end, _START)
-    return {run.message_id for run in runs} | {past.message_of.get(claim.origin, claim.origin) for claim in claims}
+    end = run.time if wait.end is None else wait.end
+    claims = _during(run.granted(module, resource), wait.start, end, _GRANTED)
+    runs = _during(run.runs.get((module, resource), []), wait.start, end, _START)
+    return {handling.message_id for handling in runs} | {
+        run.message_of.get(claim.origin, claim.origin) for claim in claims
+    }
 
 
 def _during(spans: list[_Span], start: float, end: float, began: Callable[[_Span], float]) -> Iterator[_Span]:
@@ -203,16 +205,16 @@ def _lived(task: Task, start: float, end: float) -> bool:
     return task.received <= end and task.reached.get(Moment.END_ACHIEVING, inf) >= start
 
 
-def _time_at(past: Past, clock: float | None, default: float) -> float:
+def _time_at(run: Run, clock: float | None, default: float) -> float:
     """The time of the last entry by *clock*."""
     if clock is None:
         return default
-    place = past.place(clock)
-    return max(past.times[place - 1], clock) if place else clock
+    place = run.place(clock)
+    return max(run.times[place - 1], clock) if place else clock
 
 
-def _in_journal(past: Past) -> str:
-    return "in this journal" + ("" if past.until_time is None else f" until {past.until_time:g} s")
+def _in_journal(run: Run) -> str:
+    return "in this journal" + ("" if run.until_time is None else f" until {run.until_time:g} s")
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

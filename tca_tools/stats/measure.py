@@ -10,8 +10,8 @@ from operator import itemgetter
 from tca_tools.analysis.resources import Busy, Key, busy
 from tca_tools.analysis.spans import Span
 from tca_tools.analysis.summary import span_of
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, Handling, Message, State, Task
+from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 
@@ -148,26 +148,26 @@ class Stats:
         return self.end - self.start
 
 
-def measure(past: Past, start: float | None = None) -> Stats:
+def measure(run: Run, start: float | None = None) -> Stats:
     """What happened from *start* (default: the first entry) on: the messages sent since then, and all that ran."""
-    first = (past.clock[0] if past.clock else 0.0) if start is None else start
+    first = (run.clock[0] if run.clock else 0.0) if start is None else start
     messages: dict[str, MessageStats] = {}
-    for message in past.messages.values():
+    for message in run.messages.values():
         if message.received >= first:
             _count(_of(messages, message.name), message)
-    _add_handlings(messages, past, first)
-    for queueing in past.queueings:
+    _add_handlings(messages, run, first)
+    for queueing in run.queueings:
         if queueing.start >= first:
-            _of(messages, past.name(queueing.message_id)).queued.add(queueing.start, queueing.end, past.time)
+            _of(messages, run.name(queueing.message_id)).queued.add(queueing.start, queueing.end, run.time)
     for stats in messages.values():
-        stats.message_class = stats.message_class or _declared_class(past, stats.name)
+        stats.message_class = stats.message_class or _declared_class(run, stats.name)
         for times in stats.times().values():
             times.sort()
-    busy_in = span_of(past) if start is None else (first, past.time)
-    resources = _resources(past, first, busy_in)
-    deadlocks = sum(time >= first for time, _ in past.deadlocks)
+    busy_in = span_of(run) if start is None else (first, run.time)
+    resources = _resources(run, first, busy_in)
+    deadlocks = sum(time >= first for time, _ in run.deadlocks)
     found = list(messages.values())
-    return Stats(first, past.time, past.is_live, found, resources, busy_in, start is not None, deadlocks)
+    return Stats(first, run.time, run.is_live, found, resources, busy_in, start is not None, deadlocks)
 
 
 def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:
@@ -176,8 +176,8 @@ def _of(messages: dict[str, MessageStats], name: str) -> MessageStats:
     return messages[name]
 
 
-def _declared_class(past: Past, name: str) -> str:
-    known = past.formats.get(name)
+def _declared_class(run: Run, name: str) -> str:
+    known = run.formats.get(name)
     return str(known.message_class) if known else ""
 
 
@@ -204,8 +204,8 @@ def _count_end(stats: MessageStats, task: Task) -> float | None:
     return task.reached.get(Moment.END_ACHIEVING) if task.state is State.ACHIEVED else None
 
 
-def _add_handlings(messages: dict[str, MessageStats], past: Past, first: float) -> None:
-    for handling in past.handlings:
+def _add_handlings(messages: dict[str, MessageStats], run: Run, first: float) -> None:
+    for handling in run.handlings:
         if handling.start < first:
             continue
         stats = _of(messages, handling.name)
@@ -219,26 +219,26 @@ def _add_handlings(messages: dict[str, MessageStats], past: Past, first: float) 
             stats.handling.seconds.append(handling.end - handling.start)
 
 
-def _resources(past: Past, first: float, busy_in: Span) -> list[ResourceStats]:
+def _resources(run: Run, first: float, busy_in: Span) -> list[ResourceStats]:
     found: dict[Key, ResourceStats] = {}
-    for module in past.modules.values():
+    for module in run.modules.values():
         for resource, capacity in module.resources.items():
             most = max(capacity, module.capacities.get(resource, 0))
             found[module.name, resource] = ResourceStats(module.name, resource, most)
     runs: dict[Key, list[Handling]] = {}
-    for handling in past.handlings:
+    for handling in run.handlings:
         runs.setdefault((handling.module, handling.resource), []).append(handling)
     for key, handled in runs.items():
         stats = found[key]
         stats.handled = sum(handling.start >= first for handling in handled)
         stats.busy = busy(handled, stats.capacity, *busy_in)
-    _add_queues(found, past, first)
+    _add_queues(found, run, first)
     return list(found.values())
 
 
-def _add_queues(found: dict[Key, ResourceStats], past: Past, first: float) -> None:
+def _add_queues(found: dict[Key, ResourceStats], run: Run, first: float) -> None:
     steps: dict[Key, list[tuple[float, int]]] = defaultdict(list)
-    for queueing in past.queueings:
+    for queueing in run.queueings:
         key = (queueing.module, queueing.resource)
         found.setdefault(key, ResourceStats(*key, 0))
         if queueing.end is None or queueing.end >= first:
@@ -246,7 +246,7 @@ def _add_queues(found: dict[Key, ResourceStats], past: Past, first: float) -> No
             if queueing.end is not None:
                 steps[key].append((queueing.end, -1))
             if queueing.start >= first:
-                found[key].queued.add(queueing.start, queueing.end, past.time)
+                found[key].queued.add(queueing.start, queueing.end, run.time)
     for key, changes in steps.items():
         found[key].longest_queue = max(_levels(changes))
         found[key].queued.sort()

@@ -6,7 +6,7 @@ import click
 
 from tca_tools.options import Asked, check_output, check_span, shared_options
 from tca_tools.output import write_output
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import open_log
@@ -49,8 +49,8 @@ def tree(
     if story:
         _tell(history, story, output)
     else:
-        then = Then.by_clock(history, asked.at, history.time)
-        forest = _forest(then, asked)
+        at = RunAt.by_clock(history, asked.at, history.time)
+        forest = _forest(at, asked)
         rows = _chosen_rows(forest, everything, is_picture=output is not None and output.suffix != ".txt")
         what = f", task {printable(asked.task)}" if asked.task is not None else ""
         title = f"{printable(journal.name)}{what}: {words.summary(forest, is_live=history.is_live)}"
@@ -58,9 +58,9 @@ def tree(
         if output is None:
             width = line_width()
             click.echo(cut(title, width))
-            click.echo("\n".join(tree_lines(then, rows, guides=guides, width=width, with_data=data)))
+            click.echo("\n".join(tree_lines(at, rows, guides=guides, width=width, with_data=data)))
         else:
-            write_tree(output, then, rows, title, guides, layout=layout, with_data=data)
+            write_tree(output, at, rows, title, guides, layout=layout, with_data=data)
     journal.check()
 
 
@@ -74,14 +74,14 @@ def _tell(history: History, story: str, output: Path | None) -> None:
         write_output(output, click.unstyle(text) + "\n")
 
 
-def _forest(then: Then, asked: Asked) -> Forest:
+def _forest(at: RunAt, asked: Asked) -> Forest:
     """The tasks that the options ask for. Raises NotInLog."""
-    check_modules(then.past, asked.modules)
-    check_span(asked.start, then.time if asked.end is None else asked.end)
+    check_modules(at.run, asked.modules)
+    check_span(asked.start, at.time if asked.end is None else asked.end)
     if (asked.task, asked.modules, asked.start, asked.end) == (None, (), None, None):
-        return then
-    roots = tasks_called(then.past, asked.task) if asked.task is not None else None
-    return part_of(then, roots=roots, modules=asked.modules, start=asked.start, end=asked.end)
+        return at
+    roots = tasks_called(at.run, asked.task) if asked.task is not None else None
+    return part_of(at, roots=roots, modules=asked.modules, start=asked.start, end=asked.end)
 
 
 def _chosen_rows(forest: Forest, everything: bool, *, is_picture: bool) -> list[Row]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from tca_tools.analysis.words import seconds
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_wire.constraints import Constraint
 from tca_wire.points import Moment, describe_moments
 
@@ -52,14 +52,14 @@ class Arrows:
         }
 
 
-def arrows(then: Then, shown: set[int]) -> Arrows:
+def arrows(at: RunAt, shown: set[int]) -> Arrows:
     """The arrows between the tasks shown."""
     found = Arrows()
     for task_id in sorted(shown):
-        task = then.tasks[task_id]
+        task = at.tasks[task_id]
         incoming: dict[int, list[str]] = {}
         for constraint in task.constraints:
-            if constraint.before.task in then.tasks:
+            if constraint.before.task in at.tasks:
                 _add(incoming.setdefault(constraint.before.task, []), kind_of_arrow(constraint))
         own = incoming.pop(task_id, [])
         if DELAYED in own and (sequence := _sequence(incoming)):
@@ -67,7 +67,7 @@ def arrows(then: Then, shown: set[int]) -> Arrows:
             _add(sequence, DELAYED)
         unseen = {before: kinds for before, kinds in incoming.items() if before not in shown}
         found.between |= {(before, task_id): kinds for before, kinds in incoming.items() if before in shown}
-        known = _befores(then, incoming) if unseen else set()
+        known = _befores(at, incoming) if unseen else set()
         found.unseen |= {(one, task_id): kinds for one, kinds in unseen.items() if kinds != [SEQ] or one not in known}
         if own:
             found.own[task_id] = own
@@ -75,9 +75,9 @@ def arrows(then: Then, shown: set[int]) -> Arrows:
     return found
 
 
-def _befores(then: Then, tasks: Iterable[int]) -> set[int]:
+def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
     """The tasks after which some others are achieved: who waits for those need not be said to wait for these."""
-    constraints = (one for task in tasks for one in then.tasks[task].constraints)
+    constraints = (one for task in tasks for one in at.tasks[task].constraints)
     return {one.before.task for one in constraints if _plain(kind_of_arrow(one)) == SEQ}
 
 

@@ -9,7 +9,7 @@ from html import escape
 from itertools import pairwise, starmap
 from operator import itemgetter
 
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, Arrows, arrows
@@ -59,25 +59,25 @@ _MONITOR = "#00796b", "monitor"
 _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
 
 
-def dot_source(then: Then, rows: list[Row], title: str, *, with_data: bool = False) -> str:
+def dot_source(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
     """A directed graph of the rows."""
-    found = arrows(then, {row.task.id for row in rows if row.task})
-    body = "\n".join(f"  {line}" for line in _statements(then, rows, found, with_data))
+    found = arrows(at, {row.task.id for row in rows if row.task})
+    body = "\n".join(f"  {line}" for line in _statements(at, rows, found, with_data))
     return f"digraph tasks {{\n{_LOOKS}  label=<{_heading(rows, title, found)}>;\n{body}\n}}\n"
 
 
-def _statements(then: Then, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
+def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> Iterator[str]:
     families = list(_brothers(rows))
     beside = {pair for brothers in families for pair in pairwise(map(_id, brothers))}
     far: dict[int, list[str]] = {}
     for (before, after), kinds in found.between.items():
         if (f"t{before}", f"t{after}") not in beside:  # words on an arrow over others would lie on those
-            far.setdefault(after, []).append(f"{' · '.join(kinds)}: after {then.describe(before)}")
-    for after, words_of in _unseen(then, found):
+            far.setdefault(after, []).append(f"{' · '.join(kinds)}: after {at.describe(before)}")
+    for after, words_of in _unseen(at, found):
         far.setdefault(after, []).append(words_of)
     for row in rows:
         said = [*_own(row, found), *far.get(row.task.id, ())] if row.task else []
-        yield _node(then, row, said, with_data)
+        yield _node(at, row, said, with_data)
     for row in rows:
         if row.parent >= 0:
             yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
@@ -85,18 +85,18 @@ def _statements(then: Then, rows: list[Row], found: Arrows, with_data: bool) -> 
     for (before, after), kinds in found.between.items():
         pair = f"t{before}", f"t{after}"
         joined.add(pair)
-        yield _constraint_arrow(then, before, after, kinds, is_named=pair in beside)
+        yield _constraint_arrow(at, before, after, kinds, is_named=pair in beside)
     for brothers in families:
         names = list(map(_id, brothers))
         order = " ".join(f"{a} -> {b} [style=invis];" for a, b in pairwise(names) if (a, b) not in joined)
         yield f"{{ rank=same; {'; '.join(names)}; {order} }}"
 
 
-def _unseen(then: Then, found: Arrows) -> Iterator[tuple[int, str]]:
+def _unseen(at: RunAt, found: Arrows) -> Iterator[tuple[int, str]]:
     """For tasks shown, after which ones they come that are not."""
     names: dict[tuple[int, str], list[str]] = {}
     for (before, after), kinds in found.unseen.items():
-        names.setdefault((after, " · ".join(kinds)), []).append(then.describe(before))
+        names.setdefault((after, " · ".join(kinds)), []).append(at.describe(before))
     return ((after, f"{what}: after {listed(some)}") for (after, what), some in names.items())
 
 
@@ -118,16 +118,16 @@ def _brothers(rows: list[Row]) -> Iterable[list[Row]]:
     return (brothers for brothers in below.values() if len(brothers) > 1)
 
 
-def _constraint_arrow(then: Then, before: int, after: int, kinds: list[str], *, is_named: bool) -> str:
+def _constraint_arrow(at: RunAt, before: int, after: int, kinds: list[str], *, is_named: bool) -> str:
     what = " · ".join(kinds)
-    tooltip = printable(f"{then.describe(before)} to {then.describe(after)}: {what}")
+    tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {what}")
     label = what if is_named else ""
-    siblings = then.tasks[before].parent == then.tasks[after].parent
+    siblings = at.tasks[before].parent == at.tasks[after].parent
     rank = "" if siblings else ", constraint=false"
     return f"t{before} -> t{after} [label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}{rank}];"
 
 
-def _node(then: Then, row: Row, said: list[str], with_data: bool) -> str:
+def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
     if row.task is None:
         fill = FILLS[row.state]
         label = words.folded(row)
@@ -135,26 +135,26 @@ def _node(then: Then, row: Row, said: list[str], with_data: bool) -> str:
     task, state = row.task, row.task.standing
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if task.state is State.HELD else ""
-    tooltip = "\n".join(filter(None, [f"{words.called(task)}: {state}", words.note(then, task), words.data(task)]))
-    label = "<br/>".join(_label_lines(then, task, said, with_data))
+    tooltip = "\n".join(filter(None, [f"{words.called(task)}: {state}", words.note(at, task), words.data(task)]))
+    label = "<br/>".join(_label_lines(at, task, said, with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(tooltip)}{border}'
     return f"{_id(row)} [label=<{label}>, {rest}];"
 
 
-def looks_of(task: TaskThen) -> tuple[str, str] | None:
+def looks_of(task: TaskAt) -> tuple[str, str] | None:
     """The border of a task that no module sent, or that no module handles; and what it is."""
     return _MONITOR if task.message_class.is_monitor else ROLES.get(task.role)
 
 
-def _label_lines(then: Then, task: TaskThen, said: list[str], with_data: bool) -> Iterator[str]:
+def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
     name = escape(cut(printable(task.name), _LONGEST_NAME))
     yield f'{name} <font color="{_FAINT}">{{{task.id}}}</font>'
     yield _small(" ".join(filter(None, [task.standing, _times(task)])))
     for line in (line for one in said for line in _wrapped(printable(one))):
         yield f'<font point-size="9" color="{_HEAVY}">{escape(line)}</font>'
     if task.failure or task.why_killed is not None:
-        yield from map(_small, _wrapped(words.note(then, task)))
+        yield from map(_small, _wrapped(words.note(at, task)))
     if with_data and (data := words.data(task)):
         yield _small(cut(data, _LONGEST_DATA))
 
@@ -164,7 +164,7 @@ def _wrapped(text: str) -> list[str]:
     return words.lines_of(text, _LONGEST_NAME, _MOST_LINES)
 
 
-def _times(task: TaskThen) -> str:
+def _times(task: TaskAt) -> str:
     """When it was achieved or, before that is so, planned."""
     span = words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING)
     if not span:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER, Message, State, Task
 from tca_tools.run.selection import lineage, subtree
+from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.out_of_time import out_of_time
 from tca_tools.why.coping import ENDED_TASKS, UNDECIDED, Fate, begun_again_with, fate, is_told
 from tca_tools.why.deciding import called_for, decider, is_planned
@@ -30,26 +30,26 @@ class Link:
     text: str
 
 
-def failure_chain(past: Past, number: TaskId, moment: float = inf) -> list[Link]:
+def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     """What a task failed of or was killed for, from where it began, as it was known at *moment*; nothing if all went
     well.
     """
-    task = past.tasks[number]
+    task = run.tasks[number]
     found: list[tuple[float, _Place, Link]] = []
     waiting = [_Cause(task, (), moment, moment)]
     seen = {task.id}
     killed = _killed(task)
     if not _raised(task) and killed <= moment:
         found.append((killed, (_END, 0), Link(killed, 0, f"{task} was killed: {task.why_killed}")))
-        waiting = [_Cause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(past, task)]
+        waiting = [_Cause(culprit, (_CAUSES, 0), killed, moment) for culprit in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
         cause = waiting.pop()
         if cause.message.id in seen and cause.place:
             continue
         seen.add(cause.message.id)
-        steps = _steps_of(past, cause)
+        steps = _steps_of(run, cause)
         found += [(link.time, (*cause.place, *step), link) for step, link in steps if link.time <= cause.until]
-        waiting += reversed(list(_causes(past, cause)))
+        waiting += reversed(list(_causes(run, cause)))
     found = [one for one in found if one[0] <= moment]
     return [link for _, _, link in sorted(found, key=_order)] if seen - {task.id} or _raised(task) else []
 
@@ -98,78 +98,76 @@ def _raised(message: Message) -> list[tuple[float, str]]:
     return found
 
 
-def _steps_of(past: Past, cause: _Cause) -> Iterator[tuple[_Place, Link]]:
+def _steps_of(run: Run, cause: _Cause) -> Iterator[tuple[_Place, Link]]:
     message, place, until, known = cause
     depth = len(place) // 2
     for time, text in [one for one in _raised(message) if one[0] <= until]:
-        for since, is_others, led_to_it in out_of_time(past, message, time, text):
+        for since, is_others, led_to_it in out_of_time(run, message, time, text):
             yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
         yield (_ITSELF, 0), Link(time, depth, f"{message} failed: {text}")
     if isinstance(message, Task):
-        yield from (((_CALLS, one), link) for one, link in _recoveries(Then(past, known), message, depth))
-        yield from (((_AGAIN, 0), link) for link in _retries(past, message, depth))
-        if end := _end(past, message, known):
+        yield from (((_CALLS, one), link) for one, link in _recoveries(RunAt(run, known), message, depth))
+        yield from (((_AGAIN, 0), link) for link in _retries(run, message, depth))
+        if end := _end(run, message, known):
             was_killed = message.was("killed", known) is not None
             killed_or_over = message.written("killed", known) if was_killed else _newest_state(message, known)
             yield (_END, 0), Link(killed_or_over, depth, end)
-            yield from (((_END, 0), link) for link in _end_above(past, message, depth, known))
+            yield from (((_END, 0), link) for link in _end_above(run, message, depth, known))
 
 
 def _newest_state(task: Task, moment: float) -> float:
     return next((time for time, _ in reversed(task.states) if time <= moment), task.received)
 
 
-def _recoveries(then: Then, task: Task, depth: int) -> Iterator[tuple[int, Link]]:
+def _recoveries(at: RunAt, task: Task, depth: int) -> Iterator[tuple[int, Link]]:
     """Each with its place: between a call and the next one stands that the exception handler failed."""
-    past = then.past
+    run = at.run
     for one, number in enumerate(task.caught_by):
-        if (handler := then.tasks.get(number)) is not None:
-            record = past.tasks[number]
-            runs = [run for run in record.handlings if run.start <= then.moment]
+        if (handler := at.tasks.get(number)) is not None:
+            record = run.tasks[number]
+            runs = [handling for handling in record.handlings if handling.start <= at.moment]
             by = f", handled by {runs[-1].module}" if runs else ""
             is_said = handler.state in (State.HANDLING, State.ACHIEVED)
             how = "" if is_said else f": {handler.state}"
             yield 2 * one, Link(record.received, depth, f"exception handler {handler} was called{by}{how}")
-        if number in past.reissued:
-            yield 2 * one + 1, Link(past.reissued[number], depth, f"{past.describe(number)} passed the failure on")
-    for spent in past.exhausted.get(task.id, ()):
-        later = bisect_left([past.tasks[number].received for number in task.caught_by], spent.time)
+        if number in run.reissued:
+            yield 2 * one + 1, Link(run.reissued[number], depth, f"{run.describe(number)} passed the failure on")
+    for spent in run.exhausted.get(task.id, ()):
+        later = bisect_left([run.tasks[number].received for number in task.caught_by], spent.time)
         yield 2 * later, Link(spent.time, depth, exhausted(spent).replace(" has ", " had ", 1))
 
 
-def _retries(past: Past, task: Task, depth: int) -> Iterator[Link]:
+def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
     """That it was to be handled again after it had failed."""
     failed = min((time for time, _ in _raised(task)), default=inf)
     for one in task.retries:
         if one[0] >= failed:
-            yield Link(one[0], depth, f"{task} is {retried(past, task, one)}")
+            yield Link(one[0], depth, f"{task} is {retried(run, task, one)}")
 
 
-def _end(past: Past, task: Task, moment: float) -> str:
+def _end(run: Run, task: Task, moment: float) -> str:
     """What had become of it at *moment*, if it had failed."""
-    then = Then(past, moment).tasks.get(task.id)
-    if then is None or not (raised := [one for one in _raised(task) if one[0] <= moment]):
+    at = RunAt(run, moment).tasks.get(task.id)
+    if at is None or not (raised := [one for one in _raised(task) if one[0] <= moment]):
         return ""
-    became = fate(past, task, raised[-1][0], moment)
+    became = fate(run, task, raised[-1][0], moment)
     if became is Fate.OPEN:
         return f"{task} is being recovered"
     if became is Fate.DEALT_WITH:
         return f"{task}: its failure was dealt with"
-    if became not in ENDED_TASKS and then.why_killed is None:
-        is_known = then.state in OVER or _has_tried_again(task, moment)
-        return f"{task}: {then.state} after all" if is_known else ""
-    end = (
-        f"{task}: nobody dealt with its failure" if then.why_killed is None else f"{task} was killed: {then.why_killed}"
-    )
-    is_achieved = became is Fate.REPLACED and Then(past, moment).tasks[task.top].state is State.ACHIEVED
-    return end + (f"; {past.describe(task.top)} was achieved without it" if is_achieved else "")
+    if became not in ENDED_TASKS and at.why_killed is None:
+        is_known = at.state in OVER or _has_tried_again(task, moment)
+        return f"{task}: {at.state} after all" if is_known else ""
+    end = f"{task}: nobody dealt with its failure" if at.why_killed is None else f"{task} was killed: {at.why_killed}"
+    is_achieved = became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state is State.ACHIEVED
+    return end + (f"; {run.describe(task.top)} was achieved without it" if is_achieved else "")
 
 
-def _end_above(past: Past, task: Task, depth: int, moment: float) -> Iterator[Link]:
+def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:
     """What became by *moment* of a task above it that was handled again for its failure."""
     failed = max((time for time, _ in _raised(task) if time <= moment), default=inf)
-    above = begun_again_with(past, task, failed, moment)
-    if above is not None and (state := Then(past, moment).tasks[above.id].state) in OVER:
+    above = begun_again_with(run, task, failed, moment)
+    if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
         yield Link(_newest_state(above, moment), depth, f"{above}, handled again: {state}")
 
 
@@ -179,21 +177,25 @@ def _has_tried_again(task: Task, moment: float) -> bool:
     return any(again <= run.start and run.end is not None and run.end <= moment for run in task.handlings)
 
 
-def _causes(past: Past, failed: _Cause) -> Iterator[_Cause]:
+def _causes(run: Run, failed: _Cause) -> Iterator[_Cause]:
     """What its handler had sent and waited for when that failed, until its wait was over; then the exception handlers
     that failed before it was decided.
     """
     message, place, moment, known = failed
-    runs = [run for run in message.handlings if run.outcome is Outcome.FAILED and (run.end or 0.0) <= moment]
-    for wait, end in [(wait, run.end) for run in runs for wait in run.waits][-1:]:
+    runs = [
+        handling
+        for handling in message.handlings
+        if handling.outcome is Outcome.FAILED and (handling.end or 0.0) <= moment
+    ]
+    for wait, end in [(wait, handling.end) for handling in runs for wait in handling.waits][-1:]:
         until = min(moment if one is None else one for one in (wait.end, end))
-        awaited = past.messages.get(wait.awaited)
-        if awaited is not None and _is_named(past, awaited, until, message):
+        awaited = run.messages.get(wait.awaited)
+        if awaited is not None and _is_named(run, awaited, until, message):
             yield _Cause(awaited, (*place, _CAUSES, 0), until, until)
     if not isinstance(message, Task):
         return
     for one, number in enumerate(message.caught_by):
-        if (handler := past.tasks.get(number)) is not None:
+        if (handler := run.tasks.get(number)) is not None:
             until = min(moment, _decided(message, handler.received))
             if any(time <= until for time, _ in _raised(handler)):
                 yield _Cause(handler, (*place, _CALLS, 2 * one + 1), until, known)
@@ -205,45 +207,45 @@ def _decided(task: Task, failed: float) -> float:
     return min(next(states, inf), _killed(task), task.reached.get(Moment.END_ACHIEVING, inf))
 
 
-def _is_named(past: Past, cause: Message, until: float, failed: Message) -> bool:
+def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
     """Whether the failure of one, of which its asker was told by then, is that of the other."""
     told = [one for one in _raised(cause) if one[0] <= until]
-    told = [one for one in told if isinstance(cause, Task) or is_told(past, cause, one[0])]
+    told = [one for one in told if isinstance(cause, Task) or is_told(run, cause, one[0])]
     names = {text.partition(":")[0] for _, text in told}
     return any(name in text for _, text in _raised(failed) for name in names)
 
 
-def _culprits(past: Past, task: Task) -> list[Task]:
+def _culprits(run: Run, task: Task) -> list[Task]:
     """Whose failure a task was killed for, that had not failed itself."""
     if task.killed_by not in ("", CENTRAL):
-        return _culprit_of_handler(past, task)
-    return _culprit_of_tree(past, task)
+        return _culprit_of_handler(run, task)
+    return _culprit_of_tree(run, task)
 
 
-def _culprit_of_tree(past: Past, task: Task) -> list[Task]:
+def _culprit_of_tree(run: Run, task: Task) -> list[Task]:
     """Whose failure, not dealt with, killed the tree that a task was in: who is named there, or the last one before."""
-    top = lineage(past, TaskId(task.id))[-1]
+    top = lineage(run, TaskId(task.id))[-1]
     killed = task.written("killed")
     found = [
-        (raised[-1][0], past.tasks[number])
-        for number in subtree(past, [top])
+        (raised[-1][0], run.tasks[number])
+        for number in subtree(run, [top])
         if number != task.id
-        and (raised := [one for one in _raised(past.tasks[number]) if one[0] <= killed])
-        and not past.tasks[number].is_dealt_with
-        and past.tasks[number].reached.get(Moment.END_ACHIEVING, inf) >= killed
+        and (raised := [one for one in _raised(run.tasks[number]) if one[0] <= killed])
+        and not run.tasks[number].is_dealt_with
+        and run.tasks[number].reached.get(Moment.END_ACHIEVING, inf) >= killed
     ]
     why = task.killed or ""
     named = [one for one in found if f" of task {one[1].id} " in why]
     return [max(named or found, key=lambda one: (one[0], one[1].id))[1]] if found and "failure" in why else []
 
 
-def _culprit_of_handler(past: Past, task: Task) -> list[Task]:
+def _culprit_of_handler(run: Run, task: Task) -> list[Task]:
     """For whose failure the exception handler was called that had a task killed, if that is sure: it was the only one
     that its module was handling, and the failure was that of the highest task that was killed then, or of one under it.
     """
     killed, by = task.written("killed"), task.killed_by
-    above = [past.tasks[number] for number in lineage(past, TaskId(task.id))]
+    above = [run.tasks[number] for number in lineage(run, TaskId(task.id))]
     with_it = [one for one in above if one.killed_by == by and _killed(one) == killed]
-    handler = None if is_planned(past, task) else decider(past, with_it[-1], by, killed)
-    failed = task if handler is None else called_for(past, handler)
+    handler = None if is_planned(run, task) else decider(run, with_it[-1], by, killed)
+    failed = task if handler is None else called_for(run, handler)
     return [failed] if failed is not task and _raised(failed) else []

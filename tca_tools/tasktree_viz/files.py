@@ -9,7 +9,7 @@ from tca_tools.drawing.page import zoomed_page
 from tca_tools.drawing.pictures import converted
 from tca_tools.errors import NoPicture
 from tca_tools.output import made_for, write_output
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.tasktree_viz.outline_svg import outline_svg
@@ -25,16 +25,16 @@ _FIGURE, _FIGURE_WIDE = 14, 9
 
 
 def write_tree(
-    output: Path, then: Then, rows: list[Row], title: str, guides: Guides, *, layout: str = "auto", with_data: bool
+    output: Path, at: RunAt, rows: list[Row], title: str, guides: Guides, *, layout: str = "auto", with_data: bool
 ) -> None:
     """Write the kind of file that its name asks for. Raises ToolError if that can't be done."""
     kind = output.suffix
     if kind == ".txt":
-        lines = [title, *tree_lines(then, rows, guides=guides, with_data=with_data)]
+        lines = [title, *tree_lines(at, rows, guides=guides, with_data=with_data)]
         write_output(output, click.unstyle("\n".join(lines)) + "\n")
         return
     if kind == ".dot":
-        write_output(output, dot_source(then, rows, title, with_data=with_data))
+        write_output(output, dot_source(at, rows, title, with_data=with_data))
         return
     if len(rows) > _MOST_DRAWN:
         raise NoPicture(
@@ -42,7 +42,7 @@ def write_tree(
             " or for a .txt"
         )
     with made_for(output):  # without "dot" a library draws into a file of its own
-        picture = _picture(kind[1:], then, rows, title, layout, with_data=with_data)
+        picture = _picture(kind[1:], at, rows, title, layout, with_data=with_data)
     write_output(output, picture)
 
 
@@ -53,16 +53,16 @@ def is_figure(rows: list[Row]) -> bool:
     return leaves <= _FIGURE and max(beside.values(), default=0) <= _FIGURE_WIDE
 
 
-def _picture(kind: str, then: Then, rows: list[Row], title: str, layout: str, *, with_data: bool) -> bytes:
+def _picture(kind: str, at: RunAt, rows: list[Row], title: str, layout: str, *, with_data: bool) -> bytes:
     if layout == "figure" or (layout == "auto" and is_figure(rows)):
         try:
-            picture = drawn(dot_source(then, rows, title, with_data=with_data), "svg" if kind == "html" else kind)
+            picture = drawn(dot_source(at, rows, title, with_data=with_data), "svg" if kind == "html" else kind)
             return zoomed_page(title, picture.decode()).encode() if kind == "html" else picture
         except NoPicture as error:
             if layout == "figure":
                 raise
             click.echo(f"{error.message}: drawn as an outline", err=True)
-    svg = outline_svg(then, rows, title, with_data=with_data)
+    svg = outline_svg(at, rows, title, with_data=with_data)
     if kind == "html":
         return zoomed_page(title, svg).encode()
     return svg.encode() if kind == "svg" else converted(svg, kind)

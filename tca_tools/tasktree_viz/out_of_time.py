@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from math import nextafter
 
 from tca_tools.analysis.words import seconds
-from tca_tools.run.at_time import TaskThen, Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import Message
+from tca_tools.run.whole_run import Run
 from tca_tools.why.ages import age
 from tca_tools.why.ends import Ends, last_of
 from tca_tools.why.leads import Kind
@@ -21,38 +21,38 @@ _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""
 
 
-def out_of_time(past: Past, message: Message, failed: float, text: str) -> Iterator[tuple[float, bool, str]]:
+def out_of_time(run: Run, message: Message, failed: float, text: str) -> Iterator[tuple[float, bool, str]]:
     """What led to the failure of a task whose deadline ran out: since when, whether that is of something else, and
     what; nothing if nothing is known, or it failed of something else.
     """
-    deadlines = [one.set_at for one in past.ahead.get(message.id, ()) if one.moment is not None]
-    then = Then(past, nextafter(failed, 0.0))
-    task = then.tasks.get(TaskId(message.id))
+    deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
+    at = RunAt(run, nextafter(failed, 0.0))
+    task = at.tasks.get(TaskId(message.id))
     if not deadlines or text.partition(":")[0] != TIMEOUT or task is None or task.watches:
         return
-    for one in past.tasks[task.id].suspensions[-NAMED:]:
+    for one in run.tasks[task.id].suspensions[-NAMED:]:
         if one.start >= deadlines[0] and one.end is not None and one.end < failed:
             yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {seconds(one.end - one.start)}"
-    if reasons := why_waiting(then, task.id):
-        since, begun = age(then, task)
+    if reasons := why_waiting(at, task.id):
+        since, begun = age(at, task)
         since = begun if since is None else since
         how = waits_how(task).replace("waits", "waited", 1)
-        end = last_of(then, task, _FAR)
+        end = last_of(at, task, _FAR)
         lasted = f", for {seconds(failed - since)}"
         yield since, False, f"{task} {how} {', and '.join(reasons)}{lasted}" + (f"; in the end {end}" if end else "")
-    yield from _had_by(then, task, failed)
+    yield from _had_by(at, task, failed)
 
 
-def _had_by(then: Then, task: TaskThen, failed: float) -> Iterator[tuple[float, bool, str]]:
+def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
     """Who handled what it waited for in the end when its time ran out, or kept it locked."""
-    ends = Ends.at(then).of(task.id, _FAR)
-    for number in [end.number for end in ends if end.kind is Kind.GOES_ON or end.number in then.past.claims][:NAMED]:
-        claim, message = then.past.claims.get(number), then.past.messages.get(number)
-        if claim is not None and claim.granted is not None and then.is_granted(claim):
+    ends = Ends.at(at).of(task.id, _FAR)
+    for number in [end.number for end in ends if end.kind is Kind.GOES_ON or end.number in at.run.claims][:NAMED]:
+        claim, message = at.run.claims.get(number), at.run.messages.get(number)
+        if claim is not None and claim.granted is not None and at.is_granted(claim):
             since, what = claim.granted, f"{claim.sender} had the {claim}"
         elif message is None or message.message_class is MessageClass.MULTI_QUERY:
             continue
-        elif (run := then.handling_of(message)) is not None:
+        elif (run := at.handling_of(message)) is not None:
             since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"
         else:
             continue

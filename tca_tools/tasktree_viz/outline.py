@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
-from tca_tools.run.at_time import TaskThen
+from tca_tools.run.at_time import TaskAt
 from tca_tools.run.records import State
 from tca_tools.run.selection import Forest
 from tca_wire.points import ROOT, TaskId
@@ -26,7 +26,7 @@ _States = Mapping[int, State]
 class Row:
     """One task, or achieved ones in its place, in the order of reading (a task before what is under it)."""
 
-    task: TaskThen | None
+    task: TaskAt | None
     parent: int
     """The number of its parent's row (-1: it is under the root)."""
     depth: int
@@ -45,22 +45,22 @@ class Row:
 
 
 def outline(
-    then: Forest, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST, budget: int | None = None
+    at: Forest, shown_at_most: int = SHOWN_AT_MOST, beside_at_most: int = BESIDE_AT_MOST, budget: int | None = None
 ) -> list[Row]:
     """The rows of the tree. One of more than *shown_at_most* tasks is folded: subtrees in which all was achieved, or
     killed with what they are under, those deep down first, until about *budget* tasks are shown (None: as many).
     """
-    states = {number: task.state for number, task in then.tasks.items()}
-    loud = _loud(then, states)
-    if len(then.tasks) <= shown_at_most:
-        return _rows(then, None, loud, _Sizes(then, states), beside_at_most)
-    shown = _choose(then, states, loud, budget or shown_at_most, beside_at_most)
-    return _rows(then, shown, loud, _Sizes(then, states), beside_at_most)
+    states = {number: task.state for number, task in at.tasks.items()}
+    loud = _loud(at, states)
+    if len(at.tasks) <= shown_at_most:
+        return _rows(at, None, loud, _Sizes(at, states), beside_at_most)
+    shown = _choose(at, states, loud, budget or shown_at_most, beside_at_most)
+    return _rows(at, shown, loud, _Sizes(at, states), beside_at_most)
 
 
-def whole_outline(then: Forest) -> list[Row]:
+def whole_outline(at: Forest) -> list[Row]:
     """A row for every task."""
-    return _rows(then, None, set(), _Sizes(then, {}), len(then.tasks))
+    return _rows(at, None, set(), _Sizes(at, {}), len(at.tasks))
 
 
 def cut_off(rows: list[Row], at_most: int) -> list[Row]:
@@ -71,25 +71,25 @@ def cut_off(rows: list[Row], at_most: int) -> list[Row]:
     return [*rows[:at_most], Row(None, -1, 0, folded=rest, is_rest=True, is_last=True, number=at_most)]
 
 
-def _loud(then: Forest, states: _States) -> set[int]:
+def _loud(at: Forest, states: _States) -> set[int]:
     """The tasks that are shown in any case: those that go on, that failed, or were killed for a reason of their own,
     and all that they are under.
     """
     loud = {int(ROOT)}
-    for task_id in sorted(then.tasks, reverse=True):  # children have larger ids than their parents
-        if task_id in loud or not (states[task_id] is State.ACHIEVED or _went_along(then, states, task_id)):
-            loud.update((task_id, then.tasks[task_id].parent))
+    for task_id in sorted(at.tasks, reverse=True):  # children have larger ids than their parents
+        if task_id in loud or not (states[task_id] is State.ACHIEVED or _went_along(at, states, task_id)):
+            loud.update((task_id, at.tasks[task_id].parent))
     return loud
 
 
-def _went_along(then: Forest, states: _States, task_id: int) -> bool:
+def _went_along(at: Forest, states: _States, task_id: int) -> bool:
     """Whether a task was killed with what it is under."""
-    task = then.tasks[task_id]
+    task = at.tasks[task_id]
     were_killed = states[task_id] is State.KILLED and states.get(task.parent) is State.KILLED
-    return were_killed and task.why_killed == then.tasks[task.parent].why_killed
+    return were_killed and task.why_killed == at.tasks[task.parent].why_killed
 
 
-def _choose(then: Forest, states: _States, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
+def _choose(at: Forest, states: _States, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
     """The tasks to show: those that are in any case, then others from the top down, of many alike side by side the
     first and the last.
     """
@@ -97,18 +97,18 @@ def _choose(then: Forest, states: _States, loud: set[int], budget: int, beside_a
     level = deque([ROOT])
     while level and len(shown) <= budget:
         above = level.popleft()
-        children = then.children(above)
+        children = at.children(above)
         is_crowded = len(children) > beside_at_most
         nearest = (_ends(states, children) if is_crowded else children)[: budget + 1 - len(shown)]
         shown.update(nearest)
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
-    return shown - {one for one in samples - loud if _is_empty(then, one, shown)}
+    return shown - {one for one in samples - loud if _is_empty(at, one, shown)}
 
 
-def _is_empty(then: Forest, task: int, shown: set[int]) -> bool:
+def _is_empty(at: Forest, task: int, shown: set[int]) -> bool:
     """Whether there is something under a task, and nothing of that is shown."""
-    children = then.children(task)
+    children = at.children(task)
     return bool(children) and not any(child in shown for child in children)
 
 
@@ -124,11 +124,11 @@ def _ends(states: _States, tasks: list[TaskId]) -> list[TaskId]:
 class _Sizes:
     """How many tasks each subtree has, and how many of those were killed."""
 
-    def __init__(self, then: Forest, states: _States) -> None:
-        self.all = dict.fromkeys(then.tasks, 1)
-        self.killed = {number: int(states.get(number) is State.KILLED) for number in then.tasks}
-        for task_id in sorted(then.tasks, reverse=True):
-            parent = then.tasks[task_id].parent
+    def __init__(self, at: Forest, states: _States) -> None:
+        self.all = dict.fromkeys(at.tasks, 1)
+        self.killed = {number: int(states.get(number) is State.KILLED) for number in at.tasks}
+        for task_id in sorted(at.tasks, reverse=True):
+            parent = at.tasks[task_id].parent
             if parent in self.all:  # not the root, and not above the part that is shown
                 self.all[parent] += self.all[task_id]
                 self.killed[parent] += self.killed[task_id]
@@ -141,7 +141,7 @@ class _Sizes:
             into.state = State.KILLED
 
 
-def _rows(then: Forest, shown: set[int] | None, loud: set[int], sizes: _Sizes, beside_at_most: int) -> list[Row]:
+def _rows(at: Forest, shown: set[int] | None, loud: set[int], sizes: _Sizes, beside_at_most: int) -> list[Row]:
     rows: list[Row] = []
     waiting = [Row(None, -1, -1)]  # a stack: the last goes first
     while waiting:
@@ -150,7 +150,7 @@ def _rows(then: Forest, shown: set[int] | None, loud: set[int], sizes: _Sizes, b
             row.number = len(rows)
             rows.append(row)
         if row.task or row.depth < 0:
-            below = _below(then, shown, sizes, row)
+            below = _below(at, shown, sizes, row)
             below = _squeezed(below, loud, sizes) if len(below) > beside_at_most else below
             for last in below[-1:]:
                 last.is_last = True
@@ -158,16 +158,16 @@ def _rows(then: Forest, shown: set[int] | None, loud: set[int], sizes: _Sizes, b
     return rows
 
 
-def _below(then: Forest, shown: set[int] | None, sizes: _Sizes, row: Row) -> list[Row]:
+def _below(at: Forest, shown: set[int] | None, sizes: _Sizes, row: Row) -> list[Row]:
     """The rows right under one; tasks that are not shown and stand side by side share one."""
     found: list[Row] = []
-    for child in then.children(row.task.id if row.task else ROOT):
+    for child in at.children(row.task.id if row.task else ROOT):
         if shown is None or child in shown:
-            found.append(Row(then.tasks[child], row.number, row.depth + 1))
+            found.append(Row(at.tasks[child], row.number, row.depth + 1))
             continue
         if not found or found[-1].task is not None:
             found.append(Row(None, row.number, row.depth + 1))
-        sizes.fold(Row(then.tasks[child], row.number, row.depth + 1), found[-1])
+        sizes.fold(Row(at.tasks[child], row.number, row.depth + 1), found[-1])
     return found
 
 

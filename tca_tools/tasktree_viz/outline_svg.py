@@ -6,7 +6,7 @@ from operator import attrgetter, itemgetter
 
 from tca_tools.drawing.svg import document, rectangle, text
 from tca_tools.gantt.axis import ticks
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, arrows
@@ -35,11 +35,11 @@ _FOLDED = (
 )
 
 
-def outline_svg(then: Then, rows: list[Row], title: str, *, with_data: bool = False) -> str:
+def outline_svg(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
     """The whole picture, as a document of its own."""
-    found = arrows(then, {row.task.id for row in rows if row.task})
-    laid = plan(then, rows, found, with_data=with_data)
-    columns = _Columns(laid, then)
+    found = arrows(at, {row.task.id for row in rows if row.task})
+    laid = plan(at, rows, found, with_data=with_data)
+    columns = _Columns(laid, at)
     head, top = _head(rows, title, laid, found.kinds, columns.right)
     body = [*head, *columns.axis(top, top + 22 + laid.height)]
     top += 26
@@ -47,17 +47,17 @@ def outline_svg(then: Then, rows: list[Row], title: str, *, with_data: bool = Fa
         body += columns.line(place, top)
     body += [*_guides(laid, top), *_heavy(laid, top)]
     for place in laid.places:
-        body += _box(then, place, top)
+        body += _box(at, place, top)
     return document(columns.right + _MARGIN, top + laid.height + _MARGIN, title, _STYLE, body)
 
 
 class _Columns:
     """What stands beside the boxes: state, notes, and bars on an axis of time."""
 
-    def __init__(self, laid: Plan, then: Then) -> None:
+    def __init__(self, laid: Plan, at: RunAt) -> None:
         tasks = [place.row.task for place in laid.places if place.row.task]
-        self.start = min((min(task.reached.values(), default=then.time) for task in tasks), default=0.0)
-        self.end = max((_last(task, then.time) for task in tasks), default=then.time)
+        self.start = min((min(task.reached.values(), default=at.time) for task in tasks), default=0.0)
+        self.end = max((_last(task, at.time) for task in tasks), default=at.time)
         self.notes = _MARGIN + laid.width + _GAP
         self.times = self.notes + laid.notes_width + _GAP
         self.right = self.times + _TIMES
@@ -85,7 +85,7 @@ class _Columns:
             if span:
                 yield self._bar(task, kind, span, y)
 
-    def _bar(self, task: TaskThen, kind: str, span: tuple[float, float | None], y: float) -> str:
+    def _bar(self, task: TaskAt, kind: str, span: tuple[float, float | None], y: float) -> str:
         start, end = span
         left, right = self.x(start), self.x(self.end if end is None else end)
         title = f"{task}: {kind} from {start:.3f} s" + (" on" if end is None else f" to {end:.3f} s")
@@ -97,7 +97,7 @@ class _Columns:
         )
 
 
-def _last(task: TaskThen, now: float) -> float:
+def _last(task: TaskAt, now: float) -> float:
     is_over = task.state in (State.ACHIEVED, State.FAILED, State.KILLED)
     return max(task.reached.values(), default=0.0) if is_over else now
 
@@ -140,7 +140,7 @@ def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
     return " ".join(parts)
 
 
-def _box(then: Then, place: Place, top: float) -> Iterator[str]:
+def _box(at: RunAt, place: Place, top: float) -> Iterator[str]:
     row, task, left, y = place.row, place.row.task, _MARGIN + place.left, top + place.top
     look = f'fill="{FILLS[row.state if task is None else task.standing]}" stroke="#1f2933"'
     title = place.label
@@ -152,7 +152,7 @@ def _box(then: Then, place: Place, top: float) -> Iterator[str]:
         if looks := looks_of(task):
             look = look.replace('stroke="#1f2933"', f'stroke="{looks[0]}" stroke-width="2.2"')
         title = "\n".join(
-            filter(None, [f"{words.called(task)}: {task.standing}", words.note(then, task), words.data(task)])
+            filter(None, [f"{words.called(task)}: {task.standing}", words.note(at, task), words.data(task)])
         )
     yield rectangle(look, left, y, left + place.width, BOX, title)
     yield f'<text class="name" x="{left + 7:.1f}" y="{y + 13.5:.1f}" pointer-events="none">{text(place.label)}</text>'

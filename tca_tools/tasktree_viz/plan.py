@@ -6,7 +6,7 @@ For trees that are too wide to be drawn as a figure: this one grows downwards on
 from dataclasses import dataclass, field
 from textwrap import wrap
 
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import SEQ, Arrows
@@ -65,7 +65,7 @@ class Plan:
     """From tasks to brothers that wait for them, in lanes."""
 
 
-def plan(then: Then, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
+def plan(at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan:
     """Where the rows stand. Names and notes are cut to fit."""
     indent = min(INDENT, DEEPEST / max(max((row.depth for row in rows), default=0), 1))
     drawn = _lines(rows, found) if indent >= _LEAST_INDENT else []
@@ -81,17 +81,17 @@ def plan(then: Then, rows: list[Row], found: Arrows, *, with_data: bool) -> Plan
         left = above + indent + shifts.get(row.parent, 0.0)
         place = Place(row, left, top, columns_of(label) * CHARACTER + 14, label)
         if row.task:
-            _tell(place, then, row.task, with_data)
+            _tell(place, at, row.task, with_data)
         places.append(place)
         top += max(_ROW, len(place.notes) * LINE + 8)
-    _say_the_rest(then, places, found, drawn)
+    _say_the_rest(at, places, found, drawn)
     width = max((place.left + place.width + columns_of(place.after) * 5.5 + 12 for place in places), default=0.0)
     notes = max((columns_of(note) for place in places for note in place.notes), default=0)
     return Plan(places, width, top, notes * _NOTE_CHARACTER, indent, drawn)
 
 
-def _tell(place: Place, then: Then, task: TaskThen, with_data: bool) -> None:
-    note = words.note(then, task)
+def _tell(place: Place, at: RunAt, task: TaskAt, with_data: bool) -> None:
+    note = words.note(at, task)
     place.notes = words.lines_of(_state_and(note, task), _NOTE_COLUMNS, _NOTE_LINES)
     if with_data and (data := words.data(task)):
         place.notes += wrap(cut(data, _LONGEST_DATA), _NOTE_COLUMNS)
@@ -101,7 +101,7 @@ def _tell(place: Place, then: Then, task: TaskThen, with_data: bool) -> None:
         place.planning = None
 
 
-def _state_and(note: str, task: TaskThen) -> str:
+def _state_and(note: str, task: TaskAt) -> str:
     """``held, waits until ...``, ``failed: slip``."""
     if not note:
         return task.standing
@@ -128,7 +128,7 @@ def _numbers(rows: list[Row]) -> dict[int, int]:
     return {int(row.task.id): row.number for row in rows if row.task}
 
 
-def _say_the_rest(then: Then, places: list[Place], found: Arrows, drawn: list[Line]) -> None:
+def _say_the_rest(at: RunAt, places: list[Place], found: Arrows, drawn: list[Line]) -> None:
     """In words, at the task that waits, all constraints that the lines don't show."""
     numbers = _numbers([place.row for place in places])
     has_line = {(source, to) for line in drawn for to in line.to for source in line.sources}
@@ -136,7 +136,7 @@ def _say_the_rest(then: Then, places: list[Place], found: Arrows, drawn: list[Li
     for (first, second), kinds in (found.between | found.unseen).items():
         to = numbers[second]
         if around := _words_around(kinds, is_drawn=(numbers.get(first), to) in has_line):
-            said.setdefault(to, {}).setdefault(around, []).append(then.describe(first))
+            said.setdefault(to, {}).setdefault(around, []).append(at.describe(first))
     for task, kinds in found.own.items():
         places[numbers[task]].after = ", ".join(kinds)
     for number, names_by in said.items():

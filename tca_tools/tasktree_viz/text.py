@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import click
 
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, State
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row
@@ -68,7 +68,7 @@ UNICODE, ASCII = Guides(), Guides("|- ", "`- ", "|  ", "   ")
 
 
 def tree_lines(
-    then: Then, rows: list[Row], *, guides: Guides = UNICODE, width: int | None = None, with_data: bool = False
+    at: RunAt, rows: list[Row], *, guides: Guides = UNICODE, width: int | None = None, with_data: bool = False
 ) -> Iterator[str]:
     """The tree, line by line, below a line of headings; each cut to *width*."""
     if not rows:
@@ -89,7 +89,7 @@ def tree_lines(
         if row.task is None:
             yield click.style(cut(label, width), fg=COLOURS[row.state])
             continue
-        yield _task_line(then, row.task, padded(label, name_width), columns, width)
+        yield _task_line(at, row.task, padded(label, name_width), columns, width)
         if with_data and (data := words.data(row.task)):
             yield click.style(cut(f"{below}{data}", width), dim=True)
 
@@ -98,23 +98,23 @@ def _name(row: Row) -> str:
     return words.called(row.task) if row.task else words.folded(row)
 
 
-def _task_line(then: Then, task: TaskThen, label: str, columns: _Columns, width: int | None) -> str:
+def _task_line(at: RunAt, task: TaskAt, label: str, columns: _Columns, width: int | None) -> str:
     state, states = task.standing, columns.state_width
     intervals = (Interval.PLANNING, Interval.ACHIEVING) if columns.has_times else ()
     spans = [f"{_times(task, interval):{_TIMES_WIDTH}}" for interval in intervals]
-    found = words.note_of(then, task)
+    found = words.note_of(at, task)
     rest, room = "  ".join([f"{state:{states}}", *spans]), _rest_of(width, label)
     left = None if room is None else room - len(rest) - _GAP  # for the note
     if left is None:
-        rest = f"{rest}  {found.within(None, then.time)}".rstrip()
+        rest = f"{rest}  {found.within(None, at.time)}".rstrip()
     elif left >= _LEAST_NOTE:
-        rest = f"{rest}  {found.within(left, then.time)}".rstrip()
+        rest = f"{rest}  {found.within(left, at.time)}".rstrip()
     else:
         rest = cut(rest, room)
     return f"{label}  {click.style(rest[:states], fg=COLOURS[state])}{rest[states:]}"
 
 
-def _times(task: TaskThen, interval: Interval) -> str:
+def _times(task: TaskAt, interval: Interval) -> str:
     if not (span := words.span(task, interval)):
         return ""
     start, end = span

@@ -5,10 +5,10 @@ from textwrap import wrap
 
 import click
 
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Message, Task
 from tca_tools.run.selection import lineage
+from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.text import COLOURS
 from tca_tools.tasktree_viz.words import failure_line
@@ -27,21 +27,21 @@ _SHORTEST = 8
 """Columns that are left for words."""
 
 
-def story_lines(past: Past, number: int, width: int | None = None) -> Iterator[str]:
+def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str]:
     """The story as far as the past goes, line by line, wrapped to *width*."""
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
-    message = past.messages[number]
-    yield from _task_lines(past, message, width) if isinstance(message, Task) else _message_lines(message, width)
+    message = run.messages[number]
+    yield from _task_lines(run, message, width) if isinstance(message, Task) else _message_lines(message, width)
     yield ""
-    for sentence in story(past, number, past.time):
+    for sentence in story(run, number, run.time):
         seconds = "" if sentence.seconds is None else f"{sentence.seconds:.3f} s"
-        so_far = f", {past.time - sentence.time:.3f} s so far" if sentence.is_open else ""
+        so_far = f", {run.time - sentence.time:.3f} s so far" if sentence.is_open else ""
         if width < _NARROW:
             took = f", {seconds}" if seconds else ""
             yield from _wrapped(f"{sentence.time:9.3f}  ", sentence.text + took + so_far, width)
         else:
             yield from _wrapped(f"{sentence.time:9.3f} {seconds:>11}  ".ljust(_TIMES), sentence.text + so_far, width)
-    chain = failure_chain(past, TaskId(number)) if isinstance(message, Task) else []
+    chain = failure_chain(run, TaskId(number)) if isinstance(message, Task) else []
     if chain:
         yield ""
         yield from _wrapped("", "its failure, step by step:", width)
@@ -55,16 +55,16 @@ def _message_lines(message: Message, width: int) -> Iterator[str]:
     yield f"{cut(printable(str(message)), width - len(kind) - 2)}: {kind}"
 
 
-def _task_lines(past: Past, task: Task, width: int) -> Iterator[str]:
+def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:
     """Where a task stands, what it is under and what it waits for in the end."""
-    above = list(reversed(lineage(past, TaskId(task.id))))[:-1]
-    stands = standing(past, task, task.state)
+    above = list(reversed(lineage(run, TaskId(task.id))))[:-1]
+    stands = standing(run, task, task.state)
     name = cut(printable(str(task)), width - len(stands) - 2)
     yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
     if above:
-        yield from _wrapped("under ", " > ".join(printable(past.describe(one)) for one in above), width)
-    then = Then(past)
-    if end := in_the_end(then, then.tasks[task.id]):
+        yield from _wrapped("under ", " > ".join(printable(run.describe(one)) for one in above), width)
+    at = RunAt(run)
+    if end := in_the_end(at, at.tasks[task.id]):
         yield from _wrapped("waits in the end ", end, width)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from tca_tools.analysis.words import seconds
 from tca_tools.data import data_text
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, State
 from tca_tools.run.selection import Forest
 from tca_tools.tasktree_viz.outline import Row
@@ -43,7 +43,7 @@ def lines_of(text: str, columns: int, most: int) -> list[str]:
     return [line.replace(_STUCK, " ") for line in lines]
 
 
-def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | None:
+def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
     """From when until when (None: it goes on); None before. A command is a leaf: of its planning nothing is told."""
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
@@ -53,13 +53,13 @@ def span(task: TaskThen, interval: Interval) -> tuple[float, float | None] | Non
     return start, end
 
 
-def role(task: TaskThen) -> str:
+def role(task: TaskAt) -> str:
     """Why there is such a task, if not because a module wanted it done: "listener", "exception handler", "monitor"."""
     kind = "monitor" if task.message_class.is_monitor else ""
     return ", ".join(filter(None, (kind, task.role)))
 
 
-def called(task: TaskThen) -> str:
+def called(task: TaskAt) -> str:
     """Its name, with its role: ``stability check {7} (listener)``."""
     return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
 
@@ -128,19 +128,19 @@ def _shortened(end: str, room: int) -> str:
     return cut(named, left) + number if space and left >= _SHORTEST_NAME else cut(end, room)
 
 
-def note(then: Then, task: TaskThen, *, within: int | None = None) -> str:
+def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
     """What keeps it waiting and for how long it has, and what it waits for in the end; or how it ended if not well.
 
     Looking for the end may lead through all that waits at that moment, though through each only once: *within* at most
     so many waits, else nothing is said of it.
     """
-    return note_of(then, task, within).within(None, then.time)
+    return note_of(at, task, within).within(None, at.time)
 
 
-def note_of(then: Then, task: TaskThen, within: int | None = None) -> Note:
+def note_of(at: RunAt, task: TaskAt, within: int | None = None) -> Note:
     """The same in its parts."""
-    last = last_of(then, task, within)
-    text, its_age = _text_and_age(then, task, has_end=bool(last))
+    last = last_of(at, task, within)
+    text, its_age = _text_and_age(at, task, has_end=bool(last))
     if not last:
         return Note(text, its_age)
     alone = printable(f"{_IN_THE_END}{last}")
@@ -154,59 +154,57 @@ def _names_only(text: str, thing: str) -> bool:
     return bool(found) and "{" not in before and bool(_CLAUSE.fullmatch(after))
 
 
-def _text_and_age(then: Then, task: TaskThen, *, has_end: bool) -> tuple[str, Age | None]:
+def _text_and_age(at: RunAt, task: TaskAt, *, has_end: bool) -> tuple[str, Age | None]:
     """What keeps it waiting, and since when it does; or how it ended if not well (None)."""
     if task.state is State.ENDING:
-        return _ending(then, task), age(then, task)
+        return _ending(at, task), age(at, task)
     if task.state is State.RECOVERING:
-        return _recovering(then, task), age(then, task)
+        return _recovering(at, task), age(at, task)
     if task.failure and task.state in OVER:
         return failure_line(task.failure), None
     if task.why_killed is not None:
-        return _why_killed(then, task), None
-    text, its_age = _going_on(then, task, has_end=has_end)
+        return _why_killed(at, task), None
+    text, its_age = _going_on(at, task, has_end=has_end)
     return "; ".join(filter(None, (failure_line(task.failure), text))), its_age
 
 
-def _recovering(then: Then, task: TaskThen) -> str:
+def _recovering(at: RunAt, task: TaskAt) -> str:
     """Who takes care of its failure, what that is, and what else keeps it."""
-    _, *more = why_waiting(then, TaskId(task.id))
+    _, *more = why_waiting(at, TaskId(task.id))
     failure = failure_line(task.failure) or "its failure"
-    return printable(f"{waits_how(task)} {', and '.join([dealing(then, task, failure), *more])}")
+    return printable(f"{waits_how(task)} {', and '.join([dealing(at, task, failure), *more])}")
 
 
-def _going_on(then: Then, task: TaskThen, *, has_end: bool) -> tuple[str, Age | None]:
+def _going_on(at: RunAt, task: TaskAt, *, has_end: bool) -> tuple[str, Age | None]:
     """What keeps it from going on, or else what is to come. What is under it is shown, and named only where that leads
     to an end.
     """
-    reasons = why_waiting(then, TaskId(task.id), with_children=False)
+    reasons = why_waiting(at, TaskId(task.id), with_children=False)
     with_children = has_end and not reasons
-    reasons = why_waiting(then, TaskId(task.id)) if with_children else reasons
-    ahead = coming(then, task)
+    reasons = why_waiting(at, TaskId(task.id)) if with_children else reasons
+    ahead = coming(at, task)
     if reasons:
         more = f" ({'; '.join(ahead)})" if ahead else ""
         return printable(f"{waits_how(task)} {', and '.join(reasons)}{more}"), age(
-            then, task, with_children=with_children
+            at, task, with_children=with_children
         )
     if task.suspension and task.handling:
         start, by = task.suspension.start, by_whom(task.suspension.by)
-        return printable(f"still runs, though {then.describe(task.suspension.cause)} is suspended{by}"), Age(
-            start, start
-        )
+        return printable(f"still runs, though {at.describe(task.suspension.cause)} is suspended{by}"), Age(start, start)
     return printable("; ".join(ahead)), None
 
 
-def _why_killed(then: Then, task: TaskThen) -> str:
+def _why_killed(at: RunAt, task: TaskAt) -> str:
     """Why, if that is not said of what it is under."""
-    above = then.tasks.get(task.parent)
+    above = at.tasks.get(task.parent)
     return "" if above and above.why_killed == task.why_killed else printable(task.why_killed or "")
 
 
-def _ending(then: Then, task: TaskThen) -> str:
+def _ending(at: RunAt, task: TaskAt) -> str:
     """What keeps a killed task from its end, and why it was killed."""
     if not (why := failure_line(task.failure)):
-        why = f"killed: {why}" if (why := _why_killed(then, task)) else "killed"
-    keeps = printable(", and ".join(why_waiting(then, TaskId(task.id))))
+        why = f"killed: {why}" if (why := _why_killed(at, task)) else "killed"
+    keeps = printable(", and ".join(why_waiting(at, TaskId(task.id))))
     return f"{why}; {keeps}" if keeps else why
 
 
@@ -232,7 +230,7 @@ def failure_line(text: str) -> str:
     return cut(printable(first), _LONGEST_FAILURE) + (" ..." if any(map(str.strip, rest)) else "")
 
 
-def data(task: TaskThen) -> str:
+def data(task: TaskAt) -> str:
     """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``."""
     given, result, failure_data = map(data_text, (task.body, task.result, task.failure_data))
     return " ".join(filter(None, (given, result and f"-> {result}", failure_data and f"failed with {failure_data}")))
@@ -248,10 +246,10 @@ def folded(row: Row) -> str:
     return f"{tasks} {row.state}"
 
 
-def summary(then: Forest, *, is_live: bool = False) -> str:
+def summary(at: Forest, *, is_live: bool = False) -> str:
     """``4.00 s, 8 tasks: 2 held, 1 achieving``; of a run that goes on, as of when."""
-    counts = Counter(task.standing for task in then.tasks.values())
+    counts = Counter(task.standing for task in at.tasks.values())
     states = ", ".join(f"{counts[standing]} {standing}" for standing in STANDINGS if counts[standing])
-    total = f"{len(then.tasks)} task{'s' * (len(then.tasks) != 1)}"
+    total = f"{len(at.tasks)} task{'s' * (len(at.tasks) != 1)}"
     still = " (still running)" * is_live
-    return f"{then.time:.2f} s{still}, {total}" + (f": {states}" if states else "")
+    return f"{at.time:.2f} s{still}, {total}" + (f": {states}" if states else "")

@@ -8,9 +8,9 @@ from typing import Any
 from tca_tools.analysis.words import moment as moment_text
 from tca_tools.analysis.words import seconds
 from tca_tools.data import data_text
-from tca_tools.run.at_time import TaskThen, Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, Hold, Message, State, Task
+from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -43,34 +43,34 @@ def message_answer(
     waits for in the end is found *within* so many waits, or else is said to be further.
     """
     with reading:
-        past = reading.feed.history
-        message = past.messages.get(message_id)
+        run = reading.feed.history
+        message = run.messages.get(message_id)
         if message is None:
             return None
-        then = reading.then(moment)
-        told = [_sentence(one, then.moment) for one in story(past, message_id, then.moment)]
+        at = reading.at(moment)
+        told = [_sentence(one, at.moment) for one in story(run, message_id, at.moment)]
         answer = {
             "id": message.id,
             "name": message.name,
             "class": message.message_class,
-            "sender": sender_of(past, message),
+            "sender": sender_of(run, message),
             "origin": message.origin,
             "role": message.role,
-            "about": past.describe(message.about) if message.about else "",
+            "about": run.describe(message.about) if message.about else "",
             "about_id": message.about,
             "received": message.received,
             "data": data_text(message.body),
-            "result": data_text(message.was("result", then.moment)),
-            "failure_data": data_text(message.was("failure_data", then.moment)),
-            **_failure_answer(past, message, then.moment),
+            "result": data_text(message.was("result", at.moment)),
+            "failure_data": data_text(message.was("failure_data", at.moment)),
+            **_failure_answer(run, message, at.moment),
             "story": told[-_LONGEST_STORY:],
             "untold": max(len(told) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):
-            links = failure_chain(past, TaskId(message.id), then.moment)
+            links = failure_chain(run, TaskId(message.id), at.moment)
             answer["chain"] = [asdict(link) | {"text": words.failure_line(link.text)} for link in links]
-        if isinstance(message, Task) and message.received <= then.moment:
-            answer |= _task_answer(past, then, then.tasks[message.id], within)
+        if isinstance(message, Task) and message.received <= at.moment:
+            answer |= _task_answer(run, at, at.tasks[message.id], within)
         return answer
 
 
@@ -81,60 +81,60 @@ def _sentence(one: Sentence, moment: float) -> dict[str, Any]:
     return {"time": one.time, "text": printable_lines(one.text), "seconds": one.seconds, "is_open": one.is_open}
 
 
-def _failure_answer(past: Past, message: Message, moment: float) -> dict[str, Any]:
+def _failure_answer(run: Run, message: Message, moment: float) -> dict[str, Any]:
     """Its failure as it stood, whether the run went on after it, and who was told."""
     failure, time = message.was("failure", moment), message.written("failure", moment)
     return {
         "failure": printable_lines(failure),
-        "handled": coped_with(past, message, moment),
-        "replaced": bool(failure) and fate(past, message, time, moment) in (Fate.REPLACED, Fate.RETRIED),
-        "told": told_to(past, message, time, moment) if failure else "",
+        "handled": coped_with(run, message, moment),
+        "replaced": bool(failure) and fate(run, message, time, moment) in (Fate.REPLACED, Fate.RETRIED),
+        "told": told_to(run, message, time, moment) if failure else "",
     }
 
 
-def _task_answer(past: Past, then: Then, task: TaskThen, within: int | None) -> dict[str, Any]:
-    is_further = _is_further(then, task, within)
+def _task_answer(run: Run, at: RunAt, task: TaskAt, within: int | None) -> dict[str, Any]:
+    is_further = _is_further(at, task, within)
     return {
         "state": task.standing,
-        "reasons": [{"text": one} | age(then, task, one)._asdict() for one in why_waiting(then, task.id)],
-        "end": "" if is_further else in_the_end(then, task),
+        "reasons": [{"text": one} | age(at, task, one)._asdict() for one in why_waiting(at, task.id)],
+        "end": "" if is_further else in_the_end(at, task),
         "isFurther": is_further,
         "how": waits_how(task),
-        "coming": coming(then, task),
+        "coming": coming(at, task),
         "failure": printable_lines(task.failure),
         "killed": None if task.why_killed is None else printable_lines(task.why_killed),
         "data": data_text(task.body),
         "result": data_text(task.result),
         "failure_data": data_text(task.failure_data),
         "parent": task.parent,
-        "parent_name": past.describe(task.parent) if task.parent else "",
+        "parent_name": run.describe(task.parent) if task.parent else "",
         "children": len(task.children),
-        "caught_by": [{"id": handler, "name": past.describe(handler)} for handler in task.caught_by],
+        "caught_by": [{"id": handler, "name": run.describe(handler)} for handler in task.caught_by],
         "spans": {interval.name.lower(): words.span(task, interval) for interval in Interval},
         "constraints": [
-            *(_constraint_answer(then, task, hold) for hold in task.holds),
+            *(_constraint_answer(at, task, hold) for hold in task.holds),
             *(
-                _constraint_answer(then, above, hold) | {"way": above.id, "way_name": past.describe(above.id)}
-                for above, hold in held_above(then, task)
+                _constraint_answer(at, above, hold) | {"way": above.id, "way_name": run.describe(above.id)}
+                for above, hold in held_above(at, task)
             ),
         ],
     }
 
 
-def _constraint_answer(then: Then, task: TaskThen, hold: Hold) -> dict[str, Any]:
+def _constraint_answer(at: RunAt, task: TaskAt, hold: Hold) -> dict[str, Any]:
     return {
         "id": hold.constraint.before.task,
-        "text": _constraint_text(then.past, hold.constraint),
+        "text": _constraint_text(at.run, hold.constraint),
         "kind": kind_of_arrow(hold.constraint),
-        "is_met": task.is_over(hold) if hold.constraint.delay else then.has_reached(hold.constraint.before),
+        "is_met": task.is_over(hold) if hold.constraint.delay else at.has_reached(hold.constraint.before),
     }
 
 
-def _constraint_text(past: Past, constraint: Any) -> str:
+def _constraint_text(run: Run, constraint: Any) -> str:
     before, after = constraint.before, constraint.after
     delay = f"{seconds(constraint.delay)} after " if constraint.delay else ""
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))
-    what = "its own" if before.task == after.task else "" if not before.task else past.describe(before.task)
+    what = "its own" if before.task == after.task else "" if not before.task else run.describe(before.task)
     return (
         f"{second} not before {delay}{what} {first}"
         if before.task
@@ -142,9 +142,9 @@ def _constraint_text(past: Past, constraint: Any) -> str:
     )
 
 
-def _is_further(then: Then, task: TaskThen, within: int | None) -> bool:
+def _is_further(at: RunAt, task: TaskAt, within: int | None) -> bool:
     """Whether what a task waits for in the end lies further than so many waits, or more than those lie before it."""
-    return within is not None and task.state not in OVER and not Ends.at(then).of(task.id, within)
+    return within is not None and task.state not in OVER and not Ends.at(at).of(task.id, within)
 
 
 def notes_answer(
@@ -154,18 +154,18 @@ def notes_answer(
     as a whole; and what it waits for in the end, or whether that is further than *within* so many waits.
     """
     with reading:
-        then = reading.then(moment)
-        found = ((number, then.past.tasks.get(number)) for number in ids[:_MOST_NOTES])
+        at = reading.at(moment)
+        found = ((number, at.run.tasks.get(number)) for number in ids[:_MOST_NOTES])
         return {
-            str(number): _note(then, then.tasks[number], within)
+            str(number): _note(at, at.tasks[number], within)
             for number, task in found
-            if task is not None and task.received <= then.moment
+            if task is not None and task.received <= at.moment
         }
 
 
-def _note(then: Then, task: TaskThen, within: int | None) -> dict[str, Any]:
-    is_further = _is_further(then, task, within)
-    note = words.note_of(then, task, within=0 if is_further else None)
+def _note(at: RunAt, task: TaskAt, within: int | None) -> dict[str, Any]:
+    is_further = _is_further(at, task, within)
+    note = words.note_of(at, task, within=0 if is_further else None)
     whole = printable_lines(task.failure[:_LONGEST_FAILURE]) or note.text
     whole = f"{note.text}\n\n{whole}" if task.state is State.RECOVERING else whole
     whole = "\n\n".join(filter(None, (whole, note.end)))
@@ -180,12 +180,12 @@ def causes_answer(reading: Reading, moment: float) -> dict[str, Any]:
     A while at a time: where a hundred thousand wait, others want to look, and the journal to be read on.
     """
     with reading:
-        count, known = Count(reading.then(moment)), reading.additions
+        count, known = Count(reading.at(moment)), reading.additions
         steps, is_past = count.steps(), False
     while True:
         with reading:
             if reading.additions != known and not is_past:  # of the entry that this moment is: then all at once
-                count = Count(reading.then(moment))
+                count = Count(reading.at(moment))
                 steps = iter(deque(count.steps(), maxlen=0))
             is_past, known = moment < reading.feed.history.time, reading.additions
             enough = monotonic() + _WHILE
@@ -201,12 +201,12 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
     entries = reading.entries_between(first, place + min(after, _MOST_LINES) + 1)
     lines: list[dict[str, Any]] = []
     with reading:
-        past = reading.feed.history
-        wording = Wording(past.name)
+        run = reading.feed.history
+        wording = Wording(run.name)
         for number, entry in enumerate(entries, first):
             for fact in entry.facts:
                 data = data_text(getattr(fact, "body", b""))
-                line = {"place": number, "time": past.times[number], "kind": kind_of(fact), "id": subject_of(fact)}
+                line = {"place": number, "time": run.times[number], "kind": kind_of(fact), "id": subject_of(fact)}
                 lines.append(line | {"text": wording.words(fact), "data": data[:_LONGEST_DATA]})
     return lines
 

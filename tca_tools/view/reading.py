@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from tca_tools.errors import ToolError, UnusableLog
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.journals import Log, Place
 from tca_tools.view.feed import Feed
 from tca_wire.errors import JournalDamaged
@@ -105,8 +105,8 @@ class Reading:
         """The present on the run's clock, while it is live: never before the last entry."""
         if self.state != "live" or not self.entries:
             return None
-        then, showed = self._known
-        return showed + monotonic() - then
+        at, showed = self._known
+        return showed + monotonic() - at
 
     @property
     def is_over(self) -> bool:
@@ -135,7 +135,7 @@ class Reading:
                 lambda: self.entries > entries or self.is_over or (self.state, self.cut) != (state, cut), seconds
             )
 
-    def then(self, moment: float) -> Then:
+    def at(self, moment: float) -> RunAt:
         """The run as it was at a moment, with what was worked out of it since the entry before. Only inside of
         ``with``.
         """
@@ -143,9 +143,9 @@ class Reading:
         place = bisect_right(history.times, moment)
         if self._worked_out is None or self._worked_out[0] != place:
             self._worked_out = place, {}
-        then = Then(history, moment)
-        _, then.memo = self._worked_out
-        return then
+        at = RunAt(history, moment)
+        _, at.memo = self._worked_out
+        return at
 
     def entries_between(self, first: int, last: int) -> list[Entry]:
         """Entries by their numbers from the first on, read anew from the disk. Not to be called inside of ``with``."""

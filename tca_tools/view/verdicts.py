@@ -2,15 +2,15 @@
 
 from collections.abc import Iterable, Iterator
 
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import Failing, hinges, went_on
 
 
 class Verdicts:
     """Failures by their numbers. Each is looked at again only when something changes on which its verdict hinges."""
 
-    def __init__(self, past: Past) -> None:
-        self._past = past
+    def __init__(self, run: Run) -> None:
+        self._run = run
         self._failures: dict[int, tuple[Failing, float]] = {}
         """Those of which it is not settled: what failed, and when."""
         self._good: set[int] = set()
@@ -35,11 +35,11 @@ class Verdicts:
                 yield from self._look_at(number, *self._failures[number])
 
     def _look_at(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
-        is_good = went_on(self._past, failed, time)
+        is_good = went_on(self._run, failed, time)
         if is_good != (number in self._good):
             yield number, is_good
         (self._good.add if is_good else self._good.discard)(number)
-        open_still = hinges(self._past, failed, time)
+        open_still = hinges(self._run, failed, time)
         for record in open_still:
             self._on_change.setdefault(id(record), {})[number] = None
         if not open_still:

@@ -12,8 +12,8 @@ from enum import StrEnum
 from math import inf
 from operator import attrgetter, itemgetter
 
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, Handling, Message, State, Task
+from tca_tools.run.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import GAVE_UP
 from tca_wire.vocabulary import Outcome, Role
@@ -55,45 +55,45 @@ ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
 """With these the task that failed came to its end."""
 
 
-def fate(past: Past, failed: Failing, time: float, known: float = inf) -> Fate:
+def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
     """What became of a failure at *time*, as far as the records go, or as far as that was known at a moment."""
     if isinstance(failed, Task):
-        return _of_task(past, failed, time, known)
-    if not is_told(past, failed, time):
+        return _of_task(run, failed, time, known)
+    if not is_told(run, failed, time):
         return Fate.UNTOLD
-    if failed.by is None and _monitor(past, failed) is None:
+    if failed.by is None and _monitor(run, failed) is None:
         return Fate.TOLD
-    return Fate.COPED if went_on(past, failed, time, known) else Fate.ANSWERED
+    return Fate.COPED if went_on(run, failed, time, known) else Fate.ANSWERED
 
 
-def went_on(past: Past, failed: Failing, time: float, known: float = inf) -> bool:
+def went_on(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
     """Whether the run went on, or still may, after what failed at *time*; as far as that was known at a moment."""
-    *_, (last, when) = _passed_on(past, failed, time, known)
+    *_, (last, when) = _passed_on(run, failed, time, known)
     if isinstance(last, Task):
-        return _has_failed(last, known) and _of_task(past, last, when, known) in (*GOOD_FATES, Fate.OPEN)
-    return is_told(past, last, when)
+        return _has_failed(last, known) and _of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
+    return is_told(run, last, when)
 
 
-def is_told(past: Past, failed: Failing, time: float) -> bool:
+def is_told(run: Run, failed: Failing, time: float) -> bool:
     """Whether somebody is told of what is no task and failed at *time*: who asked, if he still waited for an answer."""
-    return _has_asker(past, failed) and not _why_untold(past, failed, time)
+    return _has_asker(run, failed) and not _why_untold(run, failed, time)
 
 
-def coped_with(past: Past, message: Message, moment: float = inf, known: float | None = None) -> bool:
+def coped_with(run: Run, message: Message, moment: float = inf, known: float | None = None) -> bool:
     """Whether a message had failed at a moment, and the run had gone on after that by then, or still might; or had by
     the moment until which things are *known*.
     """
     failed = message.written("failure", moment)
-    return bool(message.was("failure", moment)) and went_on(past, message, failed, moment if known is None else known)
+    return bool(message.was("failure", moment)) and went_on(run, message, failed, moment if known is None else known)
 
 
-def standing(past: Past, task: Task, state: State, moment: float = inf) -> str:
+def standing(run: Run, task: Task, state: State, moment: float = inf) -> str:
     """How a task in a state stands at a moment: that; of a failure whether the run had gone on after it by then; and of
     a monitor whether it watched.
     """
     if watches(task, state, moment):
         return WATCHING
-    return HANDLED if state is State.FAILED and coped_with(past, task, moment) else str(state)
+    return HANDLED if state is State.FAILED and coped_with(run, task, moment) else str(state)
 
 
 def watches(task: Task, state: State, moment: float = inf) -> bool:
@@ -106,37 +106,37 @@ def watches(task: Task, state: State, moment: float = inf) -> bool:
     return not task.was("watched", moment) or retried >= task.written("watched", moment)
 
 
-def has_coped(past: Past, handling: Handling) -> bool:
+def has_coped(run: Run, handling: Handling) -> bool:
     """The same of the run of a handler that failed."""
-    return handling.end is not None and went_on(past, failing(past, handling), handling.end)
+    return handling.end is not None and went_on(run, failing(run, handling), handling.end)
 
 
-def failing(past: Past, handling: Handling) -> Failing:
+def failing(run: Run, handling: Handling) -> Failing:
     """What has failed if the run of a handler has: its message, unless that came directly."""
-    return past.messages.get(handling.message_id) or handling
+    return run.messages.get(handling.message_id) or handling
 
 
-def hinges(past: Past, failed: Failing, time: float) -> list[Task | Handling]:
+def hinges(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
     """What may still change whether the run went on, when it changes. Nothing: that is settled."""
-    *_, (last, when) = _passed_on(past, failed, time)
+    *_, (last, when) = _passed_on(run, failed, time)
     if not isinstance(last, Task):
-        is_open = last.by is not None and last.by.end is None and is_told(past, last, when)
+        is_open = last.by is not None and last.by.end is None and is_told(run, last, when)
         return [last.by] if is_open and last.by is not None else []
-    became, top = _of_task(past, last, when), past.tasks[last.top]
-    handler = _last_called(past, last, when, inf)
+    became, top = _of_task(run, last, when), run.tasks[last.top]
+    handler = _last_called(run, last, when, inf)
     is_through = top.state is State.ACHIEVED or (handler is not None and Moment.END_ACHIEVING in handler.reached)
     if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
         return []
     return [last, top]
 
 
-def begun_again_with(past: Past, task: Task, time: float, known: float = inf) -> Task | None:
+def begun_again_with(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
     """The task above one that failed at *time* with whose retry it was killed; as far as that was known at a moment."""
     killed = task.written("killed", known)
     if task.was("killed", known) is None or killed < time:
         return None
-    while task.parent in past.tasks:  # what is between them was killed with it
-        task = past.tasks[task.parent]
+    while task.parent in run.tasks:  # what is between them was killed with it
+        task = run.tasks[task.parent]
         place = bisect_left(task.retries, killed, key=_SINCE)
         if task.retries[place : place + 1] and task.retries[place][0] == killed:
             return task
@@ -145,76 +145,76 @@ def begun_again_with(past: Past, task: Task, time: float, known: float = inf) ->
     return None
 
 
-def told_to(past: Past, failed: Failing, time: float, known: float = inf) -> str:
+def told_to(run: Run, failed: Failing, time: float, known: float = inf) -> str:
     """Who is told of the failure of a query, and what came of it: "told to chef, who went on"; or why nobody is. As far
     as that was known at a moment. "" of what has no answer.
     """
-    if not _has_asker(past, failed):
+    if not _has_asker(run, failed):
         return ""
-    if why := _why_untold(past, failed, time):
+    if why := _why_untold(run, failed, time):
         return f"{Fate.UNTOLD}: {why}"
     if isinstance(failed, Message) and failed.role is Role.CONDITION:
-        return f"told to central, for {past.describe(failed.about)}"
+        return f"told to central, for {run.describe(failed.about)}"
     sender = failed.sender if isinstance(failed, Message) else failed.direct_from
     if failed.by is None:
         return f"told to {sender}"
-    how = _made_of_it(past, failed, failed.by, time, known)
-    return f"told to {sender}, whose handler of {past.describe(failed.by.message_id)} {how}"
+    how = _made_of_it(run, failed, failed.by, time, known)
+    return f"told to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
 
 
-def _made_of_it(past: Past, failed: Failing, asker: Handling, time: float, known: float) -> str:
+def _made_of_it(run: Run, failed: Failing, asker: Handling, time: float, known: float) -> str:
     """What came of it with the handler that was told."""
     if asker.end is None or asker.end > known:
         return "still runs"
     if asker.outcome is not Outcome.FAILED:
         return "went on"
-    return "failed then, and that was handled" if went_on(past, failed, time, known) else "failed then"
+    return "failed then, and that was handled" if went_on(run, failed, time, known) else "failed then"
 
 
-def _passed_on(past: Past, failed: Failing, time: float, known: float = inf) -> Iterator[tuple[Failing, float]]:
+def _passed_on(run: Run, failed: Failing, time: float, known: float = inf) -> Iterator[tuple[Failing, float]]:
     """What failed, and what failed with it, when: as far as a task, or who was told and did not fail."""
     while True:
         yield failed, time
-        if isinstance(failed, Task) or not is_told(past, failed, time):
+        if isinstance(failed, Task) or not is_told(run, failed, time):
             return
-        run = failed.by
-        if monitor := _monitor(past, failed):
+        handling = failed.by
+        if monitor := _monitor(run, failed):
             failed = monitor
-        elif run is not None and run.outcome is Outcome.FAILED and (run.end or 0.0) <= known:
-            failed, time = failing(past, run), run.end or time  # older than what it asked, so this ends
+        elif handling is not None and handling.outcome is Outcome.FAILED and (handling.end or 0.0) <= known:
+            failed, time = failing(run, handling), handling.end or time  # older than what it asked, so this ends
         else:
             return
 
 
-def _has_asker(past: Past, failed: Failing) -> bool:
+def _has_asker(run: Run, failed: Failing) -> bool:
     """Whether somebody asked, and has an answer to come."""
     if isinstance(failed, Message):
         return failed.message_class.has_reply
-    known = past.formats.get(failed.name)
+    known = run.formats.get(failed.name)
     return known is not None and known.message_class.has_reply
 
 
-def _why_untold(past: Past, failed: Failing, time: float) -> str:
+def _why_untold(run: Run, failed: Failing, time: float) -> str:
     """Why of a query that fails at *time* nobody is told; "" if somebody is. Entries have times of their own, so what
     happened at the same time is of the same event, in which who asks may fail with it.
     """
-    run = failed.by
+    handling = failed.by
     if isinstance(failed, Message):
         if why := failed.was("dropped", time):
             return "its sender had given up" if why.startswith(GAVE_UP) else "nobody waited for the answer any more"
         if failed.answered is not None and failed.answered < time:
             return "its sender had enough answers"
-        if (monitor := _monitor(past, failed)) and _stopped_watching(past, monitor, failed.received, time):
+        if (monitor := _monitor(run, failed)) and _stopped_watching(run, monitor, failed.received, time):
             return f"{monitor} watched no longer"
-    if run is not None and run.end is not None and run.end < time:
-        return f"the handler of {past.describe(run.message_id)} that asked had ended"
+    if handling is not None and handling.end is not None and handling.end < time:
+        return f"the handler of {run.describe(handling.message_id)} that asked had ended"
     return ""
 
 
-def _stopped_watching(past: Past, monitor: Task, asked: float, time: float) -> bool:
+def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> bool:
     """Whether a monitor had ended, or begun anew, when a condition that it had asked failed: it does not fail, too."""
     failed = {when for when, failure in monitor.became("failure") if failure}
-    failed.update(one.time for one in past.raised.get(monitor.id, ()))  # with the same text, too
+    failed.update(one.time for one in run.raised.get(monitor.id, ()))  # with the same text, too
     if time in failed:
         return False
     begun = {when for when, _, _ in monitor.retries}  # anew, perhaps with that condition
@@ -224,9 +224,9 @@ def _stopped_watching(past: Past, monitor: Task, asked: float, time: float) -> b
     return any(asked <= when <= time for when in (*ends, monitor.reached.get(Moment.END_ACHIEVING, inf)))
 
 
-def _monitor(past: Past, failed: Failing) -> Task | None:
+def _monitor(run: Run, failed: Failing) -> Task | None:
     """The monitor whose condition it is."""
-    return past.tasks.get(failed.about) if isinstance(failed, Message) and failed.role is Role.CONDITION else None
+    return run.tasks.get(failed.about) if isinstance(failed, Message) and failed.role is Role.CONDITION else None
 
 
 def _has_failed(task: Task, known: float) -> bool:
@@ -238,7 +238,7 @@ def _place(task: Task, time: float) -> int:
     return max(bisect_right(task.states, time, key=_SINCE) - 1, 0)
 
 
-def _of_task(past: Past, task: Task, time: float, known: float = inf) -> Fate:
+def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
     """By the first state that decides: killed, or one in which the task goes on, or has ended well. For what is killed
     a task above it may have been begun again, or the top-level task goes on.
     """
@@ -249,30 +249,28 @@ def _of_task(past: Past, task: Task, time: float, known: float = inf) -> Fate:
     if decided is not None and task.states[decided][1] is not State.KILLED:
         if _was_begun_again(task, time, task.states[decided][0]):
             return Fate.RETRIED
-        if time not in past.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
+        if time not in run.unhandled.get(task.id, ()):  # what survives what is above it goes on, though it has failed
             return Fate.DEALT_WITH
-    return (
-        Fate.RETRIED if begun_again_with(past, task, time, known) is not None else _of_killed(past, task, time, known)
-    )
+    return Fate.RETRIED if begun_again_with(run, task, time, known) is not None else _of_killed(run, task, time, known)
 
 
-def _of_killed(past: Past, task: Task, time: float, known: float) -> Fate:
+def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
     """Of a task that was killed: whether the top-level task went on without it. What ends that when the exception
     handler is through was not for this failure.
     """
-    top, handler = past.tasks[task.top], _last_called(past, task, time, known)
+    top, handler = run.tasks[task.top], _last_called(run, task, time, known)
     if top is not task and _is_achieved(top, known):
         return Fate.REPLACED
     if handler is None:
         return Fate.NOT_HANDLED
     through = min(handler.reached.get(Moment.END_ACHIEVING, inf), known)
-    is_left = time in past.unhandled.get(task.id, ())
+    is_left = time in run.unhandled.get(task.id, ())
     return Fate.KILLED if top is task or is_left or not _goes_on(top, through) else Fate.REPLACED
 
 
-def _last_called(past: Past, task: Task, time: float, known: float) -> Task | None:
+def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None:
     """The exception handler that was called last, until a moment, for a failure of a task at *time* or a later one."""
-    called = (past.tasks[one] for one in reversed(task.caught_by) if one in past.tasks)
+    called = (run.tasks[one] for one in reversed(task.caught_by) if one in run.tasks)
     newest = next((one for one in called if one.received <= known), None)
     return newest if newest is not None and newest.received >= time else None
 

@@ -9,7 +9,7 @@ from heapq import merge
 from itertools import groupby, islice
 from typing import NamedTuple
 
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, State
 from tca_tools.why.leads import Kind, Node, is_delay, leads, next_of
 from tca_tools.why.waiting import blockers_of, of_blocker, waits_how, why_waiting
@@ -54,8 +54,8 @@ class Cause(NamedTuple):
 class Ends:
     """The ends of all waits at a moment."""
 
-    def __init__(self, then: Then) -> None:
-        self._then = then
+    def __init__(self, at: RunAt) -> None:
+        self._at = at
         self._ends: dict[Node, tuple[End, ...]] = {}
         self._circles: dict[int, list[int]] = {}
         """By the first one in it."""
@@ -63,16 +63,16 @@ class Ends:
         """All ends that something else has been found to wait for."""
 
     @classmethod
-    def at(cls, then: Then) -> "Ends":
+    def at(cls, at: RunAt) -> "Ends":
         """Those of a moment, as far as they have been looked for already."""
-        found: Ends = then.memo.setdefault(cls, cls(then))
+        found: Ends = at.memo.setdefault(cls, cls(at))
         return found
 
     def of(self, number: int, within: int | None = None) -> tuple[End, ...]:
         """What something waits for in the end: the first ``MOST``, and one more if there are more. Itself, if it waits
         for nothing that has a number; nothing, if there are more than so many waits *within* which it was looked for.
         """
-        return self.of_node(next_of(self._then, number), within)
+        return self.of_node(next_of(self._at, number), within)
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
         """The same of who waits for this."""
@@ -82,7 +82,7 @@ class Ends:
     def looking(self, node: Node, within: int | None = None) -> Iterator[None]:
         """Find them bit by bit: between two bits others may look for others, and the run may go on."""
         if node not in self._ends and within != 0:
-            for group in _Walk(self._then, self._ends).groups(node, within):
+            for group in _Walk(self._at, self._ends).groups(node, within):
                 if group:
                     self._settle(group)
                 yield
@@ -128,8 +128,8 @@ class _Walk:
     what waits for each other is found together).
     """
 
-    def __init__(self, then: Then, ends: dict[Node, tuple[End, ...]]) -> None:
-        self._then, self._ends = then, ends
+    def __init__(self, at: RunAt, ends: dict[Node, tuple[End, ...]]) -> None:
+        self._at, self._ends = at, ends
         self._order: dict[Node, int] = {}
         """When each was come to."""
         self._lowest: dict[Node, int] = {}
@@ -178,7 +178,7 @@ class _Walk:
         return False
 
     def _enter(self, one: Node) -> None:
-        further, kinds = leads(self._then, one)
+        further, kinds = leads(self._at, one)
         if not further:
             self._ends[one] = tuple(sorted(End(kind.value, one.number) for kind in kinds))
             return
@@ -210,19 +210,19 @@ class Last(NamedTuple):
         return f"{self.that}; in the end also {self.others.removeprefix(', and ')}" if self.others else self.that
 
 
-def in_the_end(then: Then, task: TaskThen) -> str:
+def in_the_end(at: RunAt, task: TaskAt) -> str:
     """What a task waits for in the end: ``for calibrate {343}, which no module handles``; "" if it waits for nothing
     else, or if ``why_waiting`` says as much.
     """
-    return str(last_of(then, task) or "")
+    return str(last_of(at, task) or "")
 
 
-def last_of(then: Then, task: TaskThen, within: int | None = None) -> Last | None:
+def last_of(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
     """The same in its parts; None, too, if it is not found *within* so many waits."""
-    ends = () if task.state in OVER else Ends.at(then).of(task.id, within)
+    ends = () if task.state in OVER else Ends.at(at).of(task.id, within)
     if ends and ends[0].kind is not Kind.CIRCLE:
         ends = tuple(end for end in ends if end.number != task.id)
-    if not ends or _is_told(then, task, ends):
+    if not ends or _is_told(at, task, ends):
         return None
     more = len(ends) - 1
     others = (
@@ -232,81 +232,81 @@ def last_of(then: Then, task: TaskThen, within: int | None = None) -> Last | Non
         if more < MOST
         else f", and for {MOST} or more others"
     )
-    return of_end(then, ends[0])._replace(others=others)
+    return of_end(at, ends[0])._replace(others=others)
 
 
-def _is_told(then: Then, task: TaskThen, ends: tuple[End, ...]) -> bool:
+def _is_told(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
     """Whether each is what it waits for next, and no more is to be said of it than is said there."""
-    nexts, _ = leads(then, next_of(then, task.id))
-    for claim in [then.past.claims[one.number] for one in nexts if one.number in then.past.claims]:
-        if then.is_granted(claim) or claim.by is task.handling:  # who has it is told, or what keeps the task from it
-            nexts += leads(then, Node(claim.id))[0]
+    nexts, _ = leads(at, next_of(at, task.id))
+    for claim in [at.run.claims[one.number] for one in nexts if one.number in at.run.claims]:
+        if at.is_granted(claim) or claim.by is task.handling:  # who has it is told, or what keeps the task from it
+            nexts += leads(at, Node(claim.id))[0]
     told = {one.number for one in nexts}
-    return told >= {end.number for end in ends} and all(_is_plain(then, task, end) for end in ends)
+    return told >= {end.number for end in ends} and all(_is_plain(at, task, end) for end in ends)
 
 
-def _is_plain(then: Then, task: TaskThen, end: End) -> bool:
+def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
     if end.kind is Kind.SUSPENDED:
         return task.state is State.SUSPENDED
-    is_unknown = end.kind is Kind.STANDS and end.number in then.tasks and not why_waiting(then, TaskId(end.number))
-    return is_unknown or end.kind is Kind.GOES_ON or end.number not in then.tasks
+    is_unknown = end.kind is Kind.STANDS and end.number in at.tasks and not why_waiting(at, TaskId(end.number))
+    return is_unknown or end.kind is Kind.GOES_ON or end.number not in at.tasks
 
 
-def of_end(then: Then, end: End) -> Last:
+def of_end(at: RunAt, end: End) -> Last:
     """One of them, with why it waits for nothing else: ``for move {4}, which controller handles``."""
-    if (claim := then.past.claims.get(end.number)) is not None:
-        does = f"{claim.sender} {'has' if then.is_granted(claim) else 'waits for'}"
+    if (claim := at.run.claims.get(end.number)) is not None:
+        does = f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}"
         return Last(f"the {claim}", does, f"{does} that")
-    thing = then.describe(end.number)
-    if does := "no module handles" if end.kind is Kind.NOBODY else _by_whom(then, end):
+    thing = at.describe(end.number)
+    if does := "no module handles" if end.kind is Kind.NOBODY else _by_whom(at, end):
         return Last(thing, does, f"{does} that")
-    which = _not_answered(then, end)
-    return Last(thing, which, which) if which else Last(thing, which := _which(then, end), f"that {which}")
+    which = _not_answered(at, end)
+    return Last(thing, which, which) if which else Last(thing, which := _which(at, end), f"that {which}")
 
 
-def _which(then: Then, end: End) -> str:
-    task = then.tasks.get(end.number)
+def _which(at: RunAt, end: End) -> str:
+    task = at.tasks.get(end.number)
     if end.kind is Kind.CIRCLE:
-        members = Ends.at(then).circle(end.number)
-        others = [then.describe(one) for one in members if one != end.number]
+        members = Ends.at(at).circle(end.number)
+        others = [at.describe(one) for one in members if one != end.number]
         more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
         return f"waits for itself by way of {', '.join(others[:_NAMED])}{more}"
     if end.kind is Kind.SUSPENDED and task and task.suspension:
         by = task.suspension.by
         return f"is suspended{by_whom(by)}"
-    if task and (reasons := _reasons(then, task, end)):
+    if task and (reasons := _reasons(at, task, end)):
         how = "is killed, but" if task.state is State.ENDING else waits_how(task)
         return f"{how} {', and '.join(reasons)}"
     return f"is {task.standing}" if task else "has not been answered"
 
 
-def _by_whom(then: Then, end: End) -> str:
+def _by_whom(at: RunAt, end: End) -> str:
     """Who handles it, where that goes on."""
-    message = then.past.messages.get(end.number)
+    message = at.run.messages.get(end.number)
     is_of_one = message and end.kind is Kind.GOES_ON and message.message_class is not MessageClass.MULTI_QUERY
-    run = then.handling_of(message) if message and is_of_one else None
+    run = at.handling_of(message) if message and is_of_one else None
     return f"{place(run.module, run.resource)} handles" if run else ""
 
 
-def _not_answered(then: Then, end: End) -> str:
+def _not_answered(at: RunAt, end: End) -> str:
     """Who has not answered it, if it was asked of many."""
-    message = then.past.messages.get(end.number)
+    message = at.run.messages.get(end.number)
     is_of_many = message and message.message_class is MessageClass.MULTI_QUERY and end.kind is not Kind.CIRCLE
-    return not_answered(then, message) if message and is_of_many else ""
+    return not_answered(at, message) if message and is_of_many else ""
 
 
-def _reasons(then: Then, task: TaskThen, end: End) -> list[str]:
+def _reasons(at: RunAt, task: TaskAt, end: End) -> list[str]:
     if end.kind is Kind.DELAYED:  # of any of its moments
-        held = blockers_of(then, task, [moment for moment in Moment if moment not in task.reached])
-        return list(dict.fromkeys(of_blocker(then, task, one) for one in held if is_delay(then, one)))
-    return why_waiting(then, task.id)
+        held = blockers_of(at, task, [moment for moment in Moment if moment not in task.reached])
+        return list(dict.fromkeys(of_blocker(at, task, one) for one in held if is_delay(at, one)))
+    return why_waiting(at, task.id)
 
 
-def causes(then: Then) -> tuple[int, int, list[Cause]]:
+def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     """How many tasks wait, for how many things in the end, and the things that most of them wait for. What nobody
     handles counts once a name; a task counts for its first ``MOST`` ends.
     """
-    count = Count(then)
+    count = Count(at)
     deque(count.steps(), maxlen=0)
     return count.causes()
 
@@ -314,16 +314,16 @@ def causes(then: Then) -> tuple[int, int, list[Cause]]:
 class Count:
     """The same, counted bit by bit: of a hundred thousand tasks it takes a while."""
 
-    def __init__(self, then: Then) -> None:
-        self._then, self._ends = then, Ends.at(then)
+    def __init__(self, at: RunAt) -> None:
+        self._at, self._ends = at, Ends.at(at)
         self._waiting = Counter[tuple[End, ...]]()
         self._first: dict[End, int] = {}
 
     def steps(self) -> Iterator[None]:
         """Count. Between two bits the run may go on, and others may look."""
-        for task in list(self._then.tasks.values()):
+        for task in list(self._at.tasks.values()):
             if task.state not in OVER:
-                node = next_of(self._then, task.id)
+                node = next_of(self._at, task.id)
                 yield from self._ends.looking(node)
                 found = self._ends.of_node(node)
                 if found[0].number != task.id or found[0].kind not in _NO_WAITS:
@@ -333,27 +333,27 @@ class Count:
 
     def causes(self) -> tuple[int, int, list[Cause]]:
         """What the function of that name returns, when all has been counted."""
-        then = self._then
+        at = self._at
         things: dict[object, list[End]] = {}
         counts: Counter[object] = Counter()
         for found, tasks in self._waiting.items():
-            named = {_thing(then, end): end for end in reversed(found)}
+            named = {_thing(at, end): end for end in reversed(found)}
             for thing, end in named.items():
                 things.setdefault(thing, []).append(end)
                 counts[thing] += tasks
         ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
-        told = [_cause(then, things[thing], counts[thing], self._first) for thing in ranked]
-        return sum(self._waiting.values()), len({*things, *(_thing(then, end) for end in self._ends.last)}), told
+        told = [_cause(at, things[thing], counts[thing], self._first) for thing in ranked]
+        return sum(self._waiting.values()), len({*things, *(_thing(at, end) for end in self._ends.last)}), told
 
 
-def _thing(then: Then, end: End) -> object:
-    return then.past.name(end.number) if end.kind is Kind.NOBODY else end
+def _thing(at: RunAt, end: End) -> object:
+    return at.run.name(end.number) if end.kind is Kind.NOBODY else end
 
 
-def _cause(then: Then, ends: list[End], tasks: int, first: dict[End, int]) -> Cause:
+def _cause(at: RunAt, ends: list[End], tasks: int, first: dict[End, int]) -> Cause:
     end = min(ends)
-    text = str(of_end(then, end)).removeprefix("for ")
+    text = str(of_end(at, end)).removeprefix("for ")
     if len(set(ends)) > 1:  # messages of one name
-        text = f"{then.past.name(end.number)}, which no module handles"
-    is_lock = end.number in then.past.claims
+        text = f"{at.run.name(end.number)}, which no module handles"
+    is_lock = end.number in at.run.claims
     return Cause(text, tasks, first.get(end, end.number) if is_lock else end.number)

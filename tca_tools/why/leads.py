@@ -10,7 +10,7 @@ from enum import Enum
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import OVER, Claim, Handling, Hold, Message, Queueing, State, Wait
 from tca_tools.why.waiting import blockers_of, up_to
 from tca_tools.why.whereabouts import ahead_of_claim, kept_out
@@ -61,27 +61,27 @@ _NEXT = {
 """The moment that a task waits for itself."""
 
 
-def next_of(then: Then, number: int) -> Node:
+def next_of(at: RunAt, number: int) -> Node:
     """What a task, message or lock comes to next."""
-    if number not in then.tasks:
+    if number not in at.tasks:
         return Node(number)
-    task = then.tasks[number]
+    task = at.tasks[number]
     if (task.handling or task.watches) and task.state is not State.ENDING:
         return Node(number, Moment.END_HANDLING)
     is_first = task.state is State.QUEUED and Moment.START_HANDLING not in task.reached
     return Node(number, Moment.START_HANDLING if is_first else _NEXT.get(task.state, Moment.END_ACHIEVING))
 
 
-def leads(then: Then, node: Node) -> tuple[list[Node], list[Kind]]:
+def leads(at: RunAt, node: Node) -> tuple[list[Node], list[Kind]]:
     """All that this waits for next; and why it waits for itself, where that is so."""
     found: list[Lead] = []
-    if (claim := then.past.claims.get(node.number)) is not None:
-        found += _of_claim(then, claim)
-    elif node.number in then.tasks:
-        task = then.tasks[node.number]
-        found += _of_suspension(task) if node.moment is None else _of_moment(then, task, node.moment)
-    elif message := then.past.messages.get(node.number):
-        found += _of_message(then, message, node.delivery)
+    if (claim := at.run.claims.get(node.number)) is not None:
+        found += _of_claim(at, claim)
+    elif node.number in at.tasks:
+        task = at.tasks[node.number]
+        found += _of_suspension(task) if node.moment is None else _of_moment(at, task, node.moment)
+    elif message := at.run.messages.get(node.number):
+        found += _of_message(at, message, node.delivery)
     on = dict.fromkeys(one for one in found if isinstance(one, Node))
     kinds = dict.fromkeys(one for one in found if isinstance(one, Kind))
     return list(on), list(kinds) if on or kinds else [Kind.STANDS]
@@ -90,139 +90,139 @@ def leads(then: Then, node: Node) -> tuple[list[Node], list[Kind]]:
 # --- locks, messages and handlers ----------------------------------------------------------------------------------
 
 
-def _of_claim(then: Then, claim: Claim) -> Iterator[Lead]:
-    if then.is_granted(claim):
-        yield from _of_held(then, claim)
-    elif held_by := then.held_by(claim.module, claim.resource):
+def _of_claim(at: RunAt, claim: Claim) -> Iterator[Lead]:
+    if at.is_granted(claim):
+        yield from _of_held(at, claim)
+    elif held_by := at.held_by(claim.module, claim.resource):
         yield Node(held_by.id)
     else:
-        inside, first = ahead_of_claim(then, claim)
-        yield from (_of_handler(then, run) for run in inside)
+        inside, first = ahead_of_claim(at, claim)
+        yield from (_of_handler(at, run) for run in inside)
         if first:
             yield Node(first.id)
 
 
-def _of_held(then: Then, claim: Claim) -> Iterator[Lead]:
+def _of_held(at: RunAt, claim: Claim) -> Iterator[Lead]:
     """A lock in force waits for the handler, or else the task, for which it was wanted; of a retried one until that is
     handled again. Outside of handlers it waits for what its module waits for there.
     """
     if claim.by is None:
-        for wait in then.waits_outside(claim.sender):
-            yield from _of_wait(then, wait)
+        for wait in at.waits_outside(claim.sender):
+            yield from _of_wait(at, wait)
         return
-    task = then.tasks.get(claim.by.message_id)
-    if claim.by.end is None or claim.by.end > then.moment:
-        yield _of_handler(then, claim.by)
+    task = at.tasks.get(claim.by.message_id)
+    if claim.by.end is None or claim.by.end > at.moment:
+        yield _of_handler(at, claim.by)
     elif task is not None and task.state not in OVER:
         yield Node(task.id, Moment.END_HANDLING if task.is_retried else Moment.END_ACHIEVING)
 
 
-def _of_handler(then: Then, run: Handling) -> Node:
-    if run.message_id in then.tasks:
+def _of_handler(at: RunAt, run: Handling) -> Node:
+    if run.message_id in at.tasks:
         return Node(run.message_id, Moment.END_HANDLING)
     return Node(run.message_id, None, run.delivery if run.delivery != run.message_id else 0)
 
 
-def _of_message(then: Then, message: Message, delivery: int) -> Iterator[Lead]:
+def _of_message(at: RunAt, message: Message, delivery: int) -> Iterator[Lead]:
     """A message that is no task: a query, as a rule."""
     if message.message_class is MessageClass.MULTI_QUERY:
-        runs, copies = then.copies_of(message)
+        runs, copies = at.copies_of(message)
         for one in runs:
             if delivery in (0, one.delivery):
-                yield from _of_run(then, one)
+                yield from _of_run(at, one)
         for copy in copies if not delivery else ():
-            yield from _of_place(then, message, copy)
-    elif queueing := then.queueing_of(message):
-        yield from _of_place(then, message, queueing)
-    elif run := then.handling_of(message):
-        yield from _of_run(then, run)
+            yield from _of_place(at, message, copy)
+    elif queueing := at.queueing_of(message):
+        yield from _of_place(at, message, queueing)
+    elif run := at.handling_of(message):
+        yield from _of_run(at, run)
 
 
-def _of_place(then: Then, message: Message | TaskThen, queueing: Queueing) -> Iterator[Lead]:
+def _of_place(at: RunAt, message: Message | TaskAt, queueing: Queueing) -> Iterator[Lead]:
     """It is queued: what keeps it out of the resource."""
     if not queueing.module:
         yield Kind.NOBODY
         return
-    by = kept_out(then, queueing.module, queueing.resource, message)
+    by = kept_out(at, queueing.module, queueing.resource, message)
     if isinstance(by, Claim):
         yield Node(by.id)
     else:
-        going_on = [run for run in by if not any(then.waits_of(run))]  # the first that returns makes room
-        yield from (_of_handler(then, run) for run in going_on or by)
+        going_on = [run for run in by if not any(at.waits_of(run))]  # the first that returns makes room
+        yield from (_of_handler(at, run) for run in going_on or by)
 
 
-def _of_run(then: Then, run: Handling) -> Iterator[Lead]:
+def _of_run(at: RunAt, run: Handling) -> Iterator[Lead]:
     """What a handler that blocks waits for."""
-    waits = then.waits_of(run)
+    waits = at.waits_of(run)
     for wait in waits:
-        yield from _of_wait(then, wait)
+        yield from _of_wait(at, wait)
     if not waits:
         yield Kind.GOES_ON
 
 
-def _of_wait(then: Then, wait: Wait) -> Iterator[Lead]:
+def _of_wait(at: RunAt, wait: Wait) -> Iterator[Lead]:
     if wait.moment:
-        if not then.has_reached(Point(TaskId(wait.awaited), wait.moment)):
+        if not at.has_reached(Point(TaskId(wait.awaited), wait.moment)):
             yield Node(wait.awaited, wait.moment)
-    elif wait.awaited in then.past.claims:
+    elif wait.awaited in at.run.claims:
         yield Node(wait.awaited)
-    elif (message := then.past.messages.get(wait.awaited)) and message.received <= then.moment:
-        yield next_of(then, message.id)
+    elif (message := at.run.messages.get(wait.awaited)) and message.received <= at.moment:
+        yield next_of(at, message.id)
 
 
 # --- tasks ---------------------------------------------------------------------------------------------------------
 
 
-def _of_moment(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
+def _of_moment(at: RunAt, task: TaskAt, moment: Moment) -> Iterator[Lead]:
     """What keeps a task from a moment that it has not reached."""
     state = task.state
     if state in OVER:
         return
     if state is State.ENDING:
-        yield from _of_killed(then, task, moment)
+        yield from _of_killed(at, task, moment)
         return
     moments = up_to(task, moment)
-    found = list(_of_blockers(then, task, moments))  # there may be more moments now
+    found = list(_of_blockers(at, task, moments))  # there may be more moments now
     is_end = moment in _ENDS or not _ENDS.isdisjoint(moments)
     if is_end and state is State.RECOVERING:
-        yield from (Node(one, Moment.END_ACHIEVING) for one in task.caught_by[-1:] if one in then.tasks)
+        yield from (Node(one, Moment.END_ACHIEVING) for one in task.caught_by[-1:] if one in at.tasks)
     if is_end and (task.handling or task.watches):
-        yield from _of_run(then, task.handling) if task.handling else [Kind.WATCHES]
+        yield from _of_run(at, task.handling) if task.handling else [Kind.WATCHES]
         if moment is Moment.END_HANDLING:
             return  # the rest comes later
     elif is_end or Moment.START_HANDLING in moments:
-        yield from _of_beginning(then, task)
+        yield from _of_beginning(at, task)
     yield from found
     if until := _until(task, moments, is_end=is_end):
-        yield from (Node(child, until) for child in task.children if not then.has_reached(Point(child, until)))
+        yield from (Node(child, until) for child in task.children if not at.has_reached(Point(child, until)))
 
 
-def _of_beginning(then: Then, task: TaskThen) -> Iterator[Lead]:
+def _of_beginning(at: RunAt, task: TaskAt) -> Iterator[Lead]:
     """What keeps a task from its handler, beside constraints."""
     if task.queueing:
-        yield from _of_place(then, task, task.queueing)
+        yield from _of_place(at, task, task.queueing)
         return
-    if task.is_retried or _has_no_handler(then, task):
+    if task.is_retried or _has_no_handler(at, task):
         yield from _of_suspension(task)
 
 
-def _has_no_handler(then: Then, task: TaskThen) -> bool:
+def _has_no_handler(at: RunAt, task: TaskAt) -> bool:
     """Whether it has had none, or the last one left before it returned."""
-    runs = then.past.tasks[task.id].handlings
-    begun = bisect_right(runs, then.moment, key=attrgetter("start"))
+    runs = at.run.tasks[task.id].handlings
+    begun = bisect_right(runs, at.moment, key=attrgetter("start"))
     return not begun or runs[begun - 1].outcome is None
 
 
-def _until(task: TaskThen, moments: list[Moment], *, is_end: bool) -> Moment | None:
+def _until(task: TaskAt, moments: list[Moment], *, is_end: bool) -> Moment | None:
     """What all under a task has to reach first."""
     if Moment.END_ACHIEVING in moments or (task.is_retried and is_end):
         return Moment.END_ACHIEVING
     return Moment.END_PLANNING if Moment.END_PLANNING in moments else None
 
 
-def _of_blockers(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[Lead]:
-    for blocker in blockers_of(then, task, moments):
-        if is_delay(then, blocker):
+def _of_blockers(at: RunAt, task: TaskAt, moments: list[Moment]) -> Iterator[Lead]:
+    for blocker in blockers_of(at, task, moments):
+        if is_delay(at, blocker):
             yield Kind.DELAYED
         elif isinstance(blocker, Moment):
             yield Node(task.parent, blocker)
@@ -230,22 +230,22 @@ def _of_blockers(then: Then, task: TaskThen, moments: list[Moment]) -> Iterator[
             yield Node(blocker.constraint.before.task, blocker.constraint.before.moment)
 
 
-def is_delay(then: Then, blocker: Hold | Moment) -> bool:
+def is_delay(at: RunAt, blocker: Hold | Moment) -> bool:
     """Whether only time has to pass."""
     if isinstance(blocker, Moment):
         return False
     before = blocker.constraint.before
-    return before.task == ROOT or (blocker.constraint.delay > 0 and then.has_reached(before))
+    return before.task == ROOT or (blocker.constraint.delay > 0 and at.has_reached(before))
 
 
-def _of_suspension(task: TaskThen) -> Iterator[Lead]:
+def _of_suspension(task: TaskAt) -> Iterator[Lead]:
     if task.suspension:
         yield Kind.SUSPENDED if task.suspension.cause == task.id else Node(task.suspension.cause)
 
 
-def _of_killed(then: Then, task: TaskThen, moment: Moment) -> Iterator[Lead]:
+def _of_killed(at: RunAt, task: TaskAt, moment: Moment) -> Iterator[Lead]:
     """A killed task waits for its handler, and for what leaves things safe; for no constraint."""
     if task.handling:
-        yield from _of_run(then, task.handling)
+        yield from _of_run(at, task.handling)
     if moment in (Moment.END_PLANNING, Moment.END_ACHIEVING):
-        yield from (Node(child, moment) for child in task.children if not then.has_reached(Point(child, moment)))
+        yield from (Node(child, moment) for child in task.children if not at.has_reached(Point(child, moment)))

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from tca_tools.analysis.words import times
 from tca_tools.data import data_text
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import WATCHING, told_to, watches
 from tca_tools.why.deciding import decisions, retried_for
 from tca_tools.why.stretches import NO_TIME, OTHERS, Stretch, for_claim_briefly, in_queue_briefly, in_state, still_open
@@ -72,49 +72,49 @@ class Sentence(NamedTuple):
         return self.text + (f", {self.seconds:.3f} s" if self.seconds is not None else "")
 
 
-def story(past: Past, message_id: int, moment: float = inf) -> list[Sentence]:
+def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
     """All that happened to a message or task, in order; nothing of one that is unknown. What had begun at *moment* is
     told as it was known then, but for how it ended: that is Sentence's.
     """
-    message = past.messages.get(message_id)
+    message = run.messages.get(message_id)
     if message is None:
         return []
-    told = [_birth(past, message), *_changes(past, message)]
+    told = [_birth(run, message), *_changes(run, message)]
     if isinstance(message, Task):
-        told += _exhausted(past, message)
-        told += _suspensions(past, message, moment)
-        told += _recoveries(past, message)
-        told += _retries(past, message)
+        told += _exhausted(run, message)
+        told += _suspensions(run, message, moment)
+        told += _recoveries(run, message)
+        told += _retries(run, message)
         told += _kills(message)
-        told += _tests(past, message, moment)
-        told += _plans(past, message)
-    told += _tellings(past, message, moment)
-    told += _waits_in_queues(past, message, moment)
+        told += _tests(run, message, moment)
+        told += _plans(run, message)
+    told += _tellings(run, message, moment)
+    told += _waits_in_queues(run, message, moment)
     for handling in message.handlings:
-        told += _run(past, handling, moment)
+        told += _run(run, handling, moment)
     if isinstance(message, Task):
-        told += _states(past, message, moment)
+        told += _states(run, message, moment)
     return sorted(told, key=attrgetter("time"))  # at one time: what happened before what follows from it
 
 
-def sender_of(past: Past, message: Message) -> str:
+def sender_of(run: Run, message: Message) -> str:
     """Who sent it, and while doing what."""
-    origin = past.delivered(message.origin)
+    origin = run.delivered(message.origin)
     return message.sender + (f" while handling {origin}" if origin else "")
 
 
-def _birth(past: Past, message: Message) -> Sentence:
-    text = f"{message.message_class} sent by {sender_of(past, message)}"
+def _birth(run: Run, message: Message) -> Sentence:
+    text = f"{message.message_class} sent by {sender_of(run, message)}"
     if message.role:
         made = f"{message.message_class} made by central"
         role = "" if message.role.value == message.message_class.value else f": {message.role}"
-        text = f"{made}{role} for {past.describe(message.about)}"
+        text = f"{made}{role} for {run.describe(message.about)}"
     if isinstance(message, Task) and message.parent:
-        text += f", under {past.describe(message.parent)}"
+        text += f", under {run.describe(message.parent)}"
     return Sentence(message.received, text)
 
 
-def _waits_in_queues(past: Past, message: Message, moment: float) -> Iterator[Sentence]:
+def _waits_in_queues(run: Run, message: Message, moment: float) -> Iterator[Sentence]:
     for queueing in message.queueings:
         if queueing.end == queueing.start:
             continue  # it passed through, to a handler that was free
@@ -122,33 +122,33 @@ def _waits_in_queues(past: Past, message: Message, moment: float) -> Iterator[Se
             yield _spanning(queueing, "no module handles it")
             continue
         where = place(queueing.module, queueing.resource)
-        for part in in_queue_briefly(past, queueing, message, moment):
+        for part in in_queue_briefly(run, queueing, message, moment):
             yield _part(part, f"queued for {where}" + (f", {part.why}" if part.why else ""))
 
 
-def _run(past: Past, handling: Handling, moment: float) -> Iterator[Sentence]:
+def _run(run: Run, handling: Handling, moment: float) -> Iterator[Sentence]:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
-    where, then = place(handling.module, handling.resource), Then(past, moment)
+    where, at = place(handling.module, handling.resource), RunAt(run, moment)
     yield _spanning(handling, f"handled by {where}", how)
     over: dict[Moment | None, list[_Asked]] = {}
     for wait in handling.waits:
-        claim = past.claims.get(wait.awaited)
+        claim = run.claims.get(wait.awaited)
         if claim is None:
-            told = _wait(then, wait)
-            if wait.end is None or wait.end > then.moment or told.ending or wait.end == wait.start:
+            told = _wait(at, wait)
+            if wait.end is None or wait.end > at.moment or told.ending or wait.end == wait.start:
                 yield told
             else:
-                over.setdefault(wait.moment, []).append(_Asked(past.describe(wait.awaited), wait.start, wait.end))
+                over.setdefault(wait.moment, []).append(_Asked(run.describe(wait.awaited), wait.start, wait.end))
         elif claim.granted != wait.start:
-            yield from _waits_for_claim(past, wait, claim, moment)
+            yield from _waits_for_claim(run, wait, claim, moment)
         if claim is not None and claim.granted is not None:
             took = None if claim.end is None else claim.end - claim.granted
             yield Sentence(claim.granted, f"its handler has the {claim}", took, took is None)
     for until, waited in over.items():
         yield from _over(until, waited)
-    yield from _asked(then, handling)
+    yield from _asked(at, handling)
 
 
 def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
@@ -164,22 +164,22 @@ def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
             yield Sentence(together[0].start, text, last.end - together[0].start)
 
 
-def _waits_for_claim(past: Past, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
-    for part in for_claim_briefly(past, wait, claim, moment):
+def _waits_for_claim(run: Run, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
+    for part in for_claim_briefly(run, wait, claim, moment):
         what = f"{claim}, {OTHERS}" if part.why == OTHERS else part.why
         yield _part(part, f"its handler waits for the {what}")
 
 
-def _asked(then: Then, handling: Handling) -> Iterator[Sentence]:
+def _asked(at: RunAt, handling: Handling) -> Iterator[Sentence]:
     """The queries for whose replies it did not wait, or later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     later: list[_Asked] = []
     for query in handling.asked or ():
         fetched = first.get(query.id)
-        if fetched is None or fetched.start > max(then.moment, query.received):
+        if fetched is None or fetched.start > max(at.moment, query.received):
             end = query.answered if query.answered is not None else query.written("dropped") if query.dropped else None
-            is_open = query.received <= then.moment and (end is None or end > then.moment)
-            where = whereabouts(then, query.id) if is_open else ""
+            is_open = query.received <= at.moment and (end is None or end > at.moment)
+            where = whereabouts(at, query.id) if is_open else ""
             took = None if end is None else end - query.received
             text = f"its handler asked {query}{where}, and goes on"
             how = f"; it fails: {failure}" if end is not None and (failure := failure_told(query, end)) else ""
@@ -204,41 +204,41 @@ def _at_once(asked: list[_Asked]) -> Iterator[list[_Asked]]:
         yield some
 
 
-def _wait(then: Then, wait: Wait) -> Sentence:
-    past, text = then.past, f"its handler waits {awaited(then.past, wait)}{_missing(then, wait)}"
-    if circle := past.deadlock(wait):
+def _wait(at: RunAt, wait: Wait) -> Sentence:
+    run, text = at.run, f"its handler waits {awaited(at.run, wait)}{_missing(at, wait)}"
+    if circle := run.deadlock(wait):
         told = _spanning(wait, text, f", and is refused: {circle}")
         return told._replace(seconds=None) if wait.end == wait.start else told
-    if why := why_in_vain(past, wait):
+    if why := why_in_vain(run, wait):
         return _spanning(wait, text, f", and gives up: {why}")
-    query = None if wait.moment or wait.end is None else past.messages.get(wait.awaited)
+    query = None if wait.moment or wait.end is None else run.messages.get(wait.awaited)
     failure = "" if query is None or wait.end is None else failure_told(query, wait.end)
     return _spanning(wait, text, f", which fails: {failure}" if failure else "")
 
 
-def _missing(then: Then, wait: Wait) -> str:
+def _missing(at: RunAt, wait: Wait) -> str:
     """Where the query is that a handler waits for at that moment, or who has not answered one that many were asked."""
-    is_waiting = not wait.moment and wait.start <= then.moment and (wait.end is None or wait.end > then.moment)
-    return whereabouts(then, wait.awaited) if is_waiting else ""
+    is_waiting = not wait.moment and wait.start <= at.moment and (wait.end is None or wait.end > at.moment)
+    return whereabouts(at, wait.awaited) if is_waiting else ""
 
 
-def awaited(past: Past, wait: Wait) -> str:
+def awaited(run: Run, wait: Wait) -> str:
     """What a handler waited for: ``for the reply to next stance {7}``."""
     if wait.moment:
-        return f"until {past.describe(wait.awaited)} {clause(wait.moment)}"
-    if claim := past.claims.get(wait.awaited):
-        return f"for the {claim_and_why(Then(past, wait.start), claim)}"
-    return f"for the reply to {past.describe(wait.awaited)}"
+        return f"until {run.describe(wait.awaited)} {clause(wait.moment)}"
+    if claim := run.claims.get(wait.awaited):
+        return f"for the {claim_and_why(RunAt(run, wait.start), claim)}"
+    return f"for the reply to {run.describe(wait.awaited)}"
 
 
-def _changes(past: Past, message: Message) -> Iterator[Sentence]:
+def _changes(run: Run, message: Message) -> Iterator[Sentence]:
     changed = {name for _, name, _ in message.changes}
-    raised = {(one.time, one.text): raised_by(one.by) for one in past.raised.get(message.id, ())}
+    raised = {(one.time, one.text): raised_by(one.by) for one in run.raised.get(message.id, ())}
     for name, say in _SAY.items():
         for time, new in message.became(name) if name in changed else ():
             if new and (said := say(new)):
                 if name == "dropped":
-                    said = answers_so_far(past, message, time) or said
+                    said = answers_so_far(run, message, time) or said
                 who = raised.get((time, new), "") if name == "failure" else ""
                 yield Sentence(time, said + who)
 
@@ -257,9 +257,9 @@ def _kills(task: Task) -> Iterator[Sentence]:
             yield Sentence(time, f"killed: {kill_reason(why, task.was('killed_by', time))}")
 
 
-def _exhausted(past: Past, task: Task) -> Iterator[Sentence]:
+def _exhausted(run: Run, task: Task) -> Iterator[Sentence]:
     """Why an exception handler was not called, though it is there."""
-    for one in past.exhausted.get(task.id, ()):
+    for one in run.exhausted.get(task.id, ()):
         yield Sentence(one.time, exhausted(one))
 
 
@@ -268,59 +268,59 @@ def exhausted(one: Exhausted) -> str:
     return f"exception handler {one.handler} has been called {times(one.calls)}, as often as it may"
 
 
-def _tellings(past: Past, message: Message, moment: float) -> Iterator[Sentence]:
+def _tellings(run: Run, message: Message, moment: float) -> Iterator[Sentence]:
     """Who was told that a query failed, and went on or did not."""
     for time, failure in message.became("failure"):
-        if failure and (who := told_to(past, message, time, max(moment, time))):
+        if failure and (who := told_to(run, message, time, max(moment, time))):
             yield Sentence(time, f"its failure is {who}")
 
 
-def _recoveries(past: Past, task: Task) -> Iterator[Sentence]:
+def _recoveries(run: Run, task: Task) -> Iterator[Sentence]:
     for handler in task.caught_by:
-        if found := past.tasks.get(handler):
+        if found := run.tasks.get(handler):
             yield Sentence(found.received, f"exception handler {found} is called")
             for time, failure in found.became("failure"):
                 if failure:
                     yield Sentence(time, f"{found} fails, too: {failure.strip().partition(_NEWLINE)[0]}")
-        if handler in past.reissued:
-            yield Sentence(past.reissued[handler], f"{past.describe(handler)} passes the failure on")
-    if task.id in past.reissued:
-        yield Sentence(past.reissued[task.id], f"passes the failure of {past.describe(task.parent)} on")
+        if handler in run.reissued:
+            yield Sentence(run.reissued[handler], f"{run.describe(handler)} passes the failure on")
+    if task.id in run.reissued:
+        yield Sentence(run.reissued[task.id], f"passes the failure of {run.describe(task.parent)} on")
 
 
-def _retries(past: Past, task: Task) -> Iterator[Sentence]:
+def _retries(run: Run, task: Task) -> Iterator[Sentence]:
     for one in task.retries:
-        yield Sentence(one[0], retried(past, task, one))
-    for time, text in decisions(past, task):
+        yield Sentence(one[0], retried(run, task, one))
+    for time, text in decisions(run, task):
         yield Sentence(time, text)
 
 
-def retried(past: Past, task: Task, retry: tuple[float, str, bool]) -> str:
+def retried(run: Run, task: Task, retry: tuple[float, str, bool]) -> str:
     """``to be handled again, with other data (retried by safety)``."""
     time, by, is_other = retry
-    why = retried_for(past, task, time, by)
+    why = retried_for(run, task, time, by)
     whom = by_whom(by) + (f": {why}" if why else "")
     return "to be handled again" + ", with other data" * is_other + (f" (retried{whom})" if by else "")
 
 
-def _tests(past: Past, monitor: Task, moment: float) -> Iterator[Sentence]:
+def _tests(run: Run, monitor: Task, moment: float) -> Iterator[Sentence]:
     """What a monitor's condition came to; tests with the same outcome, one after the other, are one sentence."""
-    for (_, holds), tests in groupby(past.tests.get(monitor.id, ()), key=lambda test: (test[0] <= moment, test[1])):
+    for (_, holds), tests in groupby(run.tests.get(monitor.id, ()), key=lambda test: (test[0] <= moment, test[1])):
         first, *more = [time for time, _ in tests]
         text = "its condition holds" if holds else "its condition does not hold"
         often = f", {1 + len(more)} times" if more else ""
         yield Sentence(first, text + often, more[-1] - first if more else None, ending=often)
 
 
-def _plans(past: Past, task: Task) -> Iterator[Sentence]:
+def _plans(run: Run, task: Task) -> Iterator[Sentence]:
     """Its deadlines, and the kills that were to come."""
-    for one in past.ahead.get(task.id, ()):
-        then = Then(past, one.set_at)
-        if said := of_ahead(then, then.tasks[task.id], one):
+    for one in run.ahead.get(task.id, ()):
+        at = RunAt(run, one.set_at)
+        if said := of_ahead(at, at.tasks[task.id], one):
             yield Sentence(one.set_at, said)
 
 
-def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
+def _states(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """The states that nothing else tells of, with what ended them or keeps them up."""
     for number, (time, state) in enumerate(task.states):
         after = task.states[number + 1][0] if number + 1 < len(task.states) else None
@@ -332,32 +332,32 @@ def _states(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
             if state not in _IS_TOLD or is_late:
                 yield Sentence(time, "has ended" if is_late else str(state))
             continue
-        for part in in_state(past, task, number, moment):
+        for part in in_state(run, task, number, moment):
             if part.why:
-                left = _left(past, task, part, moment)
-                yield _part(part, f"{state}, {part.why}{left}", _not_achieved(past, task, part))
+                left = _left(run, task, part, moment)
+                yield _part(part, f"{state}, {part.why}{left}", _not_achieved(run, task, part))
             elif state is not State.ENDING:
-                last = past.time if part.end is None else nextafter(part.end, 0.0)
+                last = run.time if part.end is None else nextafter(part.end, 0.0)
                 last = min(last, moment) if part.start <= moment else last
                 yield _part(part, WATCHING if watches(task, state, last) else str(state))
 
 
-def _left(past: Past, task: Task, part: Stretch, moment: float) -> str:
+def _left(run: Run, task: Task, part: Stretch, moment: float) -> str:
     """Of many that it waits for at that moment, how many are not done yet, if some are."""
-    moment = min(moment, past.time)
+    moment = min(moment, run.time)
     if len(part.tasks) <= NAMED or not part.start <= moment < (inf if part.end is None else part.end):
         return ""
-    left = still_open(past, task, part, moment)
+    left = still_open(run, task, part, moment)
     return f", {left} of them still to come" if left < len(part.tasks) else ""
 
 
-def _not_achieved(past: Past, task: Task, part: Stretch) -> str:
+def _not_achieved(run: Run, task: Task, part: Stretch) -> str:
     """Which of what it waited for failed or was killed instead: who is reaches all moments at once."""
     if part.end is None or (task.killed is not None and task.written("killed") <= part.end):
         return ""
     found: dict[str, dict[str, None]] = {}
     for point in (hold.constraint.before for hold in task.holds):
-        other = past.tasks.get(point.task)
+        other = run.tasks.get(point.task)
         if other is None or other is task or not other.states or not (other.id in part.tasks or str(other) in part.why):
             continue
         ended, how = other.states[-1]
@@ -372,21 +372,21 @@ def _failed_before(task: Task, state: State, time: float) -> bool:
     return state is State.FAILED and task.killed is None and task.written("failure", time) < time
 
 
-def _suspensions(past: Past, task: Task, moment: float) -> Iterator[Sentence]:
+def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
     """When it was suspended and resumed, and which handlers ran on."""
     for suspension in task.suspensions:
-        cause, text = past.describe(suspension.cause), f"suspended{by_whom(suspension.by)}"
+        cause, text = run.describe(suspension.cause), f"suspended{by_whom(suspension.by)}"
         if suspension.end is None or suspension.is_resumed or suspension.start <= moment < suspension.end:
             text += f", until {cause} is resumed"
         elif suspension.cause != task.id:
             text += f" with {cause}"
         yield _spanning(suspension, text)
-        for run in suspension.still:
-            took = None if run.end is None else run.end - suspension.start
-            if run.message_id == task.id:
+        for handling in suspension.still:
+            took = None if handling.end is None else handling.end - suspension.start
+            if handling.message_id == task.id:
                 yield Sentence(suspension.start, "its handler still runs", took, took is None)
             elif suspension.cause == task.id:
-                who = past.describe(run.message_id)
+                who = run.describe(handling.message_id)
                 yield Sentence(suspension.start, f"{who} under it still runs", took, took is None)
         if suspension.is_resumed and suspension.end is not None:
             yield Sentence(suspension.end, f"resumed{by_whom(suspension.resumed_by)}")

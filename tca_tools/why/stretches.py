@@ -7,9 +7,9 @@ from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Claim, Message, Queueing, State, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_tools.why.turns import Span
 from tca_tools.why.waiting import Reason, Until, reasons_of
 from tca_tools.why.whereabouts import claim_and_why, kept_busy
@@ -26,7 +26,7 @@ _LOOKS = 200
 OTHERS = "for other causes, one after the other"
 """Said of those that are not told one by one."""
 _OTHERS: list[Reason] = [OTHERS]
-Why = Callable[[Then], list[Reason]]
+Why = Callable[[RunAt], list[Reason]]
 
 
 class Stretch(NamedTuple):
@@ -41,7 +41,7 @@ class Stretch(NamedTuple):
     """All that were waited for together, though not all are named."""
 
 
-def in_state(past: Past, task: Task, number: int, moment: float = inf) -> list[Stretch]:
+def in_state(run: Run, task: Task, number: int, moment: float = inf) -> list[Stretch]:
     """What a task waited for in the state that is the *number*-th of its own; "" for nothing, or where its handler and
     its tests tell of it.
     """
@@ -49,51 +49,51 @@ def in_state(past: Past, task: Task, number: int, moment: float = inf) -> list[S
     if state is State.PLANNING:
         return [Stretch(start, end, "")]
 
-    def why(then: Then) -> list[Reason]:
-        return [] if then.tasks[task.id].watches else reasons_of(then, TaskId(task.id))
+    def why(at: RunAt) -> list[Reason]:
+        return [] if at.tasks[task.id].watches else reasons_of(at, TaskId(task.id))
 
-    span = Span(past, start, end)
+    span = Span(run, start, end)
     return _stretches(span, span.turns_of_task(task), why, moment)
 
 
-def still_open(past: Past, task: Task, part: Stretch, moment: float) -> int:
+def still_open(run: Run, task: Task, part: Stretch, moment: float) -> int:
     """How many of the tasks of a stretch were still waited for at a moment of it."""
-    return len(part.tasks & _tasks(reasons_of(Then(past, moment), TaskId(task.id))))
+    return len(part.tasks & _tasks(reasons_of(RunAt(run, moment), TaskId(task.id))))
 
 
-def in_queue(past: Past, queueing: Queueing, message: Message, moment: float = inf) -> list[Stretch]:
+def in_queue(run: Run, queueing: Queueing, message: Message, moment: float = inf) -> list[Stretch]:
     """What kept a resource from a message; "" if the journal does not tell."""
     module, resource = queueing.module, queueing.resource
-    span = Span(past, queueing.start, queueing.end)
+    span = Span(run, queueing.start, queueing.end)
     turns = span.turns_of_place(module, resource)
-    return _stretches(span, turns, lambda then: [kept_busy(then, module, resource, message)], moment)
+    return _stretches(span, turns, lambda at: [kept_busy(at, module, resource, message)], moment)
 
 
-def in_queue_briefly(past: Past, queueing: Queueing, message: Message, moment: float) -> list[Stretch]:
+def in_queue_briefly(run: Run, queueing: Queueing, message: Message, moment: float) -> list[Stretch]:
     """The same for people to read: of many like causes some are named, and how many more there were."""
-    return _briefly(in_queue(past, queueing, message, moment), moment, lambda parts: _others(past, queueing, parts))
+    return _briefly(in_queue(run, queueing, message, moment), moment, lambda parts: _others(run, queueing, parts))
 
 
-def _others(past: Past, queueing: Queueing, parts: list[Stretch]) -> str:
+def _others(run: Run, queueing: Queueing, parts: list[Stretch]) -> str:
     """How many messages were handled one after the other, if nothing else kept a resource from one that was queued."""
     module, resource, start, end = queueing.module, queueing.resource, parts[0].start, parts[-1].end or inf
-    claims = [one for one in past.asked_for(module, resource) if one.start < end and (one.end or inf) > start]
+    claims = [one for one in run.asked_for(module, resource) if one.start < end and (one.end or inf) > start]
     if claims or not all(part.why == OTHERS or part.why.startswith("busy with ") for part in parts):
         return OTHERS
-    runs = past.runs.get((module, resource), [])
+    runs = run.runs.get((module, resource), [])
     begun, known = (bisect_left(runs, time, key=attrgetter("start")) for time in (start, end))
     return f"busy with {known - begun} others, one after the other"
 
 
-def for_claim(past: Past, wait: Wait, claim: Claim, moment: float = inf) -> list[Stretch]:
+def for_claim(run: Run, wait: Wait, claim: Claim, moment: float = inf) -> list[Stretch]:
     """The claim for which a handler waited, with what kept it from it."""
-    span = Span(past, wait.start, wait.end)
-    return _stretches(span, span.turns_of_claim(claim), lambda then: [claim_and_why(then, claim)], moment)
+    span = Span(run, wait.start, wait.end)
+    return _stretches(span, span.turns_of_claim(claim), lambda at: [claim_and_why(at, claim)], moment)
 
 
-def for_claim_briefly(past: Past, wait: Wait, claim: Claim, moment: float) -> list[Stretch]:
+def for_claim_briefly(run: Run, wait: Wait, claim: Claim, moment: float) -> list[Stretch]:
     """The same for people to read."""
-    return _briefly(for_claim(past, wait, claim, moment), moment, lambda _: OTHERS)
+    return _briefly(for_claim(run, wait, claim, moment), moment, lambda _: OTHERS)
 
 
 def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[Stretch]:
@@ -104,7 +104,7 @@ def _stretches(span: Span, turns: list[float], why: Why, moment: float) -> list[
     """
     stops = _lasting(span, turns)
     known = bisect_right(stops, moment)
-    looks = _Looks(span.past, why)
+    looks = _Looks(span.run, why)
     told = [*looks.at(stops[:known]), *looks.at(stops[known:])]
     told[0] = (span.start, told[0][1])
     changed = [told[0], *(after for before, after in pairwise(told) if _is_news(before[1], after[1]))]
@@ -147,8 +147,8 @@ def _lasting(span: Span, turns: list[float]) -> list[float]:
 class _Looks:
     """Looks at some moments of many."""
 
-    def __init__(self, past: Past, why: Why) -> None:
-        self._past = past
+    def __init__(self, run: Run, why: Why) -> None:
+        self._run = run
         self._why = why
 
     def at(self, stops: list[float]) -> list[tuple[float, list[Reason]]]:
@@ -164,7 +164,7 @@ class _Looks:
     def _some(self, stops: list[float], *, is_back: bool = False) -> Iterator[tuple[float, list[Reason]]]:
         changes, before = 0, _OTHERS
         for stop in stops[:_LOOKS]:
-            reasons = self._why(Then(self._past, stop))
+            reasons = self._why(RunAt(self._run, stop))
             changes += _is_news(reasons, before) if is_back else _is_news(before, reasons)
             if changes > _MOST:
                 return

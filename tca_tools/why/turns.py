@@ -8,8 +8,8 @@ from itertools import chain
 from math import inf
 from typing import Any
 
-from tca_tools.run.past import Past
 from tca_tools.run.records import Claim, Handling, Message, Queueing, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment
 from tca_wire.text.facts_in_words import called
 
@@ -19,8 +19,8 @@ _OF_CHILDREN = (Moment.END_PLANNING, Moment.END_ACHIEVING)
 class Span:
     """From when until when is asked."""
 
-    def __init__(self, past: Past, start: float, end: float | None, memo: dict[object, Any] | None = None) -> None:
-        self.past = past
+    def __init__(self, run: Run, start: float, end: float | None, memo: dict[object, Any] | None = None) -> None:
+        self.run = run
         self.start = start
         self.end = inf if end is None else end
         self._memo = {} if memo is None else memo
@@ -40,7 +40,7 @@ class Span:
         return self._sorted(chain.from_iterable(places))
 
     def _copies(self, module: str) -> list[str]:
-        return [one for one in self.past.modules if called(one) == called(module)]
+        return [one for one in self.run.modules if called(one) == called(module)]
 
     def _sorted(self, times: Iterable[float | None]) -> list[float]:
         return sorted({time for time in times if time is not None and self.start < time < self.end})
@@ -52,7 +52,7 @@ class Span:
         yield from (time for time, _, _ in task.changes)
         yield from (time for time, _, _ in task.retries)
         yield from task.reached.values()
-        tasks = self.past.tasks
+        tasks = self.run.tasks
         for hold in task.holds:
             yield from (hold.added, hold.over)
             before = hold.constraint.before
@@ -67,7 +67,7 @@ class Span:
 
     def _of_family(self, task: Task) -> Iterator[float | None]:
         """What is above it, and what is under it."""
-        tasks = self.past.tasks
+        tasks = self.run.tasks
         if task.parent != ROOT and task.parent in tasks:
             yield from tasks[task.parent].reached.values()
         for number in task.children:
@@ -92,16 +92,16 @@ class Span:
             yield from (wait.start, wait.end)
             if not self._meets(wait.start, wait.end):
                 continue
-            if claim := self.past.claims.get(wait.awaited):
+            if claim := self.run.claims.get(wait.awaited):
                 for module in self._copies(claim.module):
                     yield from self._of_place(module, claim.resource)
-            elif not wait.moment and (message := self.past.messages.get(wait.awaited)):
+            elif not wait.moment and (message := self.run.messages.get(wait.awaited)):
                 yield from self._of_whereabouts(message)
 
     def _of_whereabouts(self, message: Message) -> Iterator[float | None]:
         yield from _ends(message.handlings)
         yield from self._of_queues(message)
-        yield from self._of_queueings(self.past.copies.get(message.id, ()))
+        yield from self._of_queueings(self.run.copies.get(message.id, ()))
         yield message.answered
 
     def _of_queues(self, message: Message) -> Iterator[float | None]:
@@ -122,14 +122,14 @@ class Span:
         return turns
 
     def _there(self, module: str, resource: str) -> Iterator[float | None]:
-        for run in self.past.runs.get((module, resource), ()):
+        for run in self.run.runs.get((module, resource), ()):
             if run.start >= self.end:
                 break
             yield from (run.start, run.end)
-        for claim in self.past.asked_for(module, resource):
+        for claim in self.run.asked_for(module, resource):
             if self._meets(claim.start, None):
                 yield from (claim.start, claim.granted, claim.end, claim.by.end if claim.by else None)
-        if known := self.past.modules.get(module):
+        if known := self.run.modules.get(module):
             yield from (time for time, _ in known.sizes.get(resource, ()))
 
 

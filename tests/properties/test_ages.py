@@ -15,9 +15,9 @@ from properties.life import Life, operation
 from properties.test_blocked_is_told import blocking, steps
 from properties.test_causes_in_stories import life_of
 
-from tca_tools.run.at_time import TaskThen, Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import State
+from tca_tools.run.whole_run import Run
 from tca_tools.why.ages import age
 from tca_tools.why.story import Sentence, story
 from tca_tools.why.waiting import Until, reasons_of, waits_since, why_waiting
@@ -35,58 +35,58 @@ _TOLD = (State.HELD, State.PLANNED, State.ACHIEVING, State.ENDING, State.RECOVER
 """States of which a story tells with the reasons."""
 
 
-def assert_ages_are_the_story_s(past: Past, looks: int = _LOOKS) -> int:
+def assert_ages_are_the_story_s(run: Run, looks: int = _LOOKS) -> int:
     """Between any two entries, of each task that waits. Returns how many causes were compared."""
-    moments = [(before, after) for before, after in pairwise([*past.times, past.time]) if after - before > _NO_TIME]
+    moments = [(before, after) for before, after in pairwise([*run.times, run.time]) if after - before > _NO_TIME]
     compared = 0
     for before, after in moments[:: max(len(moments) // looks, 1)]:
-        then = Then(past, nextafter(after, before))
-        for number, task in then.tasks.items():
-            known = [one for one in story(past, number, then.moment) if _goes_on(one, then.moment)]
-            assert_it_waits_in_all_since(then, task)
-            for text, since in _told(then, task):
+        at = RunAt(run, nextafter(after, before))
+        for number, task in at.tasks.items():
+            known = [one for one in story(run, number, at.moment) if _goes_on(one, at.moment)]
+            assert_it_waits_in_all_since(at, task)
+            for text, since in _told(at, task):
                 found = [one for one in known if one.text.removesuffix(one.ending) == text]
                 for one in found[-1:]:
                     compared += 1
                     if task.state in _TOLD and not task.watches:
-                        assert since is None or since <= one.time + _NO_TIME, (then.moment, text, one)
-                        assert_it_was_so_since(then, task, since)
+                        assert since is None or since <= one.time + _NO_TIME, (at.moment, text, one)
+                        assert_it_was_so_since(at, task, since)
                     else:
-                        assert since == pytest.approx(one.time, abs=_NO_TIME), (then.moment, text, one)
+                        assert since == pytest.approx(one.time, abs=_NO_TIME), (at.moment, text, one)
     return compared
 
 
-def assert_it_waits_in_all_since(then: Then, task: TaskThen) -> None:
+def assert_it_waits_in_all_since(at: RunAt, task: TaskAt) -> None:
     """Before that it was in another state; since then in none but that and suspended."""
     if task.handling or task.watches or task.state not in _TOLD[:3]:
         return
-    states = [one for one in then.past.tasks[task.id].states if one[0] <= then.moment]
+    states = [one for one in at.run.tasks[task.id].states if one[0] <= at.moment]
     lately = list(takewhile(lambda one: one[1] in (task.state, State.SUSPENDED), reversed(states)))
-    assert age(then, task).begun == min(time for time, state in lately if state is task.state), (then.moment, task.id)
+    assert age(at, task).begun == min(time for time, state in lately if state is task.state), (at.moment, task.id)
 
 
-def assert_it_was_so_since(then: Then, task: TaskThen, since: float | None) -> None:
+def assert_it_was_so_since(at: RunAt, task: TaskAt, since: float | None) -> None:
     """All that it waits for now, it did at each moment since, and not before."""
     if since is None:
         return
-    times = then.past.times
+    times = at.run.times
     first, begun = bisect_left(times, since), waits_since(task)
-    for time in times[first : bisect_right(times, then.moment)][:_BACK]:
+    for time in times[first : bisect_right(times, at.moment)][:_BACK]:
         if time - since > _NO_TIME:
-            assert _waited_for_as_much(Then(then.past, time), then, task), (then.moment, since, time)
+            assert _waited_for_as_much(RunAt(at.run, time), at, task), (at.moment, since, time)
     if since - begun > _NO_TIME:
-        assert not _waited_for_as_much(Then(then.past, nextafter(since - _NO_TIME, begun)), then, task), (then, since)
+        assert not _waited_for_as_much(RunAt(at.run, nextafter(since - _NO_TIME, begun)), at, task), (at, since)
 
 
-def _waited_for_as_much(before: Then, then: Then, task: TaskThen) -> bool:
+def _waited_for_as_much(before: RunAt, at: RunAt, task: TaskAt) -> bool:
     was, number = before.tasks[task.id], TaskId(task.id)
-    reasons, once = (set(_singly(one, number)) for one in (then, before))
+    reasons, once = (set(_singly(one, number)) for one in (at, before))
     return reasons <= once and was.state in _TOLD
 
 
-def _singly(then: Then, number: TaskId) -> Iterator[tuple[str, int]]:
+def _singly(at: RunAt, number: TaskId) -> Iterator[tuple[str, int]]:
     """Each that it waits for, and until what; however that ends, if the task is to be handled again then."""
-    for reason in reasons_of(then, number):
+    for reason in reasons_of(at, number):
         if isinstance(reason, Until):
             what = "is achieved" if reason.what == "has ended" else reason.what
             yield from ((what, one) for one in reason.tasks)
@@ -94,18 +94,18 @@ def _singly(then: Then, number: TaskId) -> Iterator[tuple[str, int]]:
             yield reason, 0
 
 
-def _told(then: Then, task: TaskThen) -> list[tuple[str, float | None]]:
+def _told(at: RunAt, task: TaskAt) -> list[tuple[str, float | None]]:
     """What the story has to say of what a task waits for, and since when it does by its row."""
-    reasons = why_waiting(then, TaskId(task.id))
+    reasons = why_waiting(at, TaskId(task.id))
     if not reasons:
         return []
-    since = age(then, task).since
+    since = age(at, task).since
     if task.state in _TOLD and not task.watches:
         return [(f"{task.state}, {' and '.join(reasons)}", since)]
     if task.state is State.QUEUED and (queueing := task.queueing) and queueing.module:
-        why = kept_busy(then, queueing.module, queueing.resource, task)
+        why = kept_busy(at, queueing.module, queueing.resource, task)
         return [(f"queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else ""), since)]
-    if task.handling and [wait.awaited in then.past.claims for wait in task.waits] == [True]:
+    if task.handling and [wait.awaited in at.run.claims for wait in task.waits] == [True]:
         return [(f"its handler waits {reasons[0]}", since)]
     return []
 

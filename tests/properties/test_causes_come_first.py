@@ -14,9 +14,9 @@ from properties.test_blocked_is_told import Told, steps
 
 from tca_central.events import Effect, Record
 from tca_tools.analysis.failures import failures
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Handling, Message, Task
+from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz.failing import Link, failure_chain
 from tca_tools.why.coping import UNDECIDED, Failing, Fate, failing, fate, is_told, told_to, went_on
 from tca_tools.why.story import story
@@ -45,7 +45,7 @@ class Answers:
             elif isinstance(fact, facts.Failed):
                 self.failed.add((time, fact.id))
 
-    def is_told(self, past: Past, query: Message, time: float) -> bool:
+    def is_told(self, run: Run, query: Message, time: float) -> bool:
         """Whether an answer, or the failure of its monitor, came of its failure, while who asked still ran."""
         if query.role is Role.CONDITION:
             return (time, query.about) in self.failed
@@ -82,41 +82,41 @@ class ToldAnswered(Told):
         return effects
 
 
-def _note(answers: Answers, past: Past, effects: list[Effect]) -> None:
+def _note(answers: Answers, run: Run, effects: list[Effect]) -> None:
     for effect in effects:
         if isinstance(effect, Record):
-            answers.note(past.times[past.numbers.index(effect.entry.number)], effect.entry)
+            answers.note(run.times[run.numbers.index(effect.entry.number)], effect.entry)
 
 
-def assert_causes_come_first(past: Past, answers: Answers) -> None:
+def assert_causes_come_first(run: Run, answers: Answers) -> None:
     """Of everything that failed."""
-    for message in past.messages.values():
-        _assert_story(past, message)
+    for message in run.messages.values():
+        _assert_story(run, message)
         if isinstance(message, Task):
-            for moment in (inf, *past.times[:: max(len(past.times) // 5, 1)]):
-                chain = failure_chain(past, TaskId(message.id), moment)
+            for moment in (inf, *run.times[:: max(len(run.times) // 5, 1)]):
+                chain = failure_chain(run, TaskId(message.id), moment)
                 _assert_chain(chain)
-                _assert_known(Then(past, min(moment, past.time)), chain)
+                _assert_known(RunAt(run, min(moment, run.time)), chain)
         elif message.message_class is MessageClass.QUERY:
             for time, failure in message.became("failure"):
                 if failure:
-                    assert is_told(past, message, time) == answers.is_told(past, message, time), f"{message} at {time}"
-                    _assert_told(past, message, time)
-    for run in past.handlings:
-        if run.outcome is Outcome.FAILED and run.end is not None:
-            _assert_told(past, failing(past, run), run.end)
-    for kind in failures(past):
+                    assert is_told(run, message, time) == answers.is_told(run, message, time), f"{message} at {time}"
+                    _assert_told(run, message, time)
+    for handling in run.handlings:
+        if handling.outcome is Outcome.FAILED and handling.end is not None:
+            _assert_told(run, failing(run, handling), handling.end)
+    for kind in failures(run):
         for case in kind.cases:
             assert case.fate is Fate.UNTOLD or not case.why.startswith(Fate.UNTOLD)
             assert case.recovery >= 0
 
 
-def _assert_told(past: Past, failed: Failing, time: float) -> None:
+def _assert_told(run: Run, failed: Failing, time: float) -> None:
     """Who is told had not ended, nor given up; with what nobody is told of nothing fails."""
-    told = told_to(past, failed, time)
+    told = told_to(run, failed, time)
     if told.startswith(Fate.UNTOLD):
-        assert not went_on(past, failed, time)
-        assert fate(past, failed, time) is Fate.UNTOLD
+        assert not went_on(run, failed, time)
+        assert fate(run, failed, time) is Fate.UNTOLD
     elif told:
         assert not _has_ended(failed, time), told
         assert isinstance(failed, Handling) or not failed.was("dropped", time), told
@@ -141,21 +141,21 @@ def _assert_chain(links: list[Link]) -> None:
         assert all(other < place for other in first), f"{one} comes before what it was killed for: {links}"
 
 
-def _assert_known(then: Then, links: list[Link]) -> None:
+def _assert_known(at: RunAt, links: list[Link]) -> None:
     """What is said of how something stands, or goes on, is so at the moment as of which it is told."""
     for one in links:
         if (found := _STANDS.fullmatch(one.text)) is not None:
-            assert found["state"] == then.tasks[TaskId(int(found["number"]))].state, f"{one} at {then.moment}: {links}"
+            assert found["state"] == at.tasks[TaskId(int(found["number"]))].state, f"{one} at {at.moment}: {links}"
         if (recovered := _RECOVERED.fullmatch(one.text)) is not None:
-            assert then.tasks[TaskId(int(recovered[1]))].state in UNDECIDED, f"{one} at {then.moment}: {links}"
+            assert at.tasks[TaskId(int(recovered[1]))].state in UNDECIDED, f"{one} at {at.moment}: {links}"
 
 
-def _assert_story(past: Past, message: Message) -> None:
+def _assert_story(run: Run, message: Message) -> None:
     """A sentence names nothing that was not there yet when it was over."""
-    for one in story(past, message.id):
-        end = past.time if one.is_open else one.time + (one.seconds or 0.0)
+    for one in story(run, message.id):
+        end = run.time if one.is_open else one.time + (one.seconds or 0.0)
         for number in map(int, _NUMBER.findall(one.text)):
-            named = past.messages.get(number)
+            named = run.messages.get(number)
             assert named is None or named.received <= end, f"{message} at {one.time}: {one.text}"
 
 

@@ -11,10 +11,10 @@ from properties.life import Life, operation
 from properties.test_blocked_is_told import blocking, steps
 from tools.test_story import waiting_for_many
 
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fold import History
-from tca_tools.run.past import Past
 from tca_tools.run.records import OVER, State
+from tca_tools.run.whole_run import Run
 from tca_tools.why.story import Sentence, story
 from tca_tools.why.stretches import in_state
 from tca_tools.why.waiting import Reason, Until, reasons_of, why_waiting
@@ -28,35 +28,35 @@ _LOOKS = 40
 """Moments of a run that are looked at."""
 
 
-def assert_names_causes(past: Past, looks: int = _LOOKS) -> None:
+def assert_names_causes(run: Run, looks: int = _LOOKS) -> None:
     """Between any two entries, in the middle, each story names what was known to be the cause there."""
-    moments = [(before, after) for before, after in pairwise([*past.times, past.time]) if after - before > _NO_TIME]
-    stories = {number: story(past, number) for number in past.messages}
+    moments = [(before, after) for before, after in pairwise([*run.times, run.time]) if after - before > _NO_TIME]
+    stories = {number: story(run, number) for number in run.messages}
     for before, after in moments[:: max(len(moments) // looks, 1)]:
-        then = Then(past, (before + after) / 2)
+        at = RunAt(run, (before + after) / 2)
         for number, told in stories.items():
-            if past.messages[number].received <= then.moment:
-                _assert_names_cause(then, number, told)
+            if run.messages[number].received <= at.moment:
+                _assert_names_cause(at, number, told)
 
 
-def _assert_names_cause(then: Then, number: int, told: list[Sentence]) -> None:
-    known = [one.text.removesuffix(one.ending) for one in told if _goes_on(one, then.moment)]
-    for text in _causes(then, number):
+def _assert_names_cause(at: RunAt, number: int, told: list[Sentence]) -> None:
+    known = [one.text.removesuffix(one.ending) for one in told if _goes_on(one, at.moment)]
+    for text in _causes(at, number):
         is_between = any(one.endswith(", one after the other") for one in known)
-        assert text in known or is_between or _is_of_many(then, number), (
-            f"message {number} at {then.moment}: {text!r} not in {known}"
+        assert text in known or is_between or _is_of_many(at, number), (
+            f"message {number} at {at.moment}: {text!r} not in {known}"
         )
 
 
-def _is_of_many(then: Then, number: int) -> bool:
+def _is_of_many(at: RunAt, number: int) -> bool:
     """Whether what it waits for are many tasks of which a stretch tells that began with more, and as one."""
-    task = then.past.tasks[TaskId(number)]
-    reasons = reasons_of(then, TaskId(number))
+    task = at.run.tasks[TaskId(number)]
+    reasons = reasons_of(at, TaskId(number))
     left = {one for reason in reasons if isinstance(reason, Until) for one in reason.tasks}
-    place = bisect_right(task.states, then.moment, key=lambda one: one[0]) - 1
-    parts = in_state(then.past, task, place)
-    (part,) = (one for one in parts if one.start <= then.moment and (one.end is None or then.moment < one.end))
-    before = reasons_of(Then(then.past, part.start), TaskId(number))
+    place = bisect_right(task.states, at.moment, key=lambda one: one[0]) - 1
+    parts = in_state(at.run, task, place)
+    (part,) = (one for one in parts if one.start <= at.moment and (one.end is None or at.moment < one.end))
+    before = reasons_of(RunAt(at.run, part.start), TaskId(number))
     return len(left) > NAMED and left < part.tasks and list(map(_kind, before)) == list(map(_kind, reasons))
 
 
@@ -68,37 +68,37 @@ def _goes_on(one: Sentence, moment: float) -> bool:
     return one.time <= moment and (one.is_open or moment < one.time + (one.seconds or 0.0))
 
 
-def _causes(then: Then, number: int) -> list[str]:
+def _causes(at: RunAt, number: int) -> list[str]:
     """What a story has to say of what a message waits for."""
-    message = then.past.messages[number]
+    message = at.run.messages[number]
     found = []
-    queueing = then.queueing_of(message)
+    queueing = at.queueing_of(message)
     if queueing is not None and queueing.module:
-        why = kept_busy(then, queueing.module, queueing.resource, message)
+        why = kept_busy(at, queueing.module, queueing.resource, message)
         found.append(f"queued for {place(queueing.module, queueing.resource)}" + (f", {why}" if why else ""))
-    task = then.tasks.get(number)
+    task = at.tasks.get(number)
     if task is None:
         return found
-    reasons = why_waiting(then, TaskId(number))
-    if task.state not in OVER and not task.watches and _is_of_state(task) and reasons and _lasts(then, number):
+    reasons = why_waiting(at, TaskId(number))
+    if task.state not in OVER and not task.watches and _is_of_state(task) and reasons and _lasts(at, number):
         found.append(f"{task.state}, {' and '.join(reasons)}")
     run = task.handling
-    waits = then.waits_of(run) if run else []
-    locks = [one for one in waits if one.awaited in then.past.claims]
-    granted = [then.past.claims[one.awaited].granted == one.start for one in locks]
+    waits = at.waits_of(run) if run else []
+    locks = [one for one in waits if one.awaited in at.run.claims]
+    granted = [at.run.claims[one.awaited].granted == one.start for one in locks]
     if task.state in (State.HANDLING, State.PLANNING) and len(waits) == len(locks) == 1 and not granted[0]:
         found.append(f"its handler waits {reasons[0]}")
     return found
 
 
-def _is_of_state(task: TaskThen) -> bool:
+def _is_of_state(task: TaskAt) -> bool:
     return task.state in (State.HELD, State.PLANNED, State.ACHIEVING, State.RECOVERING, State.ENDING)
 
 
-def _lasts(then: Then, number: int) -> bool:
+def _lasts(at: RunAt, number: int) -> bool:
     """Whether it is for long in its state."""
-    states = then.past.tasks[number].states
-    after = bisect_right(states, then.moment, key=lambda one: one[0])
+    states = at.run.tasks[number].states
+    after = bisect_right(states, at.moment, key=lambda one: one[0])
     return after == len(states) or states[after][0] - states[after - 1][0] >= _NO_TIME
 
 

@@ -21,7 +21,7 @@ from tca_central.core import Central
 from tca_central.events import Effect
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim as Wanted
-from tca_tools.run.at_time import TaskThen, Then
+from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim
 from tca_tools.why.ends import MOST, End, Ends
@@ -145,8 +145,8 @@ class Again(Player):
         self.time, self.numbers = life.time, dict(life.numbers)
 
     @property
-    def then(self) -> Then:
-        return Then(History.until(self.entries))
+    def at(self) -> RunAt:
+        return RunAt(History.until(self.entries))
 
     def has_reached(self, node: Node) -> bool:
         """Whether a task is past a moment, as central knows."""
@@ -162,7 +162,7 @@ class Again(Player):
             for run in runs:
                 self.answer(run)
         elif end.kind is Kind.NOBODY:
-            self.take(self.then.past.messages[end.number].name)
+            self.take(self.at.run.messages[end.number].name)
         elif end.kind is Kind.SUSPENDED:
             assert self.central.tree.tasks[TaskId(end.number)].suspended, f"{end} is not suspended"
             self.receive("operator", headers.Suspend(self.number("operator"), TaskId(end.number), resume=True))
@@ -176,9 +176,9 @@ class Again(Player):
         if claim := next((one for one in may_be_released(self.central) if one.id == end.number), None):
             self.release(claim)
             return
-        then = self.then
-        message, wanted = then.past.messages.get(end.number), then.past.claims.get(end.number)
-        places = [wanted] if wanted else [then.queueing_of(message), *then.copies_of(message)[1]] if message else []
+        at = self.at
+        message, wanted = at.run.messages.get(end.number), at.run.claims.get(end.number)
+        places = [wanted] if wanted else [at.queueing_of(message), *at.copies_of(message)[1]] if message else []
         modules = {module.name: module for module in self.central.registry.modules.values()}
         empty = [one for one in places if one and not modules[one.module].resources[one.resource].capacity]
         assert empty, f"{end} {message} stands, and nobody knows why"
@@ -219,33 +219,33 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
     life = Life()
     for step in taken:
         life.do(*step)
-    then = Again(life).then
+    at = Again(life).at
     waiting: dict[tuple[End, ...], list[Node]] = {}
     for task in life.central.tree.tasks.values():
         for moment in Moment:
             if not task.reached & moment:
                 node = Node(task.id, moment)
-                waiting.setdefault(Ends.at(then).of_node(node), []).append(node)
-    for told in then.tasks.values():
+                waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
+    for told in at.tasks.values():
         if told.queueing and told.queueing.module:
-            who_is_said_to_be_next_is(life, then, told)
+            who_is_said_to_be_next_is(life, at, told)
     for ends, nodes in waiting.items():
         if len(ends) <= MOST and all(end.kind is not Kind.WATCHES for end in ends):
             nothing_else_helps(life, ends, nodes)
             for node in dict.fromkeys((nodes[0], nodes[-1])):
                 what_is_named_helps(life, node)
-                each_is_needed(life, then, node, ends)
+                each_is_needed(life, at, node, ends)
 
 
-def who_is_said_to_be_next_is(life: Life, then: Then, task: TaskThen) -> None:
+def who_is_said_to_be_next_is(life: Life, at: RunAt, task: TaskAt) -> None:
     """One that is handled there returns."""
     assert task.queueing
     place = task.queueing.module, task.queueing.resource
-    by, again = kept_out(then, *place, task), Again(life)
-    if isinstance(by, Claim) and (then.is_granted(by) or by.is_reserved):  # that may let it in
+    by, again = kept_out(at, *place, task), Again(life)
+    if isinstance(by, Claim) and (at.is_granted(by) or by.is_reserved):  # that may let it in
         return
     own_slots = {one.given_as for one in may_return(again.central) if not one.nested}
-    going_on = [run for run in then.running(*place) if run.delivery in own_slots]
+    going_on = [run for run in at.running(*place) if run.delivery in own_slots]
     for run in going_on[:1]:
         known = len(again.entries)
         again.answer(again.central.dispatcher.attended[run.delivery])
@@ -257,7 +257,7 @@ def who_is_said_to_be_next_is(life: Life, then: Then, task: TaskThen) -> None:
 
 def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
     again, named = Again(life), {end.number for end in ends}
-    circles = Ends.at(again.then)
+    circles = Ends.at(again.at)
     done = list(rest(again, ends, named))
     left = [node for node in nodes if not again.has_reached(node)]
     assert left == nodes, f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
@@ -292,7 +292,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
     for _ in range(ROUNDS):
         if again.has_reached(node):
             return
-        ends = Ends.at(again.then).of_node(node)
+        ends = Ends.at(again.at).of_node(node)
         if ends[0].kind in (Kind.CIRCLE, Kind.WATCHES):
             return
         told.append(ends)
@@ -300,7 +300,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
     pytest.fail(f"{node} was not reached by what was named: {told[:20]}")
 
 
-def each_is_needed(life: Life, then: Then, node: Node, ends: tuple[End, ...]) -> None:
+def each_is_needed(life: Life, at: RunAt, node: Node, ends: tuple[End, ...]) -> None:
     if len(ends) < 2 or ends[0].kind is Kind.CIRCLE:
         return
     for left in ends:
@@ -311,10 +311,10 @@ def each_is_needed(life: Life, then: Then, node: Node, ends: tuple[End, ...]) ->
 def does_not_help_without(life: Life, node: Node, left: End) -> None:
     again = Again(life)
     for _ in range(ROUNDS):
-        then = again.then
-        if any(is_choice(then, one) for one in reached(then, [node])):
+        at = again.at
+        if any(is_choice(at, one) for one in reached(at, [node])):
             return
-        ends = Ends.at(then).of_node(node)
+        ends = Ends.at(at).of_node(node)
         others = [end for end in ends if end.number != left.number and end.kind is not Kind.DELAYED]
         if not others or ends[0].kind is Kind.CIRCLE or left not in ends:
             return
@@ -322,11 +322,11 @@ def does_not_help_without(life: Life, node: Node, left: End) -> None:
         assert not again.has_reached(node), f"{node} did not wait for {left}"
 
 
-def is_choice(then: Then, node: Node) -> bool:
+def is_choice(at: RunAt, node: Node) -> bool:
     """Whether one of several is enough: of those that are in a resource the first that returns makes room."""
-    message = then.past.messages.get(node.number)
-    queueing = then.queueing_of(message) if message else None
-    return queueing is not None and len(leads(then, node)[0]) > 1
+    message = at.run.messages.get(node.number)
+    queueing = at.queueing_of(message) if message else None
+    return queueing is not None and len(leads(at, node)[0]) > 1
 
 
 @given(steps)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from properties.folded import FoldedPlayer
 from properties.life import Life, operation
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import OVER
 from tca_tools.why.ends import Ends, causes, in_the_end
 from tca_tools.why.leads import Kind, Node, leads, next_of
@@ -21,45 +21,45 @@ class FollowedPlayer(FoldedPlayer):
     """After every event all waits are followed to their ends."""
 
     def compare(self) -> None:
-        then = Then(self.history)
-        for task in then.tasks.values():
+        at = RunAt(self.history)
+        for task in at.tasks.values():
             if task.state not in OVER:
-                assert_told(then, task.id)
-                assert_ends(then, task.id)
-        assert causes(then)[0] <= len(then.tasks)
+                assert_told(at, task.id)
+                assert_ends(at, task.id)
+        assert causes(at)[0] <= len(at.tasks)
 
 
-def assert_told(then: Then, number: int) -> None:
+def assert_told(at: RunAt, number: int) -> None:
     """Each step is one that the reasons name, by its number or, of a lock, by who has it."""
-    told = " and ".join(why_waiting(then, then.tasks[number].id))
+    told = " and ".join(why_waiting(at, at.tasks[number].id))
     named = {int(one) for one in _NUMBER.findall(told)}
-    further = {one.number for one in leads(then, next_of(then, number))[0]} - named
-    claims = {one for one in further if one in then.past.claims}
-    assert all(then.past.claims[one].sender in told for one in claims), (number, told)
+    further = {one.number for one in leads(at, next_of(at, number))[0]} - named
+    claims = {one for one in further if one in at.run.claims}
+    assert all(at.run.claims[one].sender in told for one in claims), (number, told)
     assert " more" in told or not further - claims, (number, told, further)
 
 
-def assert_ends(then: Then, number: int) -> None:
+def assert_ends(at: RunAt, number: int) -> None:
     """They are what can be reached and waits for nothing; if there is no such thing, a circle."""
-    ends, seen = Ends.at(then).of(number), reached(then, [next_of(then, number)])
-    last = {(kind, one.number) for one in seen for kind in leads(then, one)[1]}
+    ends, seen = Ends.at(at).of(number), reached(at, [next_of(at, number)])
+    last = {(kind, one.number) for one in seen for kind in leads(at, one)[1]}
     if ends[0].kind is Kind.CIRCLE:
-        circle = Ends.at(then).circle(ends[0].number)
-        assert any(one in reached(then, leads(then, one)[0]) for one in seen if one.number in circle)
+        circle = Ends.at(at).circle(ends[0].number)
+        assert any(one in reached(at, leads(at, one)[0]) for one in seen if one.number in circle)
     assert last == {(end.kind, end.number) for end in ends if end.kind is not Kind.CIRCLE}
     assert list(ends) == sorted(set(ends))
     last_one = next((end.number for end in ends if end.number != number), number)
-    text = in_the_end(then, then.tasks[number])
-    if text and ends[0].kind is not Kind.CIRCLE and last_one in then.past.messages:
-        assert text.startswith(f"for {then.describe(last_one)}, which "), text
+    text = in_the_end(at, at.tasks[number])
+    if text and ends[0].kind is not Kind.CIRCLE and last_one in at.run.messages:
+        assert text.startswith(f"for {at.describe(last_one)}, which "), text
 
 
-def reached(then: Then, start: Iterable[Node]) -> set[Node]:
+def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
     """All that waits lead to."""
     way = list(start)
     seen = set(way)
     for one in way:  # grows while it is walked
-        new = [other for other in leads(then, one)[0] if other not in seen]
+        new = [other for other in leads(at, one)[0] if other not in seen]
         way += new
         seen.update(new)
     return seen

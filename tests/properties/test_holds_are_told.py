@@ -10,7 +10,7 @@ from properties.life import Life, operation
 
 from tca_central.core import Central
 from tca_central.status.load import _held, load
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.why.waiting import Until, reasons_of, why_waiting
@@ -29,42 +29,38 @@ class ToldPlayer(FoldedPlayer):
 
 
 def assert_same_reasons(central: Central, history: History) -> None:
-    then, told = Then(history), load(central)
+    at, told = RunAt(history), load(central)
     for task_id, task in central.tree.tasks.items():
         if not task.is_running:
-            assert why_waiting(then, TaskId(task_id)), (
-                f"no reason why {task} does not go on ({then.tasks[task_id].state})"
-            )
-    for row, (_, _, task, at) in zip(told["held"], sorted(_held(central), key=itemgetter(0, 1)), strict=False):
-        state = then.tasks[task.id].state
+            assert why_waiting(at, TaskId(task_id)), f"no reason why {task} does not go on ({at.tasks[task_id].state})"
+    for row, (_, _, task, held_at) in zip(told["held"], sorted(_held(central), key=itemgetter(0, 1)), strict=False):
+        state = at.tasks[task.id].state
         may_begin = (
-            at == Moment.START_ACHIEVING
+            held_at == Moment.START_ACHIEVING
             and state in (State.HELD, State.PLANNING, State.RECOVERING)
             and not task.delayed
         )
         if state is not State.SUSPENDED and not (task.is_goal and may_begin):
-            assert_named(then, task.id, row["for"])
+            assert_named(at, task.id, row["for"])
     for row in told["waits"]:
         who = numbers(row["what"])
-        if who and who[0] in then.tasks:
-            assert_named(then, who[0], row["for"])
+        if who and who[0] in at.tasks:
+            assert_named(at, who[0], row["for"])
     for row in told["suspended"]:
-        if not then.tasks[row["task"]].handling:
-            assert_named(then, row["task"], "is resumed")
+        if not at.tasks[row["task"]].handling:
+            assert_named(at, row["task"], "is resumed")
 
 
-def assert_named(then: Then, task: int, what: str) -> None:
+def assert_named(at: RunAt, task: int, what: str) -> None:
     """What central says that a task waits for is named by the tools, or is one of the others that they count."""
-    found_reasons = reasons_of(then, TaskId(task))
+    found_reasons = reasons_of(at, TaskId(task))
     counted = [f"{{{one}}}" for reason in found_reasons if isinstance(reason, Until) for one in reason.tasks]
     reasons = " and ".join([*map(str, found_reasons), *counted])
     if found := _RESOURCE.search(what):
         name, module = found.groups()
         what = place(module, name)
     for wanted in [f"{{{number}}}" for number in numbers(what)] or [_SAID.get(what, what)]:
-        assert wanted in reasons, (
-            f"{then.tasks[task]} ({then.tasks[task].state}) waits for {what}, and is told: {reasons}"
-        )
+        assert wanted in reasons, f"{at.tasks[task]} ({at.tasks[task].state}) waits for {what}, and is told: {reasons}"
 
 
 _SAID = {"the end of a delay": " s", "a module that handles it": "for a module that handles"}

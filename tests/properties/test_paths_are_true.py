@@ -50,17 +50,17 @@ def check(taken: list[tuple[str, int, int, int]]) -> None:
     for step in taken:
         life.do(*step)
         life.tick(1.0)
-    past = life.history
-    seen, causes = Facts(life.entries, list(past.times)), Causes(past)
-    for task in past.tasks.values():
-        path = critical_path(past, causes, task)
+    run = life.history
+    seen, causes = Facts(life.entries, list(run.times)), Causes(run)
+    for task in run.tasks.values():
+        path = critical_path(run, causes, task)
         if not path.steps:
             continue
         said = "\n".join(
-            f"{one.start}-{one.end} {one.doing} {past.describe(one.message_id)} {one.module}: {why_then(past, one)}"
+            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_then(run, one)}"
             for one in path.steps
         )
-        assert path.end == min(seen.ends(task.id), past.time), f"{task} goes on after its path\n{said}"
+        assert path.end == min(seen.ends(task.id), run.time), f"{task} goes on after its path\n{said}"
         for one, after in pairwise(path.steps):
             assert one.end == after.start, f"a gap in the path of {task}\n{said}"
         for one in path.steps:

@@ -7,7 +7,7 @@ from properties.life import Life, operation
 
 from tca_central.events import Effect, Record
 from tca_tools.run.fold import History
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.why.story import story
 
 Told = dict[int, list[str]]
@@ -15,13 +15,11 @@ _NO_TIME = 1e-6
 """Seconds: states that last no longer are not told of."""
 
 
-def told(past: Past, moment: float) -> Told:
+def told(run: Run, moment: float) -> Told:
     """The stories of all messages as they were then."""
     return {
-        number: [
-            f"{one.time:.6f} {one.by(moment, moment)}" for one in story(past, number, moment) if one.time <= moment
-        ]
-        for number, message in past.messages.items()
+        number: [f"{one.time:.6f} {one.by(moment, moment)}" for one in story(run, number, moment) if one.time <= moment]
+        for number, message in run.messages.items()
         if message.received <= moment
     }
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from properties.life import Life, operation
 
 from tca_central.events import Effect, Record
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import whole_outline
@@ -18,13 +18,13 @@ from tca_tools.why.coping import HANDLED
 from tca_wire.points import MOMENTS, Point, TaskId
 
 
-def seen(then: Then) -> Any:
+def seen(at: RunAt) -> Any:
     """All that can be seen of a moment."""
-    places = [(handling.module, handling.resource) for handling in then.past.handlings]
-    places += [place for place, grants in then.past.grants.items() if (grants[0].granted or 0.0) <= then.moment]
+    places = [(handling.module, handling.resource) for handling in at.run.handlings]
+    places += [place for place, grants in at.run.grants.items() if (grants[0].granted or 0.0) <= at.moment]
     return (
-        [_without_verdict(line) for line in tree_lines(then, whole_outline(then), with_data=True)],
-        words.summary(then).partition(":")[0],  # what comes then are the states, as below
+        [_without_verdict(line) for line in tree_lines(at, whole_outline(at), with_data=True)],
+        words.summary(at).partition(":")[0],  # what comes then are the states, as below
         [
             (
                 str(task),
@@ -36,11 +36,11 @@ def seen(then: Then) -> Any:
                 list(task.caught_by),
                 task.constraints,
             )
-            for task in then.tasks.values()
+            for task in at.tasks.values()
         ],
-        [then.has_reached(Point(TaskId(task), moment)) for task in then.tasks for moment in MOMENTS],
-        {place: [handling.message_id for handling in then.running(*place)] for place in places},
-        {place: str(then.held_by(*place)) for place in places},
+        [at.has_reached(Point(TaskId(task), moment)) for task in at.tasks for moment in MOMENTS],
+        {place: [handling.message_id for handling in at.running(*place)] for place in places},
+        {place: str(at.held_by(*place)) for place in places},
     )
 
 
@@ -63,15 +63,15 @@ class WatchedPlayer(Player):
         for effect in effects:
             if isinstance(effect, Record):
                 self.history.apply(effect.entry)
-                self.seen.append((self.history.time, seen(Then(self.history))))
+                self.seen.append((self.history.time, seen(RunAt(self.history))))
                 self.check_now()
         return effects
 
     def check_now(self) -> None:
         """What is known then is, now, what the records say."""
-        then = Then(self.history)
-        assert list(then.tasks) == list(self.history.tasks)
-        for task in then.tasks.values():
+        at = RunAt(self.history)
+        assert list(at.tasks) == list(self.history.tasks)
+        for task in at.tasks.values():
             record = self.history.tasks[task.id]
             for name in (
                 "state",
@@ -93,8 +93,8 @@ class WatchedPlayer(Player):
 def check(player: WatchedPlayer) -> None:
     assert len({time for time, _ in player.seen}) == len(player.seen)
     for time, known in player.seen:
-        then = Then(player.history, time)
-        trees, summary, *rest = seen(then)
+        at = RunAt(player.history, time)
+        trees, summary, *rest = seen(at)
         assert (trees, *rest[:2]) == (known[0], *known[2:4])
         assert summary == known[1]
         for now, before in zip(rest[2:], known[4:], strict=True):  # of places that came later nothing was known

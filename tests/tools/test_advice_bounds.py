@@ -23,7 +23,7 @@ from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import summary
 from tca_tools.report.contents import contents
 from tca_tools.run.fold import History
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_wire.journal import facts
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import called
@@ -31,13 +31,13 @@ from tca_wire.text.facts_in_words import called
 _A_HAIR = 1e-6
 
 
-def all_advice(past: Past) -> list[Advice]:
-    run, causes = summary(past), Causes(past)
-    use, kinds = uses(past, run.start, run.end), failures(past)
+def all_advice(run: Run) -> list[Advice]:
+    handling, causes = summary(run), Causes(run)
+    use, kinds = uses(run, handling.start, handling.end), failures(run)
     told = []
-    for task in filter(None, (last_task(past), longest_task(past))):
-        path = critical_path(past, causes, task)
-        told += advice(past, causes, path, overlaps(past, causes), use, kinds, 0.0)
+    for task in filter(None, (last_task(run), longest_task(run))):
+        path = critical_path(run, causes, task)
+        told += advice(run, causes, path, overlaps(run, causes), use, kinds, 0.0)
     return told
 
 
@@ -101,16 +101,16 @@ class Kitchen(Player):
 @given(JOBS, st.integers(1, 2))
 @settings(max_examples=100)
 def test_one_more_slot_saves_no_more_than_the_report_said(jobs: list[Job], slots: int) -> None:
-    past = Kitchen(jobs, slots).run()
-    saved = summary(past).seconds - summary(Kitchen(jobs, slots + 1).run()).seconds
-    said = max((one.saving for one in all_advice(past) if one.title == "cutter is a bottleneck"), default=0.0)
+    run = Kitchen(jobs, slots).run()
+    saved = summary(run).seconds - summary(Kitchen(jobs, slots + 1).run()).seconds
+    said = max((one.saving for one in all_advice(run) if one.title == "cutter is a bottleneck"), default=0.0)
     assert saved <= said + _A_HAIR
 
 
 # --- a burst -------------------------------------------------------------------------------------------------------
 
 
-def burst(number: int, took: float) -> Past:
+def burst(number: int, took: float) -> Run:
     """So many commands come at once for one resource."""
     story = Story().module("user").module("cutter", "chop")
     chops = [story.at(1.0).command("chop", "user") for _ in range(number)]
@@ -169,20 +169,20 @@ def test_nor_on_a_longer_one(seed: int, tick: int) -> None:
 def check(life: Life, tick: int) -> None:
     """With a clock that goes on every so many seconds only."""
     entries = [facts.Entry(entry.number, entry.time // tick * tick, entry.facts) for entry in life.player.entries]
-    past = History.until(entries)
-    seconds = summary(past).seconds
-    check_ends(past)
-    for one in all_advice(past):
+    run = History.until(entries)
+    seconds = summary(run).seconds
+    check_ends(run)
+    for one in all_advice(run):
         assert "'?'" not in one.title + one.text + one.remedy + one.example, one
         assert 0.0 <= one.on_path <= one.saving + _A_HAIR, one
         assert one.saving <= seconds + _A_HAIR, one
         if one.topic in (Topic.CAPACITY, Topic.LOCK):
-            assert one.saving <= waited(past, one.title.split(" is ")[0]) + _A_HAIR, one
+            assert one.saving <= waited(run, one.title.split(" is ")[0]) + _A_HAIR, one
 
 
-def check_ends(past: Past) -> None:
+def check_ends(run: Run) -> None:
     """Whose end would come sooner: of the path that is shown first, or of the one that advice names."""
-    found = contents(past)
+    found = contents(run)
     for one in found.advice:
         assert found.path is not None or not one.on_path, one
         assert not found.path or one.on_path <= found.path.path.seconds + _A_HAIR, one
@@ -194,10 +194,10 @@ def check_ends(past: Past) -> None:
     assert [one.on_path for one in found.advice] == sorted((one.on_path for one in found.advice), reverse=True)
 
 
-def waited(past: Past, where: str) -> float:
+def waited(run: Run, where: str) -> float:
     """How long anything stood in the queue of a resource, in any copy, or wanted to lock it; what overlaps once."""
     module, _, resource = where.partition(" / ")
     key = (called(module), resource or module)
-    queues = [(one.start, one.end) for one in past.queueings if (called(one.module), one.resource) == key]
-    claims = [(one.start, one.granted) for one in past.claims.values() if (called(one.module), one.resource) == key]
-    return Cover((since, past.time if until is None else until) for since, until in queues + claims).total
+    queues = [(one.start, one.end) for one in run.queueings if (called(one.module), one.resource) == key]
+    claims = [(one.start, one.granted) for one in run.claims.values() if (called(one.module), one.resource) == key]
+    return Cover((since, run.time if until is None else until) for since, until in queues + claims).total

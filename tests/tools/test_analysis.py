@@ -17,8 +17,8 @@ from tca_tools.analysis.spans import Cover, levels
 from tca_tools.analysis.summary import summary
 from tca_tools.analysis.waits import WaitKind, waits
 from tca_tools.export.tables import TABLES
-from tca_tools.run.past import Past
 from tca_tools.run.records import State
+from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import Fate
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -44,7 +44,7 @@ def test_a_run_that_is_not_over_and_one_of_nothing() -> None:
     run = summary(walking().fold())
     assert (run.outcome, run.is_good, run.end) == ("The task had not ended when the journal did.", False, 4.0)
     assert summary(Story().fold()).outcome == "No task was sent."
-    assert summary(Past()).seconds == 0.0
+    assert summary(Run()).seconds == 0.0
 
 
 def test_a_run_of_several_tasks_with_failures_on_the_way() -> None:
@@ -113,8 +113,8 @@ def test_whether_nobody_ever_handled_it_nobody_any_more_or_not_yet(title: str, h
             story.say(facts.HandlerRemoved("dance", "legs"))
         else:
             story.queued(story.command("dance", "user"))
-    past = story.at(9.0).fold()
-    (one,) = advice(past, Causes(past), None, [], [], [], 0.1)
+    run = story.at(9.0).fold()
+    (one,) = advice(run, Causes(run), None, [], [], [], 0.1)
     assert (one.title, round(one.saving, 6)) == (title, 6.0)
 
 
@@ -129,18 +129,18 @@ def test_a_deadline_costs_what_was_done_until_then(is_killed: bool) -> None:
     else:
         helper = caught(story, dock)
         story.returned(helper).reached(helper, *Moment).say(facts.Recovered(TaskId(dock)))
-    past = story.at(1.6).returned(dock).reached(dock, *Moment).fold()
-    (kind,) = failures(past)
+    run = story.at(1.6).returned(dock).reached(dock, *Moment).fold()
+    (kind,) = failures(run)
     assert near(kind.cases[0].lost) == ((0.5,) if is_killed else (0.0,))
-    outcome = past.tasks[dock].handlings[0].outcome  # it returned, but its task had been killed
+    outcome = run.tasks[dock].handlings[0].outcome  # it returned, but its task had been killed
     assert outcome is (Outcome.KILLED if is_killed else Outcome.DONE)
-    (row,) = [row for row in rows_of("handlings", past) if row["name"] == "dock"]
+    (row,) = [row for row in rows_of("handlings", run) if row["name"] == "dock"]
     assert row["outcome"] == ("killed" if is_killed else "done")
 
 
-def rows_of(name: str, past: Past) -> list[dict[str, Any]]:
+def rows_of(name: str, run: Run) -> list[dict[str, Any]]:
     table = next(table for table in TABLES if table.name == name)
-    return [dict(zip(table.columns, row, strict=True)) for row in table.rows(past)]
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows(run)]
 
 
 def test_failures_at_the_same_time_cost_that_time_once() -> None:
@@ -255,8 +255,8 @@ def test_only_the_longest_are_told() -> None:
 
 
 def test_how_busy_resources_were() -> None:
-    past = stepping().fold()
-    legs, planner = uses(past, 1.0, 10.3)
+    run = stepping().fold()
+    legs, planner = uses(run, 1.0, 10.3)
     assert near(legs.name, legs.busy, legs.share) == ("legs", 6.0, 0.645161)
     assert near(planner.handled, planner.busy, planner.waiting) == (4, 3.3, 0)
     assert near(planner.queued, planner.queue_seconds, planner.longest_queue) == (1, 0.1, 1)

@@ -4,14 +4,14 @@ from tools.story import QUERY, Story
 from tools.test_critical_path import path_of, steps_of
 
 from tca_tools.analysis.waits import WaitKind, waits
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.why.story import story as story_of
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
 
 
-def asking() -> Past:
+def asking() -> Run:
     """A handler asks three times, for half a second each: of one who is at work, behind that, and of nobody."""
     tale = Story().module("legs", "act").module("map", "where").module("eyes")
     act = tale.command("act", "user")
@@ -93,5 +93,5 @@ def test_a_wait_with_a_timeout_for_a_task_that_is_still_handled_leads_into_that(
     tale.say(facts.WaitBegan("brain", walk, TaskId(move), Moment.END_ACHIEVING)).at(1.0)
     tale.say(facts.WaitEnded("brain", walk, TaskId(move))).at(1.5)
     tale.returned(walk).reached(walk, *Moment).at(2.0).returned(move)
-    past = tale.fold()
-    assert steps_of(past, past.tasks[TaskId(walk)])[1:] == [("move", "legs", 0.25, 1.0), ("walk", "brain", 1.0, 1.5)]
+    run = tale.fold()
+    assert steps_of(run, run.tasks[TaskId(walk)])[1:] == [("move", "legs", 0.25, 1.0), ("walk", "brain", 1.0, 1.5)]

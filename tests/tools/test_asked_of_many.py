@@ -2,9 +2,9 @@
 
 from central.player import Player
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
 from tca_tools.why.ends import in_the_end
 from tca_tools.why.story import story
@@ -28,40 +28,37 @@ def asking(*, answers: int = 0) -> Player:
     return player
 
 
-def past_of(player: Player) -> Past:
+def past_of(player: Player) -> Run:
     return History.until(player.entries)
 
 
 def test_who_has_not_answered_is_named_with_why() -> None:
-    then = Then(past_of(asking()))
-    assert words.note(then, then.tasks[2]).startswith(
+    at = RunAt(past_of(asking()))
+    assert words.note(at, at.tasks[2]).startswith(
         "waits for the reply to status {3}, which arm, head and legs (queued, busy with walk {1}) have not answered yet"
     )
-    then = Then(past_of(asking(answers=1)))
+    at = RunAt(past_of(asking(answers=1)))
     assert (
         "status {3}, which head and legs (queued, busy with walk {1}) have not answered yet (1 of 3 has)"
-        in words.note(then, then.tasks[2])
+        in words.note(at, at.tasks[2])
     )
-    then = Then(past_of(asking(answers=2)))
+    at = RunAt(past_of(asking(answers=2)))
     assert "status {3}, which legs (queued, busy with walk {1}) has not answered yet (2 of 3 have)" in words.note(
-        then, then.tasks[2]
+        at, at.tasks[2]
     )
 
 
 def test_the_end_of_the_wait_is_what_the_last_of_them_does() -> None:
-    then = Then(past_of(asking(answers=2)))
-    assert in_the_end(then, then.tasks[2]) == "for walk {1}, which legs handles"
+    at = RunAt(past_of(asking(answers=2)))
+    assert in_the_end(at, at.tasks[2]) == "for walk {1}, which legs handles"
 
 
 def test_who_waits_for_the_asker_is_told_too() -> None:
     player = asking(answers=1)
     player.reply("legs/1", value=1)  # it has walked, and is asked now
     another = player.task("user", "watch", flags=Flags(0))
-    then = Then(past_of(player))
-    assert (
-        in_the_end(then, then.tasks[another])
-        == "for status {3}, which head and legs have not answered yet (1 of 3 has)"
-    )
+    at = RunAt(past_of(player))
+    assert in_the_end(at, at.tasks[another]) == "for status {3}, which head and legs have not answered yet (1 of 3 has)"
 
 
 def test_the_story_says_it_as_long_as_it_is_so() -> None:
@@ -70,15 +67,15 @@ def test_the_story_says_it_as_long_as_it_is_so() -> None:
     player.reply("head/1", value=1)
     player.reply("legs/1", value=1)
     player.reply("legs/1", value=1)
-    past = past_of(player)
+    run = past_of(player)
 
     def waiting(moment: float) -> str:
-        return next(one.text for one in story(past, 2, moment) if "waits for" in one.text)
+        return next(one.text for one in story(run, 2, moment) if "waits for" in one.text)
 
     assert waiting(before).endswith(
         "which head and legs (queued, busy with walk {1}) have not answered yet (1 of 3 has)"
     )
-    assert waiting(past.time) == "its handler waits for the reply to status {3}"
+    assert waiting(run.time) == "its handler waits for the reply to status {3}"
 
 
 def test_who_had_not_answered_when_it_was_given_up() -> None:

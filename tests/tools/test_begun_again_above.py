@@ -48,30 +48,30 @@ def achieved(story: Story) -> Story:
     return story.returned(AGAIN).reached(AGAIN, *Moment).reached(JOB, *Moment).at(6.0)
 
 
-def told(past: History, number: int, moment: float = 9.0) -> list[str]:
-    return [one.text for one in failure_chain(past, TaskId(number), moment)]
+def told(run: History, number: int, moment: float = 9.0) -> list[str]:
+    return [one.text for one in failure_chain(run, TaskId(number), moment)]
 
 
-def sentences(past: History, number: int) -> list[str]:
-    return [one.text for one in story_of(past, number)]
+def sentences(run: History, number: int) -> list[str]:
+    return [one.text for one in story_of(run, number)]
 
 
 def test_it_is_overcome_when_the_task_above_is_begun_again_though_the_top_level_task_goes_on() -> None:
-    past = begun_again().fold()
-    move = past.tasks[MOVE]
-    assert fate(past, move, 2.0) is Fate.RETRIED
-    assert begun_again_with(past, move, 2.0) is past.tasks[JOB]
-    assert hinges(past, move, 2.0) == []
-    assert [coped_with(past, move, moment) for moment in (1.5, 2.7, 3.5)] == [False, True, True]
-    assert fate(past, move, 2.0, known=2.7) is Fate.OPEN
+    run = begun_again().fold()
+    move = run.tasks[MOVE]
+    assert fate(run, move, 2.0) is Fate.RETRIED
+    assert begun_again_with(run, move, 2.0) is run.tasks[JOB]
+    assert hinges(run, move, 2.0) == []
+    assert [coped_with(run, move, moment) for moment in (1.5, 2.7, 3.5)] == [False, True, True]
+    assert fate(run, move, 2.0, known=2.7) is Fate.OPEN
 
 
 def test_it_stays_so_though_the_run_fails_later_for_another_reason() -> None:
     story = achieved(begun_again())
     why = "failure 'flood' of task 1 'day' was not handled"
     story.say(facts.Failed(TaskId(DAY), "flood", ""), facts.Unhandled(TaskId(DAY)))
-    past = story.say(facts.Killed(TaskId(DAY), why, "central")).reached(DAY, *Moment).fold()
-    found = {case.message_id: (case.fate, case.why) for kind in failures(past) for case in kind.cases}
+    run = story.say(facts.Killed(TaskId(DAY), why, "central")).reached(DAY, *Moment).fold()
+    found = {case.message_id: (case.fate, case.why) for kind in failures(run) for case in kind.cases}
     assert found[MOVE] == (Fate.RETRIED, "job {2} was handled again: achieved")
     assert found[DAY][0] is Fate.NOT_HANDLED
 
@@ -83,18 +83,18 @@ def test_the_steps_of_the_failure_go_on_to_what_became_of_the_task_above() -> No
         f"move {{3}} was killed: {WITH_JOB} (by planner)",
     ]
     assert told(begun_again().fold(), MOVE) == steps
-    past = achieved(begun_again()).fold()
-    assert told(past, MOVE) == [*steps, "job {2}, handled again: achieved"]
-    assert told(past, MOVE, 3.5) == steps
+    run = achieved(begun_again()).fold()
+    assert told(run, MOVE) == [*steps, "job {2}, handled again: achieved"]
+    assert told(run, MOVE, 3.5) == steps
 
 
 @pytest.mark.parametrize("body", [b"", msgspec.msgpack.encode(2)])
 def test_who_decided_that_is_told_by_the_task_above_and_by_the_exception_handler(body: bytes) -> None:
-    past = begun_again(body=body).fold()
+    run = begun_again(body=body).fold()
     other = ", with other data" * bool(body)
     whom = f"planner: redo {{4}}, called for move {{3}}, which had failed: {JAM}"
-    assert f"to be handled again{other} (retried by {whom})" in sentences(past, JOB)
-    assert f"has job {{2}} handled again{other}" in sentences(past, REDO)
+    assert f"to be handled again{other} (retried by {whom})" in sentences(run, JOB)
+    assert f"has job {{2}} handled again{other}" in sentences(run, REDO)
 
 
 def test_where_two_exception_handlers_run_in_a_module_neither_is_told_to_have_decided() -> None:
@@ -103,15 +103,15 @@ def test_where_two_exception_handlers_run_in_a_module_neither_is_told_to_have_de
     received = story.entries[-1].facts[-1]
     story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.EXCEPTION, about=MOVE)
     story.delivered(other, "planner", "second").at(3.0)
-    past = story.say(facts.Retried(TaskId(JOB), b"", "planner")).at(4.0).fold()
-    assert "to be handled again (retried by planner)" in sentences(past, JOB)
-    assert not [text for text in sentences(past, REDO) if "handled again" in text]
+    run = story.say(facts.Retried(TaskId(JOB), b"", "planner")).at(4.0).fold()
+    assert "to be handled again (retried by planner)" in sentences(run, JOB)
+    assert not [text for text in sentences(run, REDO) if "handled again" in text]
 
 
 def test_of_a_task_that_is_retried_for_its_own_failure_nothing_is_said_twice() -> None:
-    past = jammed().say(facts.Retried(TaskId(MOVE), b"", "planner")).at(4.0).fold()
-    assert "to be handled again (retried by planner)" in sentences(past, MOVE)
-    assert "has move {3} handled again" in sentences(past, REDO)
+    run = jammed().say(facts.Retried(TaskId(MOVE), b"", "planner")).at(4.0).fold()
+    assert "to be handled again (retried by planner)" in sentences(run, MOVE)
+    assert "has move {3} handled again" in sentences(run, REDO)
 
 
 def killed() -> Story:
@@ -128,18 +128,18 @@ def through(story: Story) -> Story:
 
 
 def test_what_its_exception_handler_kills_is_overcome_as_long_as_the_top_level_task_goes_on() -> None:
-    past = killed().fold()
-    assert fate(past, past.tasks[MOVE], 2.0) is Fate.REPLACED
-    assert hinges(past, past.tasks[MOVE], 2.0)
-    past = by_user(killed(), "planner").at(5.0).fold()  # the exception handler gives up
-    assert fate(past, past.tasks[MOVE], 2.0) is Fate.KILLED
-    assert fate(past, past.tasks[MOVE], 2.0, known=3.05) is Fate.REPLACED
+    run = killed().fold()
+    assert fate(run, run.tasks[MOVE], 2.0) is Fate.REPLACED
+    assert hinges(run, run.tasks[MOVE], 2.0)
+    run = by_user(killed(), "planner").at(5.0).fold()  # the exception handler gives up
+    assert fate(run, run.tasks[MOVE], 2.0) is Fate.KILLED
+    assert fate(run, run.tasks[MOVE], 2.0, known=3.05) is Fate.REPLACED
 
 
 def test_it_stays_so_when_the_run_is_ended_later_for_another_reason() -> None:
-    past = through(killed()).fold()
-    assert hinges(past, past.tasks[MOVE], 2.0) == []
-    assert "kills job {2}" in sentences(past, REDO)
-    assert "kills move {3}" not in sentences(past, REDO)  # with that
-    past = by_user(through(killed())).reached(DAY, *Moment).at(5.0).fold()
-    assert fate(past, past.tasks[MOVE], 2.0) is Fate.REPLACED
+    run = through(killed()).fold()
+    assert hinges(run, run.tasks[MOVE], 2.0) == []
+    assert "kills job {2}" in sentences(run, REDO)
+    assert "kills move {3}" not in sentences(run, REDO)  # with that
+    run = by_user(through(killed())).reached(DAY, *Moment).at(5.0).fold()
+    assert fate(run, run.tasks[MOVE], 2.0) is Fate.REPLACED

@@ -86,8 +86,8 @@ def test_looking_one_step_ahead_saves_what_the_report_said(durations: list[tuple
 @given(DURATIONS, st.booleans())
 @settings(max_examples=60)
 def test_the_critical_path_is_as_long_as_the_run(durations: list[tuple[int, int]], looks_ahead: bool) -> None:
-    past = Robot(durations, looks_ahead=looks_ahead).run()
-    task = last_task(past)
+    run = Robot(durations, looks_ahead=looks_ahead).run()
+    task = last_task(run)
     assert task is not None
-    path = critical_path(past, Causes(past), task)
-    assert sum(step.seconds for step in path.steps) == pytest.approx(summary(past).seconds)
+    path = critical_path(run, Causes(run), task)
+    assert sum(step.seconds for step in path.steps) == pytest.approx(summary(run).seconds)

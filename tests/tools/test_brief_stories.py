@@ -21,17 +21,17 @@ def test_who_waits_for_a_reply_is_told_where_the_query_is() -> None:
     tale.queued(salt).at(2.0)
     asked, waits = "its handler asked salt {3}", "its handler waits for the reply to taste {2}"
 
-    def of_handler(past: History) -> list[str]:
-        return [one for one in told(past, cook) if "its handler" in one]
+    def of_handler(run: History) -> list[str]:
+        return [one for one in told(run, cook) if "its handler" in one]
 
     assert of_handler(tale.fold()) == [
         f"1.0 {waits}, which no module handles",
         f"1.5 {asked}, which no module handles, and goes on",
     ]
-    past = tale.module("cellar", "salt").delivered(salt, "cellar").at(3.0).fold()
-    assert of_handler(past)[1] == f"1.5 {asked}, which cellar handles, and goes on"
-    past = tale.returned(salt).say(facts.Answered(salt), facts.Dropped(taste, "no need")).at(4.0).fold()
-    assert of_handler(past) == [f"1.0 (2.0 s) {waits}", f"1.5 (1.5 s) {asked}, and goes on"]
+    run = tale.module("cellar", "salt").delivered(salt, "cellar").at(3.0).fold()
+    assert of_handler(run)[1] == f"1.5 {asked}, which cellar handles, and goes on"
+    run = tale.returned(salt).say(facts.Answered(salt), facts.Dropped(taste, "no need")).at(4.0).fold()
+    assert of_handler(run) == [f"1.0 (2.0 s) {waits}", f"1.5 (1.5 s) {asked}, and goes on"]
 
 
 def test_what_central_made_is_named_once() -> None:
@@ -52,14 +52,14 @@ def test_of_many_that_held_a_lock_the_first_and_the_last_are_told() -> None:
     tale.say(facts.Claimed(100, "legs", "legs", False, "eyes", look)).queued(move, "legs").say(facts.Granted(91))
     for time in range(10, 18):
         tale.at(float(time)).say(facts.ClaimEnded(81 + time, "released"), facts.Granted(82 + time))
-    past = tale.at(18.0).fold()
-    waits = [one for one in told(past, look) if "its handler waits" in one]
+    run = tale.at(18.0).fold()
+    waits = [one for one in told(run, look) if "its handler waits" in one]
     assert [one.partition(", but ")[2].partition(" has ")[0] for one in waits] == [
         *("user1", "user2", "user3", "", "user7", "user8", "user9")
     ]
     others = "for other causes, one after the other"
     assert waits[3] == f"12.0 (3.0 s) its handler waits for the lock of legs {{100}}, {others}"
-    assert f"12.0 (3.0 s) queued for legs, {others}" in told(past, move)
+    assert f"12.0 (3.0 s) queued for legs, {others}" in told(run, move)
 
 
 def test_what_a_handler_asks_at_once_is_told_at_once() -> None:

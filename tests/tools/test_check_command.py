@@ -209,7 +209,7 @@ def at_the_legs(world: World):
     return [seen for seen in world.messages if seen.module == "legs"]
 
 def ever_recovering(world):
-    return [task for task in world.then.tasks.values() if task.state == "recovering"]
+    return [task for task in world.run.tasks.values() if task.state == "recovering"]
 
 ORDER = before(begun(STEP), begun(MOVE))
 ONE = at_most(1, at_the_legs)

@@ -12,21 +12,23 @@ from tca_tools.analysis.critical_path import critical_path, last_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
 from tca_tools.analysis.summary import summary
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 
 
-def found_in(past: Past) -> list[Overlap]:
-    return overlaps(past, Causes(past))
+def found_in(run: Run) -> list[Overlap]:
+    return overlaps(run, Causes(run))
 
 
-def advised(past: Past, at_least: float = 1e-6) -> list[Advice]:
-    run, task = summary(past), last_task(past)
-    causes = Causes(past)
-    path = critical_path(past, causes, task) if task else None
-    return advice(past, causes, path, overlaps(past, causes), uses(past, run.start, run.end), failures(past), at_least)
+def advised(run: Run, at_least: float = 1e-6) -> list[Advice]:
+    handling, task = summary(run), last_task(run)
+    causes = Causes(run)
+    path = critical_path(run, causes, task) if task else None
+    return advice(
+        run, causes, path, overlaps(run, causes), uses(run, handling.start, handling.end), failures(run), at_least
+    )
 
 
 def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
@@ -164,9 +166,9 @@ def test_a_lock_that_is_held_long() -> None:
 
 def test_failures_cost_what_was_done_in_vain_and_what_was_done_about_them() -> None:
     """The move that slipped: 1.0 s in vain, 0.2 s until it was retried. The last one was never overcome: it ended."""
-    past = recovering().fold()
-    causes = Causes(past)
-    path = critical_path(past, causes, past.tasks[1])
-    (one,) = advice(past, causes, path, [], [], failures(past), at_least=0.1)
+    run = recovering().fold()
+    causes = Causes(run)
+    path = critical_path(run, causes, run.tasks[1])
+    (one,) = advice(run, causes, path, [], [], failures(run), at_least=0.1)
     assert near(one.topic, one.saving, one.window) == (Topic.FAILURE, 1.2, (1.0, 2.2))
-    assert [one.topic for one in advised(past, 0.1)] == []
+    assert [one.topic for one in advised(run, 0.1)] == []

@@ -57,39 +57,37 @@ def _fail(story: Story, number: int) -> Story:
     return story.returned(number, Outcome.FAILED).say(facts.Failed(number, "blind", "fog"))
 
 
-def fates(past: History) -> dict[int, Fate]:
-    return {case.message_id: case.fate for kind in failures(past) for case in kind.cases}
+def fates(run: History) -> dict[int, Fate]:
+    return {case.message_id: case.fate for kind in failures(run) for case in kind.cases}
 
 
 def test_who_asked_went_on() -> None:
-    past = asking().fold()
-    look = past.messages[ASKED]
-    assert went_on(past, look, 2.0)
-    assert told_to(past, look, 2.0) == "told to maps, whose handler of where {2} went on"
-    assert fates(past) == {ASKED: Fate.COPED}
-    assert all(kind.is_good for kind in failures(past))
-    assert summary(past).is_good
-    assert (2.0, f"its failure is {told_to(past, look, 2.0)}") in [
-        (one.time, one.text) for one in story_of(past, ASKED)
-    ]
+    run = asking().fold()
+    look = run.messages[ASKED]
+    assert went_on(run, look, 2.0)
+    assert told_to(run, look, 2.0) == "told to maps, whose handler of where {2} went on"
+    assert fates(run) == {ASKED: Fate.COPED}
+    assert all(kind.is_good for kind in failures(run))
+    assert summary(run).is_good
+    assert (2.0, f"its failure is {told_to(run, look, 2.0)}") in [(one.time, one.text) for one in story_of(run, ASKED)]
 
 
 def test_who_asked_still_runs() -> None:
     story = asking()
-    past = History.until(story.entries, 2.5)
-    assert went_on(past, past.messages[ASKED], 2.0)
-    assert told_to(past, past.messages[ASKED], 2.0) == "told to maps, whose handler of where {2} still runs"
+    run = History.until(story.entries, 2.5)
+    assert went_on(run, run.messages[ASKED], 2.0)
+    assert told_to(run, run.messages[ASKED], 2.0) == "told to maps, whose handler of where {2} still runs"
 
 
 @pytest.mark.parametrize(
     ("task_fails", "dealt_with", "end"), [(False, False, True), (True, False, False), (True, True, True)]
 )
 def test_a_failure_that_is_passed_on_is_followed(*, task_fails: bool, dealt_with: bool, end: bool) -> None:
-    past = asking(passed_on=True, task_fails=task_fails, dealt_with=dealt_with).fold()
-    assert [went_on(past, past.messages[number], time) for number, time in ((ASKED, 2.0), (LOOKED, 3.0))] == [end, end]
-    assert fates(past)[ASKED] is (Fate.COPED if end else Fate.ANSWERED)
+    run = asking(passed_on=True, task_fails=task_fails, dealt_with=dealt_with).fold()
+    assert [went_on(run, run.messages[number], time) for number, time in ((ASKED, 2.0), (LOOKED, 3.0))] == [end, end]
+    assert fates(run)[ASKED] is (Fate.COPED if end else Fate.ANSWERED)
     after = ", and that was handled" if end else ""
-    assert told_to(past, past.messages[ASKED], 2.0) == f"told to maps, whose handler of where {{2}} failed then{after}"
+    assert told_to(run, run.messages[ASKED], 2.0) == f"told to maps, whose handler of where {{2}} failed then{after}"
 
 
 def given_up() -> Story:
@@ -108,19 +106,19 @@ def given_up() -> Story:
 
 
 def test_who_had_given_up_is_not_told_and_nothing_of_his_fails_later() -> None:
-    past = given_up().fold()
-    look = past.messages[ASKED]
+    run = given_up().fold()
+    look = run.messages[ASKED]
     told = "told to nobody: its sender had given up"
-    assert told_to(past, look, 9.0) == told
-    assert fates(past) == {1: Fate.NOT_HANDLED, LOOKED: Fate.ANSWERED, ASKED: Fate.UNTOLD}
-    assert [kind.message for kind in failures(past)][-1] == "look"  # though it cost most
-    assert not went_on(past, look, 9.0)
-    assert hinges(past, look, 9.0) == []
-    assert f"its failure is {told}" in [one.text for one in story_of(past, ASKED)]
-    links = failure_chain(past, TaskId(1))
+    assert told_to(run, look, 9.0) == told
+    assert fates(run) == {1: Fate.NOT_HANDLED, LOOKED: Fate.ANSWERED, ASKED: Fate.UNTOLD}
+    assert [kind.message for kind in failures(run)][-1] == "look"  # though it cost most
+    assert not went_on(run, look, 9.0)
+    assert hinges(run, look, 9.0) == []
+    assert f"its failure is {told}" in [one.text for one in story_of(run, ASKED)]
+    links = failure_chain(run, TaskId(1))
     assert [one.text for one in links if one.depth] == ["where {2} failed: blind: fog"]
     assert max(one.time for one in links) == 2.0
-    bar = next(bar for row in chart(past).rows for bar in row.handled if bar.name == "look")
+    bar = next(bar for row in chart(run).rows for bar in row.handled if bar.name == "look")
     assert bar.title.endswith(f": failed, {told}")
 
 
@@ -131,9 +129,9 @@ def test_who_had_ended_is_not_told() -> None:
     story.delivered(walk, "planner")
     look = story.received("look", QUERY, "planner", origin=walk)
     story.delivered(look, "eye").at(2.0).returned(walk).reached(walk, *Moment)
-    past = _fail(story.at(3.0), look).say(facts.Answered(look)).fold()
-    assert told_to(past, past.messages[look], 3.0) == "told to nobody: the handler of walk {1} that asked had ended"
-    assert fates(past) == {look: Fate.UNTOLD}
+    run = _fail(story.at(3.0), look).say(facts.Answered(look)).fold()
+    assert told_to(run, run.messages[look], 3.0) == "told to nobody: the handler of walk {1} that asked had ended"
+    assert fates(run) == {look: Fate.UNTOLD}
 
 
 def test_of_a_condition_that_fails_after_its_monitor_ended_nobody_is_told() -> None:
@@ -143,9 +141,9 @@ def test_of_a_condition_that_fails_after_its_monitor_ended_nobody_is_told() -> N
     received = story.entries[-1].facts[-1]
     story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
     story.delivered(asked, "eye").at(2.0).say(facts.Killed(TaskId(monitor), "enough", "user")).reached(monitor, *Moment)
-    past = _fail(story.at(3.0), asked).fold()
-    assert told_to(past, past.messages[asked], 3.0) == "told to nobody: watch {1} watched no longer"
-    assert fates(past) == {asked: Fate.UNTOLD}
+    run = _fail(story.at(3.0), asked).fold()
+    assert told_to(run, run.messages[asked], 3.0) == "told to nobody: watch {1} watched no longer"
+    assert fates(run) == {asked: Fate.UNTOLD}
 
 
 def test_nor_if_it_has_begun_anew_for_the_second_time() -> None:
@@ -158,8 +156,8 @@ def test_nor_if_it_has_begun_anew_for_the_second_time() -> None:
     received = story.entries[-1].facts[-1]
     story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
     story.delivered(asked, "eye").at(3.0).say(*again)
-    past = _fail(story.at(4.0), asked).fold()
-    assert told_to(past, past.messages[asked], 4.0) == "told to nobody: watch {1} watched no longer"
+    run = _fail(story.at(4.0), asked).fold()
+    assert told_to(run, run.messages[asked], 4.0) == "told to nobody: watch {1} watched no longer"
 
 
 def test_a_helper_that_fails_when_all_is_decided_is_no_step_of_the_failure() -> None:
@@ -171,8 +169,8 @@ def test_a_helper_that_fails_when_all_is_decided_is_no_step_of_the_failure() -> 
     story.say(facts.Caught(TaskId(walk), TaskId(helper), TaskId(walk), 9)).delivered(helper, "expert").at(3.0)
     story.say(facts.Retried(TaskId(walk), b"", by="user")).at(4.0).delivered(walk, "legs").at(5.0)
     _fail(story, helper).at(6.0).say(facts.Killed(TaskId(walk), "enough", "user")).returned(walk).reached(walk, *Moment)
-    past = story.fold()
-    assert not any("help {2} failed" in one.text for one in failure_chain(past, TaskId(walk)))
+    run = story.fold()
+    assert not any("help {2} failed" in one.text for one in failure_chain(run, TaskId(walk)))
 
 
 def test_of_what_is_killed_later_there_is_no_chain_yet() -> None:
@@ -183,9 +181,9 @@ def test_of_what_is_killed_later_there_is_no_chain_yet() -> None:
     _fail(story.delivered(step, "legs").at(2.0), step).at(3.0).say(facts.Unhandled(TaskId(step)))
     why = "failure 'blind' of task 2 'step' was not handled"
     story.say(*(facts.Killed(TaskId(task), why, "central") for task in (walk, step)))
-    past = story.reached(step, *Moment).reached(walk, *Moment).at(4.0).fold()
-    assert [one.depth for one in failure_chain(past, TaskId(walk))] == [1, 0, 1]
-    assert failure_chain(past, TaskId(walk), 2.5) == []
+    run = story.reached(step, *Moment).reached(walk, *Moment).at(4.0).fold()
+    assert [one.depth for one in failure_chain(run, TaskId(walk))] == [1, 0, 1]
+    assert failure_chain(run, TaskId(walk), 2.5) == []
 
 
 def test_of_an_inform_nobody_is_told_and_of_a_condition_its_monitor() -> None:
@@ -197,11 +195,11 @@ def test_of_an_inform_nobody_is_told_and_of_a_condition_its_monitor() -> None:
     received = story.entries[-1].facts[-1]
     story.entries[-1].facts[-1] = msgspec.structs.replace(received, role=Role.CONDITION, about=monitor)
     _fail(story.delivered(asked, "eye").at(3.0), asked)
-    past = story.fold()
-    assert went_on(past, past.messages[asked], 3.0) is False  # nothing is known of the monitor yet
-    past = story.say(facts.Failed(monitor, "blind", "its condition: fog"), facts.Unhandled(TaskId(monitor))).fold()
-    assert fates(past) == {log: Fate.UNTOLD, asked: Fate.ANSWERED, monitor: Fate.NOT_HANDLED}
-    assert told_to(past, past.messages[asked], 3.0) == "told to central, for watch {2}"
+    run = story.fold()
+    assert went_on(run, run.messages[asked], 3.0) is False  # nothing is known of the monitor yet
+    run = story.say(facts.Failed(monitor, "blind", "its condition: fog"), facts.Unhandled(TaskId(monitor))).fold()
+    assert fates(run) == {log: Fate.UNTOLD, asked: Fate.ANSWERED, monitor: Fate.NOT_HANDLED}
+    assert told_to(run, run.messages[asked], 3.0) == "told to central, for watch {2}"
 
 
 def test_charts_have_a_colour_of_its_own_for_it(tca: Tca, tmp_path: Path) -> None:
@@ -261,13 +259,13 @@ def replacing(*, top_fails: bool = False) -> Story:
 
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_what_is_called_replaced_is_no_bad_news_anywhere(*, top_fails: bool) -> None:
-    past = replacing(top_fails=top_fails).fold()
-    step = past.tasks[TaskId(2)]
-    assert fates(past) == {2: Fate.NOT_HANDLED if top_fails else Fate.REPLACED}
-    assert went_on(past, step, 2.0) is not top_fails
-    assert ('class="coped"' in svg_text(chart(past), "")) is not top_fails
+    run = replacing(top_fails=top_fails).fold()
+    step = run.tasks[TaskId(2)]
+    assert fates(run) == {2: Fate.NOT_HANDLED if top_fails else Fate.REPLACED}
+    assert went_on(run, step, 2.0) is not top_fails
+    assert ('class="coped"' in svg_text(chart(run), "")) is not top_fails
     end = "step {2} was killed: not needed (by user)" + ("" if top_fails else "; walk {1} was achieved without it")
-    assert failure_chain(past, TaskId(2))[-1].text == end
+    assert failure_chain(run, TaskId(2))[-1].text == end
 
 
 def test_of_two_failures_the_first_is_not_dealt_with_because_the_second_came() -> None:
@@ -278,20 +276,20 @@ def test_of_two_failures_the_first_is_not_dealt_with_because_the_second_came() -
     handler = story.received("help", MessageClass.EXCEPTION, "central", 0)
     story.say(facts.Caught(TaskId(step), TaskId(handler), TaskId(step), 9)).delivered(handler, "expert").at(3.0)
     story.say(facts.Failed(step, "hot", "")).at(4.0)
-    past = story.say(facts.Killed(TaskId(step), "too much", "expert")).reached(step, *Moment).fold()
-    (kinds,) = [[case.fate for kind in failures(past) for case in kind.cases]]
+    run = story.say(facts.Killed(TaskId(step), "too much", "expert")).reached(step, *Moment).fold()
+    (kinds,) = [[case.fate for kind in failures(run) for case in kind.cases]]
     assert kinds == [Fate.KILLED, Fate.NOT_HANDLED]
 
 
 def test_what_was_dealt_with_stays_so_though_the_task_is_killed_later() -> None:
     story = asking(passed_on=True, task_fails=True, dealt_with=True)
     story.entries[-1].facts.clear()
-    past = story.say(facts.Killed(TaskId(1), "enough", "user")).fold()
-    assert fates(past)[1] is Fate.DEALT_WITH
+    run = story.say(facts.Killed(TaskId(1), "enough", "user")).fold()
+    assert fates(run)[1] is Fate.DEALT_WITH
 
 
 def test_what_names_itself_as_its_sender_is_followed_no_further() -> None:
     story = Story().module("eye", "look").at(1.0).say(facts.Delivered(1, 1, "eye", "eye"))
     look = story.received("look", QUERY, "eye", origin=1)
-    past = _fail(story.at(2.0), look).fold()
-    assert went_on(past, past.messages[look], 2.0)
+    run = _fail(story.at(2.0), look).fold()
+    assert went_on(run, run.messages[look], 2.0)

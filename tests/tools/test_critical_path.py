@@ -9,9 +9,9 @@ from tools.story import QUERY, Story, mopping, stumbling, walking
 
 from tca_tools.analysis.causes import Causes, Doing
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares, why_then
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import Task
+from tca_tools.run.whole_run import Run
 from tca_tools.why.waiting import why_waiting
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
@@ -19,21 +19,21 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
 
 
-def path_of(past: Past) -> list[tuple[Any, ...]]:
+def path_of(run: Run) -> list[tuple[Any, ...]]:
     """The critical path of the last top-level task: what, where, from when until when; what took no time is left out."""
-    task = last_task(past)
+    task = last_task(run)
     assert task is not None
-    return steps_of(past, task)
+    return steps_of(run, task)
 
 
-def steps_of(past: Past, task: Task) -> list[tuple[Any, ...]]:
+def steps_of(run: Run, task: Task) -> list[tuple[Any, ...]]:
     """The same of any task."""
-    steps = critical_path(past, Causes(past), task).steps
+    steps = critical_path(run, Causes(run), task).steps
     for before, after in pairwise(steps):
         assert before.end == after.start, "a path has no gaps"
     return [
         (
-            past.name(step.message_id) if step.doing is Doing.WORK else str(step.doing),
+            run.name(step.message_id) if step.doing is Doing.WORK else str(step.doing),
             step.module,
             *near(step.start, step.end),
         )
@@ -79,21 +79,21 @@ def test_a_handler_that_asks_and_commands_and_waits() -> None:
 
 
 def test_where_the_time_of_a_path_went() -> None:
-    past = stepping().fold()
-    task = last_task(past)
+    run = stepping().fold()
+    task = last_task(run)
     assert task is not None
-    path = critical_path(past, Causes(past), task)
+    path = critical_path(run, Causes(run), task)
     assert path.seconds == pytest.approx(9.3)
-    told = [(share.name, share.where, share.steps, round(share.seconds, 6)) for share in shares(past, path)]
+    told = [(share.name, share.where, share.steps, round(share.seconds, 6)) for share in shares(run, path)]
     assert told == [("move", "legs", 3, 6.0), ("step", "planner", 3, 3.0), ("walk", "planner", 1, 0.3)]
-    assert sum(share.share for share in shares(past, path)) == pytest.approx(1.0)
+    assert sum(share.share for share in shares(run, path)) == pytest.approx(1.0)
 
 
 def test_each_step_says_why_it_did_not_begin_sooner() -> None:
-    past = stepping().fold()
-    task = last_task(past)
+    run = stepping().fold()
+    task = last_task(run)
     assert task is not None
-    why = [why_then(past, step) for step in critical_path(past, Causes(past), task).steps]
+    why = [why_then(run, step) for step in critical_path(run, Causes(run), task).steps]
     assert why == [
         "",
         "0.10 s in the queue for planner",
@@ -106,9 +106,9 @@ def test_each_step_says_why_it_did_not_begin_sooner() -> None:
 
 
 def test_through_an_exception_handler_and_a_retry() -> None:
-    past = recovering().fold()
-    steps = critical_path(past, Causes(past), past.tasks[1]).steps
-    told = [(past.name(step.message_id), round(step.start, 6), round(step.end, 6)) for step in steps]
+    run = recovering().fold()
+    steps = critical_path(run, Causes(run), run.tasks[1]).steps
+    told = [(run.name(step.message_id), round(step.start, 6), round(step.end, 6)) for step in steps]
     assert told == [("move", 1.0, 2.0), ("recover", 2.0, 2.2), ("move", 2.2, 3.7)]
 
 
@@ -157,11 +157,11 @@ def test_a_delay_and_a_missing_handler() -> None:
 
 
 def test_a_run_that_is_not_over_leads_to_what_goes_on() -> None:
-    past = walking().fold()
-    task = last_task(past)
+    run = walking().fold()
+    task = last_task(run)
     assert task is not None
-    assert (task.id, critical_path(past, Causes(past), task).is_open) == (1, True)
-    assert path_of(past)[-2:] == [("move leg", "controller", 1.4, 3.4), ("move body", "controller", 3.4, 4.0)]
+    assert (task.id, critical_path(run, Causes(run), task).is_open) == (1, True)
+    assert path_of(run)[-2:] == [("move leg", "controller", 1.4, 3.4), ("move body", "controller", 3.4, 4.0)]
 
 
 def test_nothing_runs_when_the_journal_ends() -> None:
@@ -250,8 +250,8 @@ def test_a_killed_walk_ends_with_the_failure() -> None:
 
 
 def test_the_longest_task_and_the_last() -> None:
-    past = recovering().fold()
-    last, longest = last_task(past), longest_task(past)
+    run = recovering().fold()
+    last, longest = last_task(run), longest_task(run)
     assert (last and last.id, longest and longest.id) == (5, 1)
     assert last_task(Story().fold()) is None
 
@@ -268,11 +268,11 @@ def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
 
 def standing(story: Story) -> tuple[list[tuple[Any, ...]], str, list[str]]:
     """Of the last task of a run that stands: its path, why its last step lasts, and the waits that lead there."""
-    past = story.fold()
-    task = last_task(past)
+    run = story.fold()
+    task = last_task(run)
     assert task is not None
-    path = critical_path(past, Causes(past), task)
-    return steps_of(past, task), why_then(past, path.steps[-1]), path.because
+    path = critical_path(run, Causes(run), task)
+    return steps_of(run, task), why_then(run, path.steps[-1]), path.because
 
 
 def after(task: int, moment: Moment, delay: float = 0.0) -> Constraint:
@@ -364,5 +364,5 @@ def test_a_constraint_on_the_end_of_handling_or_planning_is_a_reason(moment: str
     story.say(facts.Delivered(walk, walk, "a", "a")).reached(walk, Moment.START_HANDLING, Moment.START_PLANNING).at(2.0)
     if state == "achieving":
         story.reached(walk, Moment.START_ACHIEVING)
-    past = story.say(facts.Returned(walk, Outcome.DONE, b"")).fold()
-    assert (past.tasks[walk].state, why_waiting(Then(past), TaskId(walk))) == (state, ["until walk {1} is achieved"])
+    run = story.say(facts.Returned(walk, Outcome.DONE, b"")).fold()
+    assert (run.tasks[walk].state, why_waiting(RunAt(run), TaskId(walk))) == (state, ["until walk {1} is achieved"])

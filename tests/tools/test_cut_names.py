@@ -3,7 +3,7 @@
 import pytest
 from tools.story import Story
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
 from tca_tools.tasktree_viz.text import tree_lines
@@ -30,9 +30,9 @@ def test_the_number_stays_as_long_as_something_of_the_name_does(width: int, told
 def test_numbers_of_long_names_are_seen_in_trees() -> None:
     story = Story().at(1.0)
     tasks = [story.command(LONG, "user") for _ in range(2)]
-    then = Then(story.fold(), 9.0)
-    rows = whole_outline(then)
+    at = RunAt(story.fold(), 9.0)
+    rows = whole_outline(at)
     assert all(
-        f"… {{{task}}}" in line for task, line in zip(tasks, list(tree_lines(then, rows, width=100))[1:], strict=True)
+        f"… {{{task}}}" in line for task, line in zip(tasks, list(tree_lines(at, rows, width=100))[1:], strict=True)
     )
-    assert all(f"… {{{task}}}" in outline_svg(then, rows, "long") for task in tasks)
+    assert all(f"… {{{task}}}" in outline_svg(at, rows, "long") for task in tasks)

@@ -7,7 +7,7 @@ from click.testing import Result
 from tools.story import THIS, Story
 from tools.waits import delayed, stuck
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz import words
 from tca_tools.why.ages import Age
 from tca_tools.why.ends import MOST, Ends, causes, in_the_end
@@ -24,11 +24,11 @@ SINCE_1 = Age(1.0, 1.0)
 
 
 def test_the_end_of_a_chain_is_told_from_however_far() -> None:
-    then = Then(stuck(6_000).fold())
+    at = RunAt(stuck(6_000).fold())
     end = "for calibrate {3}, which no module handles"
-    assert [in_the_end(then, then.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
-    assert causes(then) == (6_002, 1, [("calibrate {3}, which no module handles", 6_002, 3)])
-    before = Then(then.past, 1.5)
+    assert [in_the_end(at, at.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
+    assert causes(at) == (6_002, 1, [("calibrate {3}, which no module handles", 6_002, 3)])
+    before = RunAt(at.run, 1.5)
     assert in_the_end(before, before.tasks[1]) == ""  # the drill has a handler, and it is what is next
 
 
@@ -39,13 +39,13 @@ def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> No
     drill = story.command("drill", "brain", mission)
     story.delivered(drill, "rig").queued(story.command("paint", "brain", mission))
     story.returned(mission)
-    then = Then(story.fold())
-    assert in_the_end(then, then.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
+    at = RunAt(story.fold())
+    assert in_the_end(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
     for _ in range(MOST + 5):
         story.queued(story.command("paint", "brain", mission))
-    then = Then(story.fold())
-    assert in_the_end(then, then.tasks[1]).endswith(f", and for {MOST} or more others")
-    waiting, things, (first, *_) = causes(then)
+    at = RunAt(story.fold())
+    assert in_the_end(at, at.tasks[1]).endswith(f", and for {MOST} or more others")
+    waiting, things, (first, *_) = causes(at)
     assert (waiting, things) == (MOST + 7, 2)
     assert first == ("paint, which no module handles", MOST + 7, 3)
 
@@ -58,10 +58,10 @@ def test_of_what_is_named_already_the_others_are_others_that_are_waited_for() ->
     for _ in range(2):
         story.delivered(story.command("bake", "baker", plan), "oven")
     last = story.command("eat", "user", 0, sequential_achievement(TaskId(plan), THIS))
-    then = Then(story.at(4.0).fold())
-    assert in_the_end(then, then.tasks[last]) == "for plan {1}, which baker handles, and for 2 others"
+    at = RunAt(story.at(4.0).fold())
+    assert in_the_end(at, at.tasks[last]) == "for plan {1}, which baker handles, and for 2 others"
     told = "waits until plan {1} is achieved, for 3.00 s; baker handles that; in the end also for 2 others"
-    assert words.note(then, then.tasks[last]) == told
+    assert words.note(at, at.tasks[last]) == told
 
 
 def test_a_circle_is_told_as_one() -> None:
@@ -72,16 +72,16 @@ def test_a_circle_is_told_as_one() -> None:
     story.say(facts.WaitBegan("a", walk, TaskId(look), Moment.END_ACHIEVING))
     story.say(facts.WaitBegan("b", look, TaskId(walk), Moment.END_ACHIEVING))
     after = story.command("rest", "user", 0, sequential_achievement(TaskId(walk), THIS))
-    then = Then(story.fold())
-    assert in_the_end(then, then.tasks[after]) == "for walk {1}, which waits for itself by way of look {2}"
-    assert in_the_end(then, then.tasks[look]) == "for walk {1}, which waits for itself by way of look {2}"
-    assert Ends.at(then).circle(1) == [1, 2]
-    assert causes(then)[:2] == (3, 1)
+    at = RunAt(story.fold())
+    assert in_the_end(at, at.tasks[after]) == "for walk {1}, which waits for itself by way of look {2}"
+    assert in_the_end(at, at.tasks[look]) == "for walk {1}, which waits for itself by way of look {2}"
+    assert Ends.at(at).circle(1) == [1, 2]
+    assert causes(at)[:2] == (3, 1)
 
 
 def test_a_delay_that_has_not_begun_is_told_with_what_it_begins_with() -> None:
-    then = Then(delayed().fold())
-    assert words.note(then, then.tasks[2]) == (
+    at = RunAt(delayed().fold())
+    assert words.note(at, at.tasks[2]) == (
         "waits until 3.00 s after ring bell {1} is achieved, for 1.00 s; that waits until 500.250 s"
     )
 
@@ -113,9 +113,9 @@ def test_of_the_whole_wait_is_told_where_there_is_room() -> None:
 
 
 def test_how_long_stands_behind_what_it_is_said_of() -> None:
-    then = Then(stuck().fold())
+    at = RunAt(stuck().fold())
     end = "in the end for calibrate {3}, which no module handles"
-    notes = [words.note(then, then.tasks[number]) for number in (1, 3, 6)]
+    notes = [words.note(at, at.tasks[number]) for number in (1, 3, 6)]
     assert notes == [
         f"waits until drill {{2}}, drill {{4}}, drill {{5}} and 1 more are achieved, for 3.00 s; {end}",
         "waits for a module that handles calibrate, for 3.00 s",
@@ -124,11 +124,9 @@ def test_how_long_stands_behind_what_it_is_said_of() -> None:
 
 
 def test_no_name_is_said_twice() -> None:
-    then = Then(stuck().fold())
-    assert words.note(then, then.tasks[2]) == (
-        "waits until calibrate {3} is achieved, for 3.00 s; no module handles that"
-    )
-    assert in_the_end(then, then.tasks[2]) == "for calibrate {3}, which no module handles"
+    at = RunAt(stuck().fold())
+    assert words.note(at, at.tasks[2]) == ("waits until calibrate {3} is achieved, for 3.00 s; no module handles that")
+    assert in_the_end(at, at.tasks[2]) == "for calibrate {3}, which no module handles"
 
 
 def test_the_cause_is_the_last_to_give_way() -> None:
@@ -162,10 +160,10 @@ def test_who_plans_ahead_waits_for_what_keeps_it_from_being_achieved() -> None:
     row = story.goal("row", "boss", east)
     later = story.goal("row", "boss", east, delay_planning(THIS))
     story.delivered(row, "boss").returned(row).reached(row, Moment.END_PLANNING).returned(east)
-    then = Then(story.fold())
+    at = RunAt(story.fold())
     end = f"for harvest {{{west}}}, which is suspended by op"
-    assert [in_the_end(then, then.tasks[one]) for one in (east, row, later)] == [end] * 3
-    assert causes(then)[:2] == (4, 1)
+    assert [in_the_end(at, at.tasks[one]) for one in (east, row, later)] == [end] * 3
+    assert causes(at)[:2] == (4, 1)
 
 
 def test_what_is_queued_waits_for_the_first_slot_that_comes_free() -> None:
@@ -174,11 +172,11 @@ def test_what_is_queued_waits_for_the_first_slot_that_comes_free() -> None:
     part = story.command("calibrate", "rig", stuck_one)
     story.delivered(stuck_one, "rig").delivered(other, "rig").queued(queued, "rig").queued(part)
     story.say(facts.WaitBegan("rig", stuck_one, TaskId(part), Moment.END_ACHIEVING))
-    then = Then(story.fold())
-    assert "calibrate" not in in_the_end(then, then.tasks[queued])
+    at = RunAt(story.fold())
+    assert "calibrate" not in in_the_end(at, at.tasks[queued])
     story.at(2.0).say(facts.WaitBegan("rig", other, TaskId(part), Moment.END_ACHIEVING))
-    then = Then(story.fold())
-    assert "calibrate" in in_the_end(then, then.tasks[queued])
+    at = RunAt(story.fold())
+    assert "calibrate" in in_the_end(at, at.tasks[queued])
 
 
 def test_a_lock_that_is_next_in_line_is_told_though_there_is_room() -> None:
@@ -190,12 +188,12 @@ def test_a_lock_that_is_next_in_line_is_told_though_there_is_room() -> None:
     story.say(facts.Claimed(50, "rig", "rig", False, "boss", first)).at(3.0)
     story.say(facts.Claimed(51, "rig", "rig", False, "boss", second)).at(4.0)
     queued = story.command("job", "user")
-    then = Then(story.queued(queued, "rig").fold())
-    assert words.note_of(then, then.tasks[queued]).text == (
+    at = RunAt(story.queued(queued, "rig").fold())
+    assert words.note_of(at, at.tasks[queued]).text == (
         f"waits for rig, which boss waits to lock while handling lock up {{{first}}}"
     )
-    assert in_the_end(then, then.tasks[queued]) == f"for job {{{runs}}}, which rig handles"
-    (why,) = why_waiting(then, TaskId(second))
+    assert in_the_end(at, at.tasks[queued]) == f"for job {{{runs}}}, which rig handles"
+    (why,) = why_waiting(at, TaskId(second))
     assert why.startswith(
         f"for the lock of rig {{51}}, but rig is busy with job {{{runs}}}, and boss waits to lock it "
     )
@@ -207,8 +205,8 @@ def test_a_lock_that_was_wanted_later_keeps_nobody_out() -> None:
     runs, queued = story.command("job", "user"), story.command("job", "user")
     story.delivered(runs, "rig").queued(queued, "rig").at(2.0)
     story.say(facts.Claimed(50, "rig", "rig", False, "boss", 0))
-    then = Then(story.fold())
-    assert why_waiting(then, TaskId(queued)) == [f"for rig, busy with job {{{runs}}}"]
+    at = RunAt(story.fold())
+    assert why_waiting(at, TaskId(queued)) == [f"for rig, busy with job {{{runs}}}"]
 
 
 def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> None:
@@ -222,8 +220,8 @@ def test_what_is_to_be_planned_is_not_waited_for_where_only_the_start_is() -> No
     begun = Point(TaskId(row), Moment.START_ACHIEVING), Point(THIS, Moment.START_PLANNING)
     following = story.goal("row", "boss", harvest, Constraint(*begun))
     story.delivered(row, "boss").queued(story.command("calibrate", "boss", row)).returned(harvest)
-    then = Then(story.fold())
-    assert in_the_end(then, then.tasks[following]) == f"for mow {{{mow}}}, which rig handles"
+    at = RunAt(story.fold())
+    assert in_the_end(at, at.tasks[following]) == f"for mow {{{mow}}}, which rig handles"
 
 
 def test_what_is_planned_is_not_waited_for_where_only_the_plan_is() -> None:
@@ -234,14 +232,14 @@ def test_what_is_planned_is_not_waited_for_where_only_the_plan_is() -> None:
     story.delivered(mow, "rig").queued(row).returned(harvest)
     planned = Constraint(Point(TaskId(harvest), Moment.END_PLANNING), Point(THIS, Moment.START_HANDLING))
     report = story.command("report", "user", 0, planned)
-    then = Then(story.fold())
-    assert in_the_end(then, then.tasks[report]) == f"for row {{{row}}}, which no module handles"
+    at = RunAt(story.fold())
+    assert in_the_end(at, at.tasks[report]) == f"for row {{{row}}}, which no module handles"
 
 
 def test_monitors_that_watch_do_not_wait() -> None:
     story = Story().module("boss").at(1.0)
     watch = story.received("watch", MessageClass.POLLING_MONITOR, "user", 0)
     story.reached(watch, Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING)
-    then = Then(story.fold())
-    assert Ends.at(then).of(watch)[0].kind is Kind.WATCHES
-    assert causes(then) == (0, 0, [])
+    at = RunAt(story.fold())
+    assert Ends.at(at).of(watch)[0].kind is Kind.WATCHES
+    assert causes(at) == (0, 0, [])

@@ -12,7 +12,7 @@ from tools.runs import OPENED, encoded
 
 from tca_tools.export.tables import TABLES
 from tca_tools.export.trace.details import of_handling, of_task
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.journals import open_log
 from tca_tools.tasktree_viz import words
@@ -62,7 +62,7 @@ def test_it_is_no_result() -> None:
     history = fold(player)
     task = history.tasks[move]
     assert (task.result, msgspec.msgpack.decode(task.failure_data)) == (b"", SLIP)
-    assert words.data(Then(history).tasks[move]) == '7 failed with {"z": 1.5}'
+    assert words.data(RunAt(history).tasks[move]) == '7 failed with {"z": 1.5}'
     assert [one.text for one in story(history, move)][-3:-1] == [
         'the failure\'s data: {"z": 1.5}',
         "exception handler recover {3} is called",
@@ -76,12 +76,12 @@ def test_it_is_gone_as_soon_as_the_task_is_retried() -> None:
     history = fold(player)
     assert not history.tasks[move].handling  # the exception handler has not returned yet
     assert (history.tasks[move].failure, history.tasks[move].failure_data) == ("", b"")
-    assert words.data(Then(history).tasks[move]) == "7"
+    assert words.data(RunAt(history).tasks[move]) == "7"
     player.reply("expert/1")
     player.reply("legs/1", value="there")
     history = fold(player)
-    assert words.data(Then(history).tasks[move]) == '7 -> "there"'
-    assert words.data(Then(history, failed).tasks[move]) == '7 failed with {"z": 1.5}'
+    assert words.data(RunAt(history).tasks[move]) == '7 -> "there"'
+    assert words.data(RunAt(history, failed).tasks[move]) == '7 failed with {"z": 1.5}'
     assert [one.text for one in story(history, move)].count('the failure\'s data: {"z": 1.5}') == 1
 
 
@@ -95,14 +95,14 @@ def test_the_result_of_a_handler_that_ran_before_the_retry_is_void() -> None:
     player.receive("user", headers.Attach(player.number("user"), Attachment("slip", "recover", 1), TaskId(walk)))
     move = player.task("planner/1", "move", under=walk)
     player.reply("planner/1", value="planned")
-    assert words.data(Then(fold(player)).tasks[walk]) == '7 -> "planned"'
+    assert words.data(RunAt(fold(player)).tasks[walk]) == '7 -> "planned"'
     player.fail("legs/1", "slip")
     retry(player, walk)
     assert fold(player).tasks[walk].result == b""
     player.reply("expert/1")
     slip = headers.Fail(player.delivered("planner/1")[-1], "lost", "in fog")
     player.receive("planner/1", slip, msgspec.msgpack.encode(SLIP))
-    assert words.data(Then(fold(player)).tasks[walk]) == '7 failed with {"z": 1.5}'
+    assert words.data(RunAt(fold(player)).tasks[walk]) == '7 failed with {"z": 1.5}'
     assert fold(player).tasks[move].killed
 
 

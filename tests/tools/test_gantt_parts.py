@@ -78,10 +78,10 @@ def test_who_has_a_resource_for_himself() -> None:
 
 
 def test_suspended_tasks_have_a_row_below_the_modules_as_in_the_page() -> None:
-    past = locking().fold()
-    last = chart(past).rows[-1]
+    run = locking().fold()
+    last = chart(run).rows[-1]
     assert (last.label, [(bar.name, bar.start, bar.end) for bar in last.queued]) == (SUSPENDED, [("adjust", 1.0, 3.5)])
-    assert not any(bar.is_suspended for row in chart(past).rows[:-1] for bar in row.queued)
+    assert not any(bar.is_suspended for row in chart(run).rows[:-1] for bar in row.queued)
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "x")
     story.at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
@@ -99,10 +99,10 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
         story.say(facts.HandlerRemoved("move", name), facts.ModuleLeft(name, "it said goodbye"))
     late = story.command("move", "x")
     story.say(facts.SuspendedOrResumed(TaskId(late), True)).at(5.0)
-    past = story.fold()
+    run = story.fold()
 
     def suspended(*modules: str) -> list[float]:
-        rows = chart(past, pick=Pick(modules=modules) if modules else ALL).rows
+        rows = chart(run, pick=Pick(modules=modules) if modules else ALL).rows
         return [bar.start for row in rows for bar in row.queued if bar.is_suspended]
 
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
@@ -189,9 +189,9 @@ def test_the_story_of_a_task_ends_with_it_though_others_go_on(tmp_path: Path, tc
 
 
 def test_as_it_was(tca: Tca, run: Path) -> None:
-    then = tca("gantt", run, "--at", 2.0, COLUMNS="100").stdout
-    assert then.splitlines()[0] == "run: 0.47 to 2.00 s"
-    assert "move body" not in then
+    at = tca("gantt", run, "--at", 2.0, COLUMNS="100").stdout
+    assert at.splitlines()[0] == "run: 0.47 to 2.00 s"
+    assert "move body" not in at
     part = tca("gantt", run, "--from", 1.0, "--to", 4.0, COLUMNS="100").stdout
     assert part.splitlines()[0] == "run: 1.00 to 4.00 s"
     assert "█!" in part  # what went on at 4.0 s failed later

@@ -9,7 +9,7 @@ from tools.story import PLANNING, QUERY, THIS, Story, arcs, stumbling, walking
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import Offer, State, Wait
 from tca_tools.tasktree_viz.dot import dot_source
@@ -28,7 +28,7 @@ def states(history: History) -> dict[str, State]:
 
 
 def reasons(history: History, task: int) -> list[str]:
-    return why_waiting(Then(history), TaskId(task))
+    return why_waiting(RunAt(history), TaskId(task))
 
 
 def test_the_tree_while_one_step_is_taken_and_the_next_is_planned() -> None:
@@ -158,7 +158,7 @@ def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     )
     history = story.at(5.0).fold()
     assert [(run.end, run.outcome) for run in history.handlings] == [(2.0, Outcome.FAILED)]
-    assert Then(history).running("legs", "legs") == []
+    assert RunAt(history).running("legs", "legs") == []
     assert history.modules["legs"].joined == [(0.0, 2.0)]
     assert history.modules["legs"].left == "killed"
 
@@ -170,7 +170,7 @@ def test_a_delivery_that_goes_to_another_module() -> None:
     history = story.fold()
     assert [(run.module, run.start, run.end) for run in history.handlings] == [("one", 0.0, 2.0), ("two", 3.0, None)]
     assert [(queue.start, queue.end) for queue in history.queueings] == [(2.0, 3.0)]
-    assert [run.module for run in Then(history).running("two", "two")] == ["two"]
+    assert [run.module for run in RunAt(history).running("two", "two")] == ["two"]
 
 
 def test_a_broadcast_has_a_handling_for_each_receiver() -> None:
@@ -210,10 +210,10 @@ def test_a_journal_may_begin_in_the_middle() -> None:
 def everything_about(history: History) -> None:
     """Ask a history all that the tools ask; nothing may fail."""
     for task in history.tasks.values():
-        why_waiting(Then(history), TaskId(task.id))
-    for rows in (whole_outline(Then(history)), outline(Then(history), shown_at_most=2)):
-        list(tree_lines(Then(history), rows, width=60, with_data=True))
-        dot_source(Then(history), rows, "title", with_data=True)
+        why_waiting(RunAt(history), TaskId(task.id))
+    for rows in (whole_outline(RunAt(history)), outline(RunAt(history), shown_at_most=2)):
+        list(tree_lines(RunAt(history), rows, width=60, with_data=True))
+        dot_source(RunAt(history), rows, "title", with_data=True)
     drawing = chart(history)
     svg_text(drawing, "title")
     list(chart_lines(drawing, 60))
@@ -293,13 +293,13 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
         parent = story.goal("take steps", "planner", parent)
         story.reached(parent, PLANNING)
     history = story.fold()
-    rows = whole_outline(Then(history))
+    rows = whole_outline(RunAt(history))
     assert rows[-1].depth == 4_999
-    lines = [click.unstyle(line) for line in tree_lines(Then(history), rows, width=None)]
+    lines = [click.unstyle(line) for line in tree_lines(RunAt(history), rows, width=None)]
     assert all(len(line) < 220 for line in lines)
     assert lines[-14].startswith("[4986] └─ take steps {4987}")
     assert "take steps {5000}" in lines[-1]
-    assert dot_source(Then(history), rows, "deep").count(" -> ") == 4_999
+    assert dot_source(RunAt(history), rows, "deep").count(" -> ") == 4_999
 
 
 def test_a_copy_whose_listener_left_is_handled_no_longer() -> None:
@@ -307,7 +307,7 @@ def test_a_copy_whose_listener_left_is_handled_no_longer() -> None:
     pose = story.received("pose", MessageClass.BROADCAST, "legs")
     story.say(facts.Delivered(9, pose, "map", "map")).at(1.0).say(facts.Dropped(9, "it left"))
     history = story.fold()
-    assert Then(history).running("map", "map") == []
+    assert RunAt(history).running("map", "map") == []
     assert [handling.end for handling in history.messages[pose].handlings] == [1.0]
 
 

@@ -7,7 +7,7 @@ from tools.story import ACTING, QUERY, THIS, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.waits import waits
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.run.selection import waited_for
@@ -24,9 +24,9 @@ from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Condition, MessageClass, Role, Scope
 
 
-def noted(history: History, task: int, at: float | None = None) -> str:
-    then = Then.by_clock(history, at)
-    return note(then, then.tasks[task])
+def noted(history: History, task: int, time: float | None = None) -> str:
+    at = RunAt.by_clock(history, time)
+    return note(at, at.tasks[task])
 
 
 def told(history: History, task: int) -> list[str]:
@@ -274,8 +274,8 @@ def queue_of_three() -> tuple[Story, list[int]]:
 
 def test_a_row_tells_since_when_its_cause_is_the_cause() -> None:
     story, (_, second, third, last) = queue_of_three()
-    past = story.fold()
-    told = [note(then := Then(past, at), then.tasks[last]) for at in (1.5, 4.0, 7.0)]
+    run = story.fold()
+    told = [note(at := RunAt(run, time), at.tasks[last]) for time in (1.5, 4.0, 7.0)]
     assert told == [
         "waits for legs, busy with move {1}, for 0.50 s",
         f"waits for legs, busy with move {{{second}}}, for 2.00 s (3.00 s in all)",
@@ -305,7 +305,7 @@ def test_what_must_have_come_to_the_same_moment_is_told_as_one_reason() -> None:
     others = [Constraint(begun, Point(THIS, Moment.START_ACHIEVING)), later, not_before(THIS, 9.0)]
     bake = story.command("bake", "user", batch, *achieved, *others)
     history = story.at(2.0).fold()
-    assert sorted(why_waiting(Then(history), TaskId(bake))) == [
+    assert sorted(why_waiting(RunAt(history), TaskId(bake))) == [
         "until 2.00 s after weigh {3} is achieved",
         "until 9.000 s",
         "until its parent batch {1} is being achieved",

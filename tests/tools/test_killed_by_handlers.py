@@ -46,15 +46,15 @@ def kill(story: Story, *tasks: int, by: str = "safety") -> Story:
     return story.at(4.0).returned(TRANSFER).reached(TRANSFER, *Moment).at(5.0)
 
 
-def told(past: History, number: int, moment: float = 9.0) -> list[tuple[float, str]]:
-    return [(one.time, "  " * one.depth + one.text) for one in failure_chain(past, TaskId(number), moment)]
+def told(run: History, number: int, moment: float = 9.0) -> list[tuple[float, str]]:
+    return [(one.time, "  " * one.depth + one.text) for one in failure_chain(run, TaskId(number), moment)]
 
 
 @pytest.mark.parametrize(("asked", "name"), [(PATIENT, "patient {1}"), (INFUSE, "infuse {3}")])
 def test_who_is_killed_by_an_exception_handler_is_told_for_which_failure(asked: int, name: str) -> None:
-    past = kill(treating(), PATIENT, TREAT, INFUSE).fold()
-    assert told(past, asked, 2.5) == []
-    assert told(past, asked) == [
+    run = kill(treating(), PATIENT, TREAT, INFUSE).fold()
+    assert told(run, asked, 2.5) == []
+    assert told(run, asked) == [
         (2.0, "  treat {2} failed: allergy: rash"),
         (2.0, "  exception handler transfer {4} was called, handled by safety"),
         (3.0, f"{name} {KILLED}"),
@@ -67,8 +67,8 @@ def test_of_a_handler_that_was_called_for_another_one_that_failed_the_first_fail
     story.returned(TRANSFER, Outcome.FAILED).say(facts.Failed(TRANSFER, "no bed", "full"))
     give_up = help_for(story, TRANSFER, "give up")
     story.at(3.5).say(*(facts.Killed(TaskId(task), "transferred", "safety") for task in (PATIENT, TREAT)))
-    past = story.at(4.0).returned(give_up).fold()
-    assert [text for _, text in told(past, PATIENT)][:4] == [
+    run = story.at(4.0).returned(give_up).fold()
+    assert [text for _, text in told(run, PATIENT)][:4] == [
         "  treat {2} failed: allergy: rash",
         "  exception handler transfer {4} was called, handled by safety: recovering",
         "    transfer {4} failed: no bed: full",
@@ -141,19 +141,19 @@ def test_a_retry_is_a_step_from_one_failure_to_the_next() -> None:
 
 def test_what_succeeds_when_it_is_tried_again_is_achieved_after_all() -> None:
     story = treating().say(facts.Retried(TaskId(TREAT), b"", "safety")).returned(TRANSFER).reached(TRANSFER, *Moment)
-    past = story.at(4.0).delivered(TREAT, "ward").at(5.0).returned(TREAT).reached(TREAT, *Moment).fold()
-    assert told(past, TREAT) == [*FIRST, AGAIN, (5.0, "treat {2}: achieved after all")]
+    run = story.at(4.0).delivered(TREAT, "ward").at(5.0).returned(TREAT).reached(TREAT, *Moment).fold()
+    assert told(run, TREAT) == [*FIRST, AGAIN, (5.0, "treat {2}: achieved after all")]
 
 
 def test_who_is_killed_before_it_is_tried_again_was_killed() -> None:
     story = treating().say(facts.Retried(TaskId(TREAT), b"", "safety")).returned(TRANSFER).reached(TRANSFER, *Moment)
-    past = story.at(4.0).say(facts.Killed(TaskId(TREAT), "enough", "user")).reached(TREAT, *Moment).fold()
-    assert told(past, TREAT) == [*FIRST, AGAIN, (4.0, "treat {2} was killed: enough (by user)")]
+    run = story.at(4.0).say(facts.Killed(TaskId(TREAT), "enough", "user")).reached(TREAT, *Moment).fold()
+    assert told(run, TREAT) == [*FIRST, AGAIN, (4.0, "treat {2} was killed: enough (by user)")]
 
 
 @pytest.mark.parametrize(("data", "said"), [(b"", []), (NIL, []), (b"\x07", ["the failure's data: 7"])])
 def test_of_a_failure_without_data_no_data_is_told(data: bytes, said: list[str]) -> None:
     story = Story().at(1.0)
     walk = story.goal("walk", "user")
-    past = story.at(2.0).say(facts.Failed(walk, "slipped", "by hand", body=data)).fold()
-    assert [one.text for one in story_of(past, walk) if "data" in one.text] == said
+    run = story.at(2.0).say(facts.Failed(walk, "slipped", "by hand", body=data)).fold()
+    assert [one.text for one in story_of(run, walk) if "data" in one.text] == said

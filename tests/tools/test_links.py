@@ -7,7 +7,7 @@ from tools.test_critical_path import path_of
 from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path, why_then
 from tca_tools.report.contents import contents
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_wire.constraints import sequential_achievement
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
@@ -16,8 +16,8 @@ from tca_wire.vocabulary import MessageClass, Outcome, Role
 END = Moment.END_ACHIEVING
 
 
-def whys(past: Past, task: int) -> list[str]:
-    return [why_then(past, step) for step in critical_path(past, Causes(past), past.tasks[task]).steps]
+def whys(run: Run, task: int) -> list[str]:
+    return [why_then(run, step) for step in critical_path(run, Causes(run), run.tasks[task]).steps]
 
 
 def one_after_the_other() -> tuple[Story, list[int]]:
@@ -64,7 +64,7 @@ def test_so_it_is_of_a_listener() -> None:
     )
 
 
-def given_up() -> Past:
+def given_up() -> Run:
     """*go* asks for a look, gives up after a second, then asks all, of whom the eye still looks; in vain, too."""
     story = Story().module("user").module("m", "go").module("eye", "look", "all").at(1.0)
     go = story.command("go", "user")
@@ -82,12 +82,12 @@ STILL = "look {2} was given up at 3.000 s, but eye went on with it until 8.000 s
 
 
 def test_a_question_to_many_that_is_given_up_stood_in_a_queue() -> None:
-    past = given_up()
-    assert path_of(past) == [
+    run = given_up()
+    assert path_of(run) == [
         ("go", "m", 1.0, 2.0), ("look", "eye", 2.0, 3.0), ("go", "m", 3.0, 4.0), ("queued", "eye", 4.0, 5.0),
         ("go", "m", 5.0, 6.0),
     ]  # fmt: skip
-    assert f"for eye, busy with look {{2}}; {STILL}" in whys(past, 1)
+    assert f"for eye, busy with look {{2}}; {STILL}" in whys(run, 1)
 
 
 def test_who_goes_on_with_what_was_given_up_is_named() -> None:

@@ -14,7 +14,7 @@ from tca_tools.analysis.advised import Advice, Topic
 from tca_tools.analysis.locks import Locks
 from tca_tools.report.contents import Contents, contents
 from tca_tools.run.fold import History
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -106,8 +106,8 @@ def test_a_short_lock_does_not_make_a_long_queue() -> None:
 
 def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     story = Story().module("m").module("legs", "move")
-    past = story.at(1.0).say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50)).at(9.0).fold()
-    locks = Locks(past)
+    run = story.at(1.0).say(facts.Claimed(50, "legs", "legs", True, "m", 0), facts.Granted(50)).at(9.0).fold()
+    locks = Locks(run)
     assert [locks.kept_out("legs", "legs", who, 2.0, 5.0) for who in ("m", "user")] == [0.0, 3.0]
 
 
@@ -131,19 +131,19 @@ def test_a_lock_on_the_path_has_a_name() -> None:
 @settings(max_examples=60)
 def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> None:
     """A stay in a queue was because of a lock for as long as there was one, by the facts."""
-    past = lived(life)
-    locks = Locks(past)
-    for queueing in past.queueings:
+    run = lived(life)
+    locks = Locks(run)
+    for queueing in run.queueings:
         if queueing.module:
-            sender = past.messages[queueing.message_id].sender
-            end = past.time if queueing.end is None else queueing.end
+            sender = run.messages[queueing.message_id].sender
+            end = run.time if queueing.end is None else queueing.end
             said = locks.kept_out(queueing.module, queueing.resource, sender, queueing.start, end)
             assert -1e-6 <= said <= end - queueing.start + 1e-6
-            assert said == pytest.approx(by_facts(past, queueing.module, queueing.start, end, sender))
-    assert "?" not in all_texts(contents(past))
+            assert said == pytest.approx(by_facts(run, queueing.module, queueing.start, end, sender))
+    assert "?" not in all_texts(contents(run))
 
 
-def lived(life: list[tuple[str, int]]) -> Past:
+def lived(life: list[tuple[str, int]]) -> Run:
     player = Player()
     wanted: list[tuple[str, int]] = []
     copies: list[str] = []
@@ -169,9 +169,9 @@ def lived(life: list[tuple[str, int]]) -> Past:
     return History.until(player.entries)
 
 
-def by_facts(past: Past, module: str, start: float, end: float, sender: str) -> float:
+def by_facts(run: Run, module: str, start: float, end: float, sender: str) -> float:
     """Looked up between every two entries."""
-    times = sorted({start, end, *(time for time in past.times if start < time < end)})
+    times = sorted({start, end, *(time for time in run.times if start < time < end)})
     return sum(
         after - time
         for time, after in pairwise(times)
@@ -179,6 +179,6 @@ def by_facts(past: Past, module: str, start: float, end: float, sender: str) -> 
             claim.start <= time and (claim.end is None or claim.end > time)
             and (claim.start <= start or (claim.granted is not None and claim.granted <= time))
             and not (claim.is_reserved and claim.sender == sender)
-            for claim in past.claims.values() if called(claim.module) == called(module)
+            for claim in run.claims.values() if called(claim.module) == called(module)
         )
     )  # fmt: skip

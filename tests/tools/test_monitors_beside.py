@@ -36,11 +36,11 @@ def watched_walk(until: float) -> Story:
 
 
 def test_a_monitor_that_stands_by_does_not_hide_the_run() -> None:
-    past = watched_walk(20.0).fold()
-    run = summary(past)
-    assert run.outcome == "The top-level task was achieved; 1 monitor still watched."
-    assert (run.is_good, run.start, run.end) == (True, 2.0, 8.0)
-    found = contents(past)
+    run = watched_walk(20.0).fold()
+    handling = summary(run)
+    assert handling.outcome == "The top-level task was achieved; 1 monitor still watched."
+    assert (handling.is_good, handling.start, handling.end) == (True, 2.0, 8.0)
+    found = contents(run)
     assert found.path is not None
     assert (str(found.path.path.task), found.path.shares[0].name, found.path.shares[0].share) == (
         "walk {2}",
@@ -52,11 +52,11 @@ def test_a_monitor_that_stands_by_does_not_hide_the_run() -> None:
 
 
 def test_in_the_middle_of_a_walk() -> None:
-    past = watched_walk(5.0).fold()
-    assert summary(past).outcome == "The task had not ended when the journal did; 1 monitor still watched."
-    assert (str(last_task(past)), str(longest_task(past)), span_of(past)) == ("walk {2}", "walk {2}", (2.0, 5.0))
-    past.is_live = True
-    assert summary(past).outcome == "The task is still running, as of 5.000 s; 1 monitor still watches."
+    run = watched_walk(5.0).fold()
+    assert summary(run).outcome == "The task had not ended when the journal did; 1 monitor still watched."
+    assert (str(last_task(run)), str(longest_task(run)), span_of(run)) == ("walk {2}", "walk {2}", (2.0, 5.0))
+    run.is_live = True
+    assert summary(run).outcome == "The task is still running, as of 5.000 s; 1 monitor still watches."
 
 
 def ended(story: Story, by: str) -> Story:
@@ -84,20 +84,20 @@ def test_what_a_monitor_has_sent_is_work_like_any_other() -> None:
     load = facts.Received(
         number, "load", MessageClass.COMMAND, "central", TaskId(1), 0, False, b"", [], Role.ACTION, 1
     )  # fmt: skip
-    past = story.say(load).acted(number, "legs", 3.0).at(30.0).fold()
-    assert span_of(past) == (2.0, 12.0)
-    last = last_task(past)
+    run = story.say(load).acted(number, "legs", 3.0).at(30.0).fold()
+    assert span_of(run) == (2.0, 12.0)
+    last = last_task(run)
     assert last is not None
-    assert (last.name, summary(past).outcome) == ("load", "The top-level task was achieved; 1 monitor still watched.")
-    assert critical_path(past, Causes(past), last).steps[-1].module == "legs"
+    assert (last.name, summary(run).outcome) == ("load", "The top-level task was achieved; 1 monitor still watched.")
+    assert critical_path(run, Causes(run), last).steps[-1].module == "legs"
 
 
 def test_where_there_is_nothing_but_monitors_they_are_the_run() -> None:
     story = Story().module("user")
     watch = story.at(1.0).received("battery watch", MessageClass.POLLING_MONITOR, "user")
-    past = story.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING).at(5.0).fold()
-    assert summary(past).outcome == "No top-level task but monitors was sent; 1 monitor still watched."
-    assert (str(last_task(past)), span_of(past)) == ("battery watch {1}", (1.0, 5.0))
+    run = story.reached(watch, Moment.START_HANDLING, Moment.START_ACHIEVING).at(5.0).fold()
+    assert summary(run).outcome == "No top-level task but monitors was sent; 1 monitor still watched."
+    assert (str(last_task(run)), span_of(run)) == ("battery watch {1}", (1.0, 5.0))
 
 
 def test_a_monitor_that_watches_is_called_what_it_is(tca: Callable[..., Result], tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ def playing() -> Player:
 
 
 def steps(player: Player, number: int, moment: float | None = None) -> list[str]:
-    past = History.until(player.entries)
-    links = failure_chain(past, TaskId(number), past.time if moment is None else moment)
+    run = History.until(player.entries)
+    links = failure_chain(run, TaskId(number), run.time if moment is None else moment)
     return ["  " * one.depth + one.text for one in links]
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tools.story import THIS, Story
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.arrows import arrows
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.lanes import MOST_LANES, MOST_LEAVING, lines
@@ -37,8 +37,8 @@ def brothers(*waits_for: tuple[int, ...]) -> Story:
 class Picture:
     """What is to be seen."""
 
-    def __init__(self, then: Then, rows: list[Row]) -> None:
-        self.svg = ET.fromstring(outline_svg(then, rows, "picture"))
+    def __init__(self, at: RunAt, rows: list[Row]) -> None:
+        self.svg = ET.fromstring(outline_svg(at, rows, "picture"))
         self.words = [text.text or "" for text in self.svg.iter(f"{SVG}text")]
         boxes = {
             float(text.get("y", 0)): int(found[1])
@@ -60,8 +60,8 @@ class Picture:
 
 
 def drawn(story: Story) -> Picture:
-    then = Then(story.fold())
-    return Picture(then, whole_outline(then))
+    at = RunAt(story.fold())
+    return Picture(at, whole_outline(at))
 
 
 def test_each_wait_has_a_line_of_its_own() -> None:
@@ -89,25 +89,25 @@ def test_what_has_no_room_is_said_in_words() -> None:
 
 def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
     """Tasks that are folded up have no box from which a line could lead."""
-    then = Then(brothers(*([()] * 40), tuple(range(2, 42))).fold())
-    rows = outline(then)
+    at = RunAt(brothers(*([()] * 40), tuple(range(2, 42))).fold())
+    rows = outline(at)
     shown = {int(row.task.id) for row in rows if row.task}
-    picture = Picture(then, rows)
+    picture = Picture(at, rows)
     assert {one for one, _ in picture.pairs} == shown - {1, 42}
     assert f"after work {{4}}, work {{5}}, work {{6}} and {40 - len(picture.pairs) - 3} more" in picture.words
-    assert "SEQ: after work {4}, work {5}, work" in dot_source(then, rows, "")
+    assert "SEQ: after work {4}, work {5}, work" in dot_source(at, rows, "")
 
 
 def test_a_sequence_that_is_folded_up_goes_on_in_words() -> None:
-    then = Then(brothers((), *((task,) for task in range(2, 41))).fold())
-    said = [words for words in Picture(then, outline(then)).words if words.startswith("after ")]
+    at = RunAt(brothers((), *((task,) for task in range(2, 41))).fold())
+    said = [words for words in Picture(at, outline(at)).words if words.startswith("after ")]
     assert said == ["after work {39}"]
 
 
 def test_what_follows_from_a_line_is_not_said_of_who_is_not_shown() -> None:
     """A check waits for a body move and, as after a kill, for the leg move before that, which is not shown."""
-    then = Then(brothers((), (2,), (2, 3)).fold())
-    assert arrows(then, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
+    at = RunAt(brothers((), (2,), (2, 3)).fold())
+    assert arrows(at, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
 
 
 def test_only_what_is_achieved_one_after_the_other_has_a_line() -> None:

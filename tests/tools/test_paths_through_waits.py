@@ -14,7 +14,7 @@ from tca_tools.analysis.failures import failures
 from tca_tools.log.classic import classic_lines
 from tca_tools.report.__main__ import report
 from tca_tools.report.contents import contents
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 from tca_tools.stats.measure import measure
 from tca_tools.why.coping import Fate
 from tca_tools.why.story import story as story_of
@@ -37,24 +37,24 @@ def going() -> tuple[Story, int]:
     return told, go
 
 
-def short_at(told: Story, time: float, go: int) -> Past:
+def short_at(told: Story, time: float, go: int) -> Run:
     """Then it commands *short*, half a second."""
     short = told.at(time).command("short", "m", go)
     told.delivered(short, "k").returned(go).at(time + 0.5)
     return told.returned(short).reached(short, Moment.END_ACHIEVING).reached(go, Moment.END_ACHIEVING).fold()
 
 
-def whys(past: Past) -> list[str]:
-    return [why_then(past, step) for step in critical_path(past, Causes(past), past.tasks[1]).steps]
+def whys(run: Run) -> list[str]:
+    return [why_then(run, step) for step in critical_path(run, Causes(run), run.tasks[1]).steps]
 
 
 def test_through_a_lock_that_was_wanted_in_vain() -> None:
     told, go = going()
     told.at(4.0).say(facts.Claimed(50, "n", "n", False, "m", go)).at(4.3).say(facts.ClaimEnded(50, "its time is over"))
-    past = short_at(told, 4.4, go)
+    run = short_at(told, 4.4, go)
     last = [("go", "m", 3.5, 4.0), ("locked", "n", 4.0, 4.3), ("go", "m", 4.3, 4.4), ("short", "k", 4.4, 4.9)]
-    assert path_of(past) == SLOW + last
-    assert "its handler waited for the lock of n {50}, in vain" in whys(past)
+    assert path_of(run) == SLOW + last
+    assert "its handler waited for the lock of n {50}, in vain" in whys(run)
 
 
 def test_through_a_task_that_was_waited_for_in_vain() -> None:
@@ -62,12 +62,12 @@ def test_through_a_task_that_was_waited_for_in_vain() -> None:
     never = told.at(4.0).command("never", "m", go)
     told.queued(never).say(facts.WaitBegan("m", go, TaskId(never), Moment.END_ACHIEVING)).at(4.3)
     told.say(facts.WaitEnded("m", go, TaskId(never)))
-    past = short_at(told, 4.4, go)
-    assert [row[:2] for row in path_of(past)][2:5] == [("go", "m"), ("no handler", ""), ("go", "m")]
-    assert f"its handler waited until never {{{never}}} is achieved, in vain" in whys(past)
+    run = short_at(told, 4.4, go)
+    assert [row[:2] for row in path_of(run)][2:5] == [("go", "m"), ("no handler", ""), ("go", "m")]
+    assert f"its handler waited until never {{{never}}} is achieved, in vain" in whys(run)
 
 
-def refused() -> Past:
+def refused() -> Run:
     """*ask* would wait for its asker, copes, and answers after a tenth of a second."""
     told, go = going()
     return short_at(_asked(told, go), 4.2, go)
@@ -88,16 +88,16 @@ def test_through_a_deadlock_that_was_refused_at_once() -> None:
 
 
 def test_a_deadlock_that_was_coped_with_is_told_with_its_circle() -> None:
-    past = refused()
-    (kind,) = failures(past)
+    run = refused()
+    (kind,) = failures(run)
     (case,) = kind.cases
     assert (kind.failure, kind.message, case.of, case.text) == ("deadlock", "ask", "ask {3}", CIRCLE)
     assert (case.fate, case.time, case.why) == (Fate.COPED, 4.05, "it was to wait for the reply to back {4}")
-    (asked,) = (one for one in story_of(past, 3) if "waits" in one.text)
+    (asked,) = (one for one in story_of(run, 3) if "waits" in one.text)
     assert asked.text == f"its handler waits for the reply to back {{4}}, and is refused: deadlock: {CIRCLE}"
     assert asked.seconds is None
-    assert f"came to nothing: deadlock: {CIRCLE}" in [one.text for one in story_of(past, 4)]
-    assert (measure(past).deadlocks, measure(past, start=4.1).deadlocks) == (1, 0)
+    assert f"came to nothing: deadlock: {CIRCLE}" in [one.text for one in story_of(run, 4)]
+    assert (measure(run).deadlocks, measure(run, start=4.1).deadlocks) == (1, 0)
 
 
 def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
@@ -105,10 +105,10 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     slow = told.command("slow", "user")
     told.delivered(slow, "k").at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
     told.say(facts.RequestRefused("user", Refusal.DEADLOCK, CIRCLE), facts.WaitEnded("user", 0, TaskId(slow)))
-    past = told.at(4.0).fold()
-    (kind,) = failures(past)
+    run = told.at(4.0).fold()
+    (kind,) = failures(run)
     assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.TOLD, "slow")
-    assert contents(past).stories == {}
+    assert contents(run).stories == {}
 
 
 def test_the_report_names_the_circle(tmp_path: Path) -> None:
@@ -139,8 +139,8 @@ def test_a_program_that_looks_at_a_result_late_had_to_wait_for_it(looks_at: floa
     if looks_at > 3.0:
         told.at(looks_at).say(*waits)
     other = told.at(6.0).command("slow", "user")
-    past = told.acted(other, "k", 1.0).fold()
-    assert path_of(past) == [("slow", "k", 1.0, 3.0), ("outside", "user", 3.0, 6.0), ("slow", "k", 6.0, 7.0)]
+    run = told.acted(other, "k", 1.0).fold()
+    assert path_of(run) == [("slow", "k", 1.0, 3.0), ("outside", "user", 3.0, 6.0), ("slow", "k", 6.0, 7.0)]
 
 
 def test_of_a_reply_to_many_that_is_waited_for_a_copy_may_stand_in_a_queue() -> None:
@@ -148,8 +148,8 @@ def test_of_a_reply_to_many_that_is_waited_for_a_copy_may_stand_in_a_queue() -> 
     go = told.command("go", "user")
     told.delivered(go, "m").at(2.0)
     asked = told.received("all", MessageClass.MULTI_QUERY, "m", origin=go, blocking=True)
-    past = told.say(facts.Queued(asked + 1, asked, "n", "n")).at(5.0).fold()
-    assert path_of(past) == [("go", "m", 1.0, 2.0), ("queued", "n", 2.0, 5.0)]
+    run = told.say(facts.Queued(asked + 1, asked, "n", "n")).at(5.0).fold()
+    assert path_of(run) == [("go", "m", 1.0, 2.0), ("queued", "n", 2.0, 5.0)]
 
 
 def test_a_lock_is_waited_for_while_somebody_is_at_work_there() -> None:
@@ -158,9 +158,9 @@ def test_a_lock_is_waited_for_while_somebody_is_at_work_there() -> None:
     told.delivered(hog, "n").at(2.0)
     go = told.command("go", "user")
     told.delivered(go, "m").at(3.0).say(facts.Claimed(50, "n", "n", False, "m", go))
-    past = told.at(6.0).fold()
-    path = critical_path(past, Causes(past), past.tasks[go])
-    assert [(past.name(step.message_id), step.start, step.end) for step in path.steps] == [("hog", 1.0, 6.0)]
+    run = told.at(6.0).fold()
+    path = critical_path(run, Causes(run), run.tasks[go])
+    assert [(run.name(step.message_id), step.start, step.end) for step in path.steps] == [("hog", 1.0, 6.0)]
     assert path.because == ["the handler of go {2} waits for the lock of n {50}, but n is busy with hog {1}"]
 
 
@@ -168,8 +168,8 @@ def test_who_says_goodbye_when_all_is_done_is_not_missed() -> None:
     told = Story().module("user").at(1.0)
     where = told.received("where", QUERY, "user", blocking=True)
     told.queued(where).at(2.0).module("map", "where").delivered(where, "map").at(2.1).returned(where)
-    past = told.say(facts.Answered(where)).at(9.0).say(facts.HandlerRemoved("where", "map")).fold()
-    (one,) = advice(past, Causes(past), None, [], [], [], 0.1)
+    run = told.say(facts.Answered(where)).at(9.0).say(facts.HandlerRemoved("where", "map")).fold()
+    (one,) = advice(run, Causes(run), None, [], [], [], 0.1)
     assert one.title == "Nobody handles 'where' for a while"
 
 
@@ -186,5 +186,5 @@ def test_a_handler_that_is_cut_off_while_it_waits_did_nothing_just_then() -> Non
     told.at(4.0)
     told.delivered(told.received("ask", QUERY, "m", origin=go, blocking=True), "n").at(6.0)
     told.say(facts.ModuleLeft("m", "lost"), facts.Failed(go, "module lost", ""), facts.Killed(TaskId(go), "lost"))
-    past = told.reached(go, *Moment).at(7.0).fold()
-    assert path_of(past) == [*SLOW, ("go", "m", 3.5, 4.0), ("ask", "n", 4.0, 6.0)]
+    run = told.reached(go, *Moment).at(7.0).fold()
+    assert path_of(run) == [*SLOW, ("go", "m", 3.5, 4.0), ("ask", "n", 4.0, 6.0)]

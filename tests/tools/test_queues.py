@@ -11,15 +11,15 @@ from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.queues import growing
 from tca_tools.analysis.summary import span_of
 from tca_tools.report.contents import contents
-from tca_tools.run.at_time import Then
-from tca_tools.run.past import Past
+from tca_tools.run.at_time import RunAt
+from tca_tools.run.whole_run import Run
 from tca_tools.tasktree_viz import words
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import MessageClass
 
 
-def served(arrivals: list[float], took: float, end: float = 100.0, capacity: int = 1, *, closes: bool = False) -> Past:
+def served(arrivals: list[float], took: float, end: float = 100.0, capacity: int = 1, *, closes: bool = False) -> Run:
     """Informs that come at these times to a resource that handles each for so long."""
     story = Story().at(0.5).module("camera").module("eye", "frame")
     story.say(facts.ResourceChanged("eye", "eye", capacity))
@@ -62,27 +62,27 @@ def every(period: float, until: float = 100.0) -> list[float]:
 
 @pytest.mark.parametrize("closes", [False, True])
 def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
-    past = served(every(0.5), took=0.8, closes=closes)
-    (queue,) = growing(past, *span_of(past))
+    run = served(every(0.5), took=0.8, closes=closes)
+    (queue,) = growing(run, *span_of(run))
     assert (queue.key, queue.message, queue.needed) == (("eye", "eye"), "frame", 2)
     assert queue.rate_in == pytest.approx(2.0, rel=0.05)
     assert queue.rate_out == pytest.approx(1.25, rel=0.05)
     assert queue.length == pytest.approx(75, abs=3)
-    (told,) = advice(past, Causes(past), None, [], [], [], 0.5)
+    (told,) = advice(run, Causes(run), None, [], [], [], 0.5)
     assert (told.topic, told.title) == (Topic.CAPACITY, "eye is a bottleneck")
     assert "2.01 messages a second come, 1.25 are handled" in told.text
     assert "let it handle 2 at a time instead of 1" in told.remedy
-    assert contents(past).advice[0].title == told.title
+    assert contents(run).advice[0].title == told.title
 
 
 def test_a_queue_that_grows_for_two_slots() -> None:
-    past = served(every(0.25), took=1.0, capacity=2)
-    (queue,) = growing(past, *span_of(past))
+    run = served(every(0.25), took=1.0, capacity=2)
+    (queue,) = growing(run, *span_of(run))
     assert (queue.capacity, queue.needed) == (2, 4)
 
 
 @pytest.mark.parametrize(
-    ("name", "past"),
+    ("name", "run"),
     [
         ("it keeps up", served(every(1.0), took=0.8)),
         ("a burst that is worked off", served([1.0 + number / 100 for number in range(60)], took=1.0)),
@@ -93,8 +93,8 @@ def test_a_queue_that_grows_for_two_slots() -> None:
         ("a handler hangs, and all that comes waits", served(every(0.5), took=1e6)),
     ],
 )
-def test_queues_that_give_no_alarm(name: str, past: Past) -> None:
-    assert growing(past, *span_of(past)) == [], name
+def test_queues_that_give_no_alarm(name: str, run: Run) -> None:
+    assert growing(run, *span_of(run)) == [], name
 
 
 def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
@@ -104,8 +104,8 @@ def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
         random, time, arrivals = Random(seed), 0.0, []
         while time < 500.0:
             arrivals.append(time := time + random.expovariate(0.9))
-        past = served(arrivals, took=1.0, end=500.0)
-        alarms += len(growing(past, *span_of(past)))
+        run = served(arrivals, took=1.0, end=500.0)
+        alarms += len(growing(run, *span_of(run)))
     assert alarms == 0
 
 
@@ -115,8 +115,8 @@ def test_what_is_locked_needs_shorter_locks_and_no_more_slots() -> None:
     )  # fmt: skip
     for number in range(50):
         story.at(2.0 + number).queued(story.received("frame", MessageClass.INFORM, "camera"), "eye")
-    past = story.fold()
-    assert growing(past, *span_of(past)) == []
+    run = story.fold()
+    assert growing(run, *span_of(run)) == []
 
 
 def test_how_long_a_task_has_been_queued_is_told_of_the_queue_that_it_is_in() -> None:
@@ -126,8 +126,8 @@ def test_how_long_a_task_has_been_queued_is_told_of_the_queue_that_it_is_in() ->
     story.delivered(first, "legs").at(10.0).queued(second, "legs").at(70.0).queued(second)
     story.at(72.0).say(facts.SuspendedOrResumed(TaskId(second), True)).at(80.0)
     story.say(facts.SuspendedOrResumed(TaskId(second), False)).at(81.0).say(facts.Closed("done"))
-    past = story.fold()
-    told = [words.note(then := Then.by_clock(past, at), then.tasks[second]) for at in (69.0, 71.5, 81.0)]
+    run = story.fold()
+    told = [words.note(at := RunAt.by_clock(run, time), at.tasks[second]) for time in (69.0, 71.5, 81.0)]
     assert told == [
         "waits for legs, busy with move {1}, for 59.0 s",
         "waits for a module that handles move, for 1.50 s",

@@ -33,27 +33,27 @@ def crowd(tops: int) -> Recording:
 def test_of_very_many_tasks_a_few_are_shown() -> None:
     recording = crowd(5_000)
     outline = Outline(recording)
-    rows = outline.rows(recording.then(recording.last))
+    rows = outline.rows(recording.at(recording.last))
     assert outline.living == 5
     assert len(rows) < 20
     assert sum(row.folded or 1 for row in rows) == 5_000
     assert {1, 1001, 2001, 3001, 4001, 5000} <= {row.task for row in rows}
-    chosen = outline.rows(recording.then(recording.last), selected=2500)
+    chosen = outline.rows(recording.at(recording.last), selected=2500)
     assert 2500 in {row.task for row in chosen}
 
 
 def test_what_lives_is_the_same_however_one_gets_there() -> None:
     recording = Recording(walk())
-    walking, times = Living(recording.past), recording.past.times
+    walking, times = Living(recording.run), recording.run.times
     for place in [*range(len(times)), *reversed(range(len(times))), 40, 3, 60]:
         walking.move(times[place])
-        jumped = Living(recording.past)
+        jumped = Living(recording.run)
         jumped.move(times[place])
         assert {key: set(value) for key, value in walking.below.items()} == {
             key: set(value) for key, value in jumped.below.items()
         }
-        then = recording.then(place)
-        assert walking.number == sum(Moment.END_ACHIEVING not in task.reached for task in then.tasks.values())
+        at = recording.at(place)
+        assert walking.number == sum(Moment.END_ACHIEVING not in task.reached for task in at.tasks.values())
 
 
 def test_deep_trees_are_drawn() -> None:
@@ -62,7 +62,7 @@ def test_deep_trees_are_drawn() -> None:
     for _ in range(3_000):
         parent = story.goal("walk", "user", parent)
     recording = Recording(story.entries)
-    rows = Outline(recording).rows(recording.then(recording.last))
+    rows = Outline(recording).rows(recording.at(recording.last))
     assert len(rows) == 3_000
     assert max(len(row.guides) for row in rows) < 60
 
@@ -113,6 +113,6 @@ def test_locks_have_names_when_they_are_granted_and_over() -> None:
     recording = Recording(locking().entries)
     kinds = (facts.Granted, facts.ClaimEnded)
     told = [fact for event in recording.events for entry in event for fact in entry.facts if isinstance(fact, kinds)]
-    assert [Wording(recording.past.name).words(fact) for fact in told] == [
+    assert [Wording(recording.run.name).words(fact) for fact in told] == [
         "lock of legs {90}", "lock of legs {90}: released", "reservation of legs {91}"
     ]  # fmt: skip

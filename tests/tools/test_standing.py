@@ -14,7 +14,7 @@ from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.panes import colour_of
 from tca_tools.replay.recording import Recording
 from tca_tools.report.tree import tree
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
 from tca_tools.tasktree_viz.outline import whole_outline
 from tca_tools.tasktree_viz.outline_svg import outline_svg
@@ -33,21 +33,21 @@ YELLOW, RED = "\x1b[33m", "\x1b[31m"
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> None:
     told = replacing(top_fails=top_fails)
-    past, word, colour = told.fold(), "failed" if top_fails else HANDLED, RED if top_fails else YELLOW
-    then, rows = Then(past), whole_outline(Then(past))
-    assert then.tasks[STEP].standing == word
-    assert title(then).endswith(f"1 {word}" + ", 1 killed" * top_fails)
-    assert summary(past).tasks[word] == 1
-    assert [line for line in tree_lines(then, rows) if f"step {{2}}  {colour}{word}" in line]
-    assert next(story_lines(past, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
+    run, word, colour = told.fold(), "failed" if top_fails else HANDLED, RED if top_fails else YELLOW
+    at, rows = RunAt(run), whole_outline(RunAt(run))
+    assert at.tasks[STEP].standing == word
+    assert title(at).endswith(f"1 {word}" + ", 1 killed" * top_fails)
+    assert summary(run).tasks[word] == 1
+    assert [line for line in tree_lines(at, rows) if f"step {{2}}  {colour}{word}" in line]
+    assert next(story_lines(run, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
     grown = growth_lines(Recording(told.entries), 0.0, None)  # when it failed nobody knew what would become of that
     assert [line for line in grown if f"{RED}failed\x1b[0m, blind" in line]
     assert colour_of(word) == ("red" if top_fails else "yellow")
-    for picture in (dot_source(then, rows, ""), outline_svg(then, rows, "")):
+    for picture in (dot_source(at, rows, ""), outline_svg(at, rows, "")):
         assert FILLS[word] in picture
         assert word in picture
         assert FILLS["failed" if word == HANDLED else HANDLED] not in picture
-    assert [node.state for node in tree(past).nodes] == ["killed" if top_fails else "achieved", word]
+    assert [node.state for node in tree(run).nodes] == ["killed" if top_fails else "achieved", word]
 
 
 def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
@@ -76,8 +76,8 @@ def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: 
         .stdout.splitlines()[2]
         .endswith("waits until recover {2} has dealt with slip: on ice, for 0.50 s")
     )
-    then = Then(recovering().fold())
-    assert "recovering, waits until recover {3} has dealt" in outline_svg(then, whole_outline(then), "")
+    at = RunAt(recovering().fold())
+    assert "recovering, waits until recover {3} has dealt" in outline_svg(at, whole_outline(at), "")
 
 
 def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
@@ -86,8 +86,8 @@ def test_a_journal_that_begins_in_the_midst_knows_of_nobody() -> None:
         entry.facts[:] = [
             one for one in entry.facts if getattr(one, "message_class", None) is not MessageClass.EXCEPTION
         ]
-    then = Then(told.fold())
-    line = next(line for line in tree_lines(then, whole_outline(then)) if line.startswith("move {1}"))
+    at = RunAt(told.fold())
+    line = next(line for line in tree_lines(at, whole_outline(at)) if line.startswith("move {1}"))
     assert "until somebody has dealt with slip: on ice" in line
 
 

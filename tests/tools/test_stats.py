@@ -161,12 +161,12 @@ def test_waits_that_go_on_count_until_now() -> None:
     dances = [story.command("dance", "user") for _ in range(3)]
     for dance in dances:
         story.queued(dance)
-    past = story.at(2.0).delivered(dances[0], "legs").at(61.0).fold()
-    nobody = next(one for one in measure(past).resources if not one.module)
+    run = story.at(2.0).delivered(dances[0], "legs").at(61.0).fold()
+    nobody = next(one for one in measure(run).resources if not one.module)
     assert (nobody.queued.seconds, nobody.queued.going_on) == ([1.0, 60.0, 60.0], [60.0, 60.0])
     assert not nobody.queued.is_at_least(1.0)  # whatever the others will be
     assert nobody.queued.is_at_least(60.0)
-    assert (nobody.longest_queue, of(measure(past), "dance").queued.percentile(50)) == (3, 60.0)
+    assert (nobody.longest_queue, of(measure(run), "dance").queued.percentile(50)) == (3, 60.0)
 
 
 def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from click.testing import CliRunner
 from tools.story import ACTING, COMMAND, GOAL, QUERY, THIS, Story, locking, mopping, stumbling
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.run.selection import messages_of
@@ -62,9 +62,9 @@ def test_who_waited_for_a_task_that_was_killed_goes_on_and_is_told_why() -> None
     sweep = tale.command("sweep", "user", ROOT, sequential_achievement(TaskId(walk), THIS))
     tale.delivered(walk, "legs").at(3.0).returned(walk)
     tale.say(facts.Killed(TaskId(walk), "enough", "user")).reached(walk, *Moment).at(4.0)
-    past = tale.delivered(sweep, "legs").fold()
-    assert "1.0 (2.0 s) held, until walk {1} is achieved, but walk {1} was killed" in told(past, sweep)
-    before = next(one for one in story(past, sweep, 2.0) if one.text.startswith("held"))
+    run = tale.delivered(sweep, "legs").fold()
+    assert "1.0 (2.0 s) held, until walk {1} is achieved, but walk {1} was killed" in told(run, sweep)
+    before = next(one for one in story(run, sweep, 2.0) if one.text.startswith("held"))
     assert before.by(2.0, 2.0) == "held, until walk {1} is achieved, 1.000 s so far"
 
 
@@ -166,7 +166,7 @@ def test_a_task_that_was_suspended_while_something_under_it_ran_and_resumed() ->
 
 def test_the_row_of_a_suspended_task_says_so_from_when_on_it_was() -> None:
     history = mopping().fold()
-    sweeping, standing, resumed = Then(history, 2.5), Then(history, 5.0), Then(history, 9.5)
+    sweeping, standing, resumed = RunAt(history, 2.5), RunAt(history, 5.0), RunAt(history, 9.5)
     assert [one.tasks[1].state for one in (sweeping, standing, resumed)] == [
         State.SUSPENDED, State.SUSPENDED, State.ACHIEVING,
     ]  # fmt: skip
@@ -186,14 +186,14 @@ def test_who_suspended_and_resumed_is_told_to_those_who_wait() -> None:
         "9.0 resumed by operator panel",
     ]
     assert "2.0 (1.0 s) suspended by operator panel with mop floor {1}" in told(history, 2)
-    sweeping, standing = Then(history, 2.5), Then(history, 5.0)
+    sweeping, standing = RunAt(history, 2.5), RunAt(history, 5.0)
     assert note(sweeping, sweeping.tasks[2]) == (
         "still runs, though mop floor {1} is suspended by operator panel, for 0.50 s"
     )
     for task in (1, 3):
         words = "suspended by operator panel, until mop floor {1} is resumed, for 3.00 s"
         assert note(standing, standing.tasks[task]) == words
-    typed = Then(mopping("tca suspend").fold(), 5.0)
+    typed = RunAt(mopping("tca suspend").fold(), 5.0)
     assert note(typed, typed.tasks[1]).startswith("suspended by the command 'tca suspend', until")
 
 
@@ -324,9 +324,9 @@ def test_a_wait_for_many_is_told_anew_only_when_so_few_are_left_that_all_are_nam
 
 
 def test_while_it_waits_for_many_a_story_says_how_many_are_left() -> None:
-    past = waiting_for_many().fold()
+    run = waiting_for_many().fold()
     for moment, text in ((1.5, MANY), (3.5, f"{MANY}, 4 of them still to come")):
-        last = [one.known(moment) for one in story(past, 7, moment) if one.time <= moment][-1]
+        last = [one.known(moment) for one in story(run, 7, moment) if one.time <= moment][-1]
         assert (last.text, last.is_open) == (text, True)
     assert told(waiting_for_many().fold(until=3.5), 7)[-1] == f"1.0 {MANY}, 4 of them still to come"
 

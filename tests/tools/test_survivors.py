@@ -3,7 +3,7 @@
 from tools.story import Story
 
 from tca_tools.export.tables import TABLES
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import State
 from tca_tools.why.story import story
 from tca_wire.journal import facts
@@ -26,10 +26,10 @@ def surviving() -> Story:
 
 
 def test_a_task_that_is_handled_after_a_failure_that_nobody_handled_has_failed() -> None:
-    past = surviving().fold()
-    assert [state for _, state in past.tasks[STOP].states] == [State.QUEUED, State.HANDLING, State.FAILED]
-    assert [Then(past, moment).tasks[STOP].failure for moment in (2.5, 3.5, 4.5)] == ["", *["timeout: late"] * 2]
-    assert [(one.time, one.text) for one in story(past, STOP)][1:] == [
+    run = surviving().fold()
+    assert [state for _, state in run.tasks[STOP].states] == [State.QUEUED, State.HANDLING, State.FAILED]
+    assert [RunAt(run, moment).tasks[STOP].failure for moment in (2.5, 3.5, 4.5)] == ["", *["timeout: late"] * 2]
+    assert [(one.time, one.text) for one in story(run, STOP)][1:] == [
         (2.0, "queued for legs, busy with walk {1}"),
         (3.0, "failed: timeout: late"),
         (4.0, "handled by legs"),
@@ -38,8 +38,8 @@ def test_a_task_that_is_handled_after_a_failure_that_nobody_handled_has_failed()
 
 
 def test_tables_keep_it() -> None:
-    past = surviving().fold()
-    tables = {table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows(past)] for table in TABLES}
+    run = surviving().fold()
+    tables = {table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows(run)] for table in TABLES}
     assert [(row["failure"], row["handled"]) for row in tables["messages"]] == [(None, None), ("timeout: late", False)]
     assert [row["state"] for row in tables["tasks"]] == ["killed", "failed"]
 

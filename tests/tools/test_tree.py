@@ -9,7 +9,7 @@ import pytest
 from click.testing import Result
 from tools.story import THIS, Story, arcs, silent_for, stumbling, walking
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import State
 from tca_tools.tasktree_viz.arrows import KINDS, arrows
 from tca_tools.tasktree_viz.dot import FILLS, dot_source
@@ -100,7 +100,7 @@ def a_long_walk(achieved: int, held: int) -> Story:
 
 
 def test_a_large_tree_is_folded_where_it_is_achieved() -> None:
-    rows = outline(Then(a_long_walk(achieved=400, held=3).fold()))
+    rows = outline(RunAt(a_long_walk(achieved=400, held=3).fold()))
     assert [row.folded or str(row.task) for row in rows] == [
         *("walk {1}", "step {2}", "step {3}", 396, "step {400}", "step {401}"),
         *("step {402}", "step {403}", "step {404}"),
@@ -128,7 +128,7 @@ def test_what_went_wrong_is_never_folded() -> None:
     story = a_long_walk(achieved=400, held=0)
     for task in range(200, 220):
         story.say(Failed(task, "slip", "on ice"))
-    rows = outline(Then(story.fold()), shown_at_most=5)
+    rows = outline(RunAt(story.fold()), shown_at_most=5)
     failed = [f"step {{{task}}}" for task in range(200, 220)]
     assert [row.folded or str(row.task) for row in rows] == ["walk {1}", 198, *failed, 182]
 
@@ -140,7 +140,7 @@ def test_what_went_wrong_deep_down_is_shown_with_what_it_hangs_under() -> None:
     for task in range(30, 0, -1):
         story.reached(task, *Moment)
     story.say(Failed(25, "slip", ""))
-    rows = outline(Then(story.fold()), shown_at_most=10)
+    rows = outline(RunAt(story.fold()), shown_at_most=10)
     assert [row.task.id for row in rows if row.task] == list(range(1, 26))
 
 
@@ -152,27 +152,27 @@ def test_deep_achieved_parts_are_folded_first() -> None:
         ids.append(parent)
     for task in reversed(ids):
         story.reached(task, *Moment)
-    rows = outline(Then(story.fold()), shown_at_most=10)
+    rows = outline(RunAt(story.fold()), shown_at_most=10)
     assert [row.task.id for row in rows if row.task] == ids[:10]
     assert rows[-1].folded == 20
 
 
 def test_constraints_become_one_arrow_between_two_tasks() -> None:
     history = walking().fold()
-    found = arrows(Then(history), set(history.tasks))
+    found = arrows(RunAt(history), set(history.tasks))
     assert found.between == {
         (2, 3): ["SEQ"],
         (3, 4): ["SEQ", "plan ahead"],
         (6, 7): ["SEQ"],
         (9, 10): ["SEQ"],
     }
-    assert arrows(Then(history), {1, 2, 4}).between == {}
+    assert arrows(RunAt(history), {1, 2, 4}).between == {}
 
 
 def test_delayed_planning_joins_the_arrow_of_the_sequence() -> None:
     history = arcs().fold()
-    assert arrows(Then(history), set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
-    assert arrows(Then(history), set(history.tasks)).own == {}
+    assert arrows(RunAt(history), set(history.tasks)).between == {(2, 3): ["SEQ", "DP"], (3, 4): ["SEQ", "DP"]}
+    assert arrows(RunAt(history), set(history.tasks)).own == {}
 
 
 def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
@@ -182,7 +182,7 @@ def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
     odd = Constraint(Point(TaskId(1), Moment.END_HANDLING), Point(THIS, Moment.START_HANDLING))
     story.goal("c", "x", 0, odd, sequential_achievement(TaskId(1), THIS))
     history = story.fold()
-    found = arrows(Then(history), {1, 2, 3})
+    found = arrows(RunAt(history), {1, 2, 3})
     assert found.own == {1: ["plan first"], 2: ["DP"]}
     assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
 
@@ -196,8 +196,8 @@ def test_what_stands_in_a_row_needs_no_arrow_from_the_first_to_the_third() -> No
         "check", "x", 0, sequential_achievement(TaskId(body), THIS), sequential_achievement(TaskId(leg), THIS)
     )
     history = story.fold()
-    assert arrows(Then(history), {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
-    assert arrows(Then(history), {1, 3}).between == {(1, 3): ["SEQ"]}
+    assert arrows(RunAt(history), {1, 2, 3}).between == {(1, 2): ["SEQ"], (2, 3): ["SEQ"]}
+    assert arrows(RunAt(history), {1, 3}).between == {(1, 3): ["SEQ"]}
 
 
 def with_roles() -> Story:
@@ -248,7 +248,7 @@ def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(tca: Tca
 
 def test_the_picture_tells_what_central_sent_itself() -> None:
     history = with_roles().fold()
-    dot = dot_source(Then(history), whole_outline(Then(history)), "roles")
+    dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "roles")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert ["penwidth" in nodes[f"t{number}"] for number in (1, 2, 3, 4)] == [False, True, True, True]
     for meaning in ("exception handler", "sent by a wiretap", "monitor"):
@@ -257,7 +257,7 @@ def test_the_picture_tells_what_central_sent_itself() -> None:
 
 def test_the_picture_shows_classes_states_and_order() -> None:
     history = walking().fold()
-    dot = dot_source(Then(history), whole_outline(Then(history)), "<walk> & talk")
+    dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "<walk> & talk")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
     assert 'style="filled,rounded"' in nodes["t2"]
     assert 'style="filled"' in nodes["t7"]
@@ -274,7 +274,7 @@ def test_siblings_without_constraints_keep_their_order() -> None:
     for name in "abc":
         story.goal(name, "x")
     history = story.fold()
-    dot = dot_source(Then(history), whole_outline(Then(history)), "abc")
+    dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "abc")
     assert "{ rank=same; t1; t2; t3; t1 -> t2 [style=invis]; t2 -> t3 [style=invis]; }" in dot
 
 
@@ -302,8 +302,8 @@ def test_the_legend_has_room_for_every_meaning(capfd: pytest.CaptureFixture[str]
     first = story.goal("walk", "user")
     for kind, (before, after) in enumerate(KINDS):
         story.goal(f"kind {kind}", "user", 0, Constraint(Point(TaskId(first), before), Point(THIS, after)))
-    then = Then(story.fold())
-    source = dot_source(then, whole_outline(then), "all kinds")
+    at = RunAt(story.fold())
+    source = dot_source(at, whole_outline(at), "all kinds")
     assert all(f"<b>{kind}</b>" in source for kind in KINDS.values())
     drawn(source, "svg")
     assert "too small" not in capfd.readouterr().err
@@ -341,7 +341,7 @@ def test_wide_characters_keep_the_columns() -> None:
     story = Story()
     story.goal("走る", "x")
     story.goal("walk", "x")
-    lines = list(tree_lines(Then(story.fold()), whole_outline(Then(story.fold()))))
+    lines = list(tree_lines(RunAt(story.fold()), whole_outline(RunAt(story.fold()))))
     assert lines[1].index("held") + 2 == lines[2].index("held")
 
 
@@ -351,8 +351,8 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
     first = TaskId(story.goal("approach", "planner", walk))
     story.goal("grasp", "planner", walk, sequential_achievement(first, THIS))
     story.goal("lift", "planner", walk, sequential_achievement(first, THIS))
-    then = Then(story.fold())
-    source = dot_source(then, whole_outline(then), "a lift")
+    at = RunAt(story.fold())
+    source = dot_source(at, whole_outline(at), "a lift")
     near, far = (next(line for line in source.splitlines() if line.startswith(f"  t2 -> t{one}")) for one in (3, 4))
     assert 'label="SEQ"' in near
     assert 'label=""' in far
@@ -364,7 +364,7 @@ def test_what_waits_for_an_unusual_moment_says_of_whom() -> None:
     walk = story.goal("walk", "user")
     before, after = Point(TaskId(walk), Moment.END_HANDLING), Point(THIS, Moment.START_HANDLING)
     story.command("look at the ground", "planner", walk, Constraint(before, after))
-    then = Then(story.fold())
-    box = next(line for line in dot_source(then, whole_outline(then), "").splitlines() if line.startswith("  t2 ["))
+    at = RunAt(story.fold())
+    box = next(line for line in dot_source(at, whole_outline(at), "").splitlines() if line.startswith("  t2 ["))
     assert "end handling before start handling:" in box
     assert "after walk {1}" in box

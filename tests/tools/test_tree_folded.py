@@ -6,7 +6,7 @@ from pathlib import Path
 from click.testing import Result
 from tools.story import Story
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.outline import Row, cut_off, outline
 from tca_wire.journal.facts import Failed, Killed
@@ -43,7 +43,7 @@ def told(rows: list[Row]) -> list[str]:
 
 
 def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -> None:
-    rows = outline(Then(jobs(0, 10).fold()), budget=20)
+    rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
     assert len(rows) == 10 * 6
     assert told(rows[:6]) == [
         "job killed",
@@ -56,7 +56,7 @@ def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -
 
 
 def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
-    few, many = (told(outline(Then(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
+    few, many = (told(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
     assert few == ["job achieved", "+ 90 tasks achieved"] * 10
     assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [f"+ {36 * 91} tasks achieved"]
     assert many[5:] == ["job achieved", "+ 90 tasks achieved"] * 2
@@ -65,12 +65,12 @@ def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
 def test_who_was_killed_for_a_reason_of_his_own_is_shown() -> None:
     story = jobs(0, 4)
     story.say(Killed(TaskId(20), "not needed any more"))
-    rows = outline(Then(story.fold()), budget=1)
+    rows = outline(RunAt(story.fold()), budget=1)
     assert 20 in [row.task.id for row in rows if row.task]
 
 
 def test_rows_beyond_what_a_picture_has_are_counted() -> None:
-    rows = outline(Then(jobs(0, 10).fold()), budget=20)
+    rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
     assert cut_off(rows, 60) == rows
     assert told(cut_off(rows, 54)[-1:]) == ["+ 91 tasks further down"]
 

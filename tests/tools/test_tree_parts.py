@@ -14,7 +14,7 @@ from click.testing import Result
 from tools.runs import encoded, walk
 from tools.story import GOAL, QUERY, THIS, Story, locking, stumbling, walking
 
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
 from tca_tools.tasktree_viz.files import is_figure
@@ -95,9 +95,9 @@ def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
 def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
     assert (tmp_path / "story.txt").read_text().startswith("move body {7}: failed\nunder traverse arc {1} > ")
-    then = tca("tree", run, "--story", 7, "--at", 4.0).stdout
-    assert then.startswith("move body {7}: handling\n")
-    assert "terrain collision" not in then
+    at = tca("tree", run, "--story", 7, "--at", 4.0).stdout
+    assert at.startswith("move body {7}: handling\n")
+    assert "terrain collision" not in at
     assert "must end in .txt" in tca("tree", run, "--story", 7, "-o", tmp_path / "story.svg").stderr
 
 
@@ -156,8 +156,8 @@ def test_what_ran_out_of_time_waited_for_something() -> None:
     story.say(facts.Failed(deliver, "timeout", "too late"), facts.Unhandled(TaskId(deliver)))
     why = "failure 'timeout' of task 3 'deliver' was not handled"
     story.say(*(facts.Killed(TaskId(task), why) for task in (order, batch, deliver))).reached(deliver, *Moment)
-    past = story.at(4.0).fold()
-    assert [(link.time, link.text) for link in failure_chain(past, TaskId(order))] == [
+    run = story.at(4.0).fold()
+    assert [(link.time, link.text) for link in failure_chain(run, TaskId(order))] == [
         (1.0, "deliver {3} waited until batch {2} is achieved, for 2.00 s"),
         (1.0, "batch {2} was being handled by baker, for 2.00 s when time ran out"),
         (3.0, "deliver {3} failed: timeout: too late"),
@@ -173,10 +173,10 @@ def test_a_kill_is_told_when_it_was_and_not_when_it_had_its_effect() -> None:
     story.delivered(pick, "arm").at(2.0).say(facts.Failed(pick, "timeout", "too late"))
     story.say(facts.Unhandled(TaskId(pick)), facts.Killed(TaskId(pick), "failure 'timeout' was not handled"))
     story.at(3.0).returned(pick, Outcome.KILLED).reached(pick, Moment.END_ACHIEVING)
-    past = story.at(4.0).reached(walk, Moment.END_ACHIEVING).fold()
+    run = story.at(4.0).reached(walk, Moment.END_ACHIEVING).fold()
     killed = "pick {2} was killed: failure 'timeout' was not handled"
     for moment, end in {2.5: killed, 3.5: killed, 4.5: f"{killed}; walk {{1}} was achieved without it"}.items():
-        links = [(round(link.time, 3), link.text) for link in failure_chain(past, TaskId(pick), moment)]
+        links = [(round(link.time, 3), link.text) for link in failure_chain(run, TaskId(pick), moment)]
         assert links == [(2.0, "pick {2} failed: timeout: too late"), (2.0, end)], moment
 
 
@@ -194,7 +194,7 @@ def test_of_a_traceback_a_tree_shows_one_line_and_a_story_all() -> None:
     from tca_tools.tasktree_viz.text import tree_lines
 
     history = with_traceback()
-    line = list(tree_lines(Then(history), whole_outline(Then(history))))[-1]
+    line = list(tree_lines(RunAt(history), whole_outline(RunAt(history))))[-1]
     assert line.endswith("handler error: ZeroDivisionError: division by zero ...")
     told = "\n".join(story_lines(history, TaskId(1)))
     assert "\n" + " " * 23 + "  File walk.py, line 3\n" in told
@@ -212,9 +212,9 @@ def test_guides_go_on_deep_down(tca: Tca, tmp_path: Path, expect: Callable[[str,
 
 
 def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
-    assert is_figure(whole_outline(Then(walking().fold())))
-    assert not is_figure(outline(Then(wide().fold())))
-    assert not is_figure(whole_outline(Then(wide(30).fold())))
+    assert is_figure(whole_outline(RunAt(walking().fold())))
+    assert not is_figure(outline(RunAt(wide().fold())))
+    assert not is_figure(whole_outline(RunAt(wide(30).fold())))
 
 
 @pytest.mark.parametrize("kind", ["svg", "png", "pdf", "html"])
@@ -229,14 +229,14 @@ def test_pictures_of_both_kinds(tca: Tca, run: Path, tmp_path: Path, layout: str
 
 
 def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
-    then = Then(walking().fold())
-    picture = ET.fromstring(outline_svg(then, whole_outline(then), "walking"))
+    at = RunAt(walking().fold())
+    picture = ET.fromstring(outline_svg(at, whole_outline(at), "walking"))
     boxes = {
         text.text: (float(text.get("x", 0)), float(text.get("y", 0)))
         for text in picture.iter(f"{SVG}text")
         if text.get("class") == "name" and "{" in (text.text or "")
     }
-    assert len(boxes) == len(then.tasks)
+    assert len(boxes) == len(at.tasks)
     assert sorted(boxes.values(), key=lambda place: place[1]) == list(boxes.values())  # downwards, in their order
     assert boxes["take steps {2}"][0] == boxes["take steps {3}"][0] < boxes["move leg {6}"][0]
     heavy = [path for path in picture.iter(f"{SVG}path") if path.get("class") == "heavy"]
@@ -250,15 +250,15 @@ def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
     story, parent = Story(), 0
     for _ in range(1_000):
         parent = story.goal("take steps", "planner", parent)
-    then = Then(story.fold())
-    picture = ET.fromstring(outline_svg(then, whole_outline(then), "deep"))
+    at = RunAt(story.fold())
+    picture = ET.fromstring(outline_svg(at, whole_outline(at), "deep"))
     assert float(picture.get("width", 0)) < 1_600
 
 
 def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tca_tools.tasktree_viz.outline_svg._TIMES", 100.0)  # a narrow picture with much in it
-    then = Then(History.until(walk()), 37.0)
-    picture = ET.fromstring(outline_svg(then, whole_outline(then), "walk"))
+    at = RunAt(History.until(walk()), 37.0)
+    picture = ET.fromstring(outline_svg(at, whole_outline(at), "walk"))
     width = float(picture.get("width", 0))
     named = [text for text in picture.iter(f"{SVG}text") if text.get("class") == "name"]
     legend = [text for text in named if "{" not in (text.text or "")]
@@ -269,8 +269,8 @@ def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("story", [locking(), wide(), Story(), stumbling()])
 def test_outlines_are_well_formed(story: Story) -> None:
-    then = Then(story.fold())
-    ET.fromstring(outline_svg(then, outline(then), "<&>\x1b", with_data=True))
+    at = RunAt(story.fold())
+    ET.fromstring(outline_svg(at, outline(at), "<&>\x1b", with_data=True))
 
 
 def without(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
@@ -340,10 +340,10 @@ def hasty() -> list[Entry]:
 def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[Entry]) -> None:
     whole = History.until(entries)
     for moment in sorted({entry.time for entry in entries}):
-        known, remembered = History.until(entries, moment), Then.by_clock(whole, moment)
-        read = Then.by_clock(known, moment)
+        known, remembered = History.until(entries, moment), RunAt.by_clock(whole, moment)
+        read = RunAt.by_clock(known, moment)
         assert (read.moment, read.time) == (remembered.moment, remembered.time)
-        shown, expected = (list(tree_lines(then, whole_outline(then), with_data=True)) for then in (read, remembered))
+        shown, expected = (list(tree_lines(at, whole_outline(at), with_data=True)) for at in (read, remembered))
         assert shown == expected
 
 

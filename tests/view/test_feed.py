@@ -13,7 +13,7 @@ from tools.story import Story, stumbling, walking
 from tca_central.events import Effect, Record
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.colours import dark
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.view import verdicts
@@ -82,7 +82,7 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert told == [(one.id, one.name, one.received) for one in others]
     for time in history.times[::5]:
         assert page.states(time) == {
-            task.id: WATCHING if task.watches else task.state for task in Then(history, time).tasks.values()
+            task.id: WATCHING if task.watches else task.state for task in RunAt(history, time).tasks.values()
         }
     spans, ends = page.table("span"), {span: (time, outcome) for span, time, outcome in page.table("end")}
     assert len(ends) == len(page.table("end"))
@@ -220,9 +220,9 @@ def test_a_verdict_is_told_when_it_changes_and_not_looked_at_for_anything_else(m
     """Many steps of a walk fail and are killed; what others do asks for no verdict, and the walk's end for one of each."""
     asked: list[float] = []
 
-    def counted(past: History, failed: Failing, time: float) -> bool:
+    def counted(run: History, failed: Failing, time: float) -> bool:
         asked.append(time)
-        return went_on(past, failed, time)
+        return went_on(run, failed, time)
 
     monkeypatch.setattr(verdicts, "went_on", counted)
     story = Story().module("legs", "step").at(1.0)

@@ -14,7 +14,7 @@ from view.conftest import Look, until
 from tca_tools.gantt.bars import _in_lanes as in_lanes
 from tca_tools.gantt.bars import chart
 from tca_tools.gantt.parts import Bar
-from tca_tools.run.at_time import Then
+from tca_tools.run.at_time import RunAt
 from tca_tools.run.journals import Log, Place, open_log
 from tca_tools.view import answers
 from tca_tools.view.answers import causes_answer
@@ -113,7 +113,7 @@ def test_others_are_let_in_while_causes_are_looked_for(
         reading.feed.apply(entry)
     asked = min(moment, reading.feed.history.time)
     answer = causes_answer(reading, moment)
-    waiting, things, found = causes(Then(story.fold(), asked))
+    waiting, things, found = causes(RunAt(story.fold(), asked))
     assert answer == {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
     assert reading.looks >= 3
 
@@ -132,7 +132,7 @@ def test_more_of_the_entry_that_is_looked_at_counts(
         reading.feed.apply(entry)
     answer = causes_answer(reading, last.time)
     last.facts.extend(more)
-    waiting, things, found = causes(Then(story.fold(), last.time))
+    waiting, things, found = causes(RunAt(story.fold(), last.time))
     assert answer == {"waiting": waiting, "things": things, "causes": [one._asdict() for one in found]}
     assert things == 2
 

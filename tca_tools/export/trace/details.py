@@ -3,8 +3,8 @@
 from typing import Any
 
 from tca_tools.data import plain_data
-from tca_tools.run.past import Past
 from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.run.whole_run import Run
 from tca_wire.points import describe_moments
 from tca_wire.vocabulary import MessageClass
 
@@ -13,24 +13,24 @@ Details = dict[str, Any]
 _TO_MANY = {MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE}
 
 
-def of_message(past: Past, message: Message) -> Details:
+def of_message(run: Run, message: Message) -> Details:
     """What was sent, by whom and why."""
     parent = message.parent if isinstance(message, Task) else 0
     return {
         "id": message.id,
         "class": str(message.message_class),
         "sender": message.sender,
-        "parent": past.describe(parent) if parent else None,
+        "parent": run.describe(parent) if parent else None,
         "role": str(message.role) or None,
-        "about": past.describe(message.about) if message.about else None,
+        "about": run.describe(message.about) if message.about else None,
         "data": plain_data(message.body),
         "dropped": message.dropped or None,
     }
 
 
-def of_task(past: Past, task: Task) -> Details:
+def of_task(run: Run, task: Task) -> Details:
     """A task, as it was in the end."""
-    return of_message(past, task) | {
+    return of_message(run, task) | {
         "state": str(task.state),
         "failure": task.failure or None,
         "killed": task.killed,
@@ -40,10 +40,10 @@ def of_task(past: Past, task: Task) -> Details:
     }
 
 
-def of_handling(past: Past, handling: Handling) -> Details:
+def of_handling(run: Run, handling: Handling) -> Details:
     """A run of a handler."""
-    message = past.messages.get(handling.message_id)
-    told: Details = {"directly from": handling.direct_from or None} | (of_message(past, message) if message else {})
+    message = run.messages.get(handling.message_id)
+    told: Details = {"directly from": handling.direct_from or None} | (of_message(run, message) if message else {})
     is_last = message is not None and message.handlings[-1:] == [handling]
     told["outcome"] = handling.outcome and str(handling.outcome)
     if message is None or not is_last:
@@ -51,9 +51,9 @@ def of_handling(past: Past, handling: Handling) -> Details:
     return told | {"result": plain_data(message.result), "failure data": plain_data(message.failure_data)}
 
 
-def of_wait(past: Past, wait: Wait) -> Details:
+def of_wait(run: Run, wait: Wait) -> Details:
     """What a handler waits for."""
-    return {"for": past.describe(wait.awaited), "until": ", ".join(describe_moments(wait.moment or 0)) or None}
+    return {"for": run.describe(wait.awaited), "until": ", ".join(describe_moments(wait.moment or 0)) or None}
 
 
 def flows_from(message: Message) -> list[int]:
@@ -63,15 +63,15 @@ def flows_from(message: Message) -> list[int]:
     return [message.id] if message.handlings or message.queueings else []
 
 
-def flow_to(past: Past, handling: Handling) -> list[int]:
+def flow_to(run: Run, handling: Handling) -> list[int]:
     """The arrow that leads to a handling."""
-    message = past.messages.get(handling.message_id)
+    message = run.messages.get(handling.message_id)
     if message is None:
         return []
     return [handling.delivery if message.message_class in _TO_MANY else message.id]
 
 
-def flow_through(past: Past, message_id: int) -> list[int]:
+def flow_through(run: Run, message_id: int) -> list[int]:
     """The arrow that leads to a wait in a queue, and on from there."""
-    message = past.messages.get(message_id)
+    message = run.messages.get(message_id)
     return [message.id] if message and message.message_class not in _TO_MANY else []

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from tca_tools.export.lanes import Span
 from tca_tools.export.nanoseconds import Nanoseconds
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 
 T = TypeVar("T")
 
@@ -63,9 +63,9 @@ class Track:
 class Trace:
     """Tracks in the making."""
 
-    def __init__(self, past: Past) -> None:
-        self.past = past
-        self.nanoseconds = Nanoseconds(past)
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.nanoseconds = Nanoseconds(run)
         self.tracks: list[Track] = []
         self._ranks: dict[tuple[int, str], int] = {}
 
@@ -90,11 +90,11 @@ class Trace:
 
 def add_now(trace: Trace) -> None:
     """Of a run that goes on, a track that says so at the present: what has not ended lasts until the trace ends."""
-    past = trace.past
-    if past.is_live and past.times:
+    run = trace.run
+    if run.is_live and run.times:
         track = trace.add("run", rank=1)
-        details = {"last entry": past.times[-1]}
-        time = max(trace.nanoseconds(past.time), trace.nanoseconds(past.times[-1]))
+        details = {"last entry": run.times[-1]}
+        time = max(trace.nanoseconds(run.time), trace.nanoseconds(run.times[-1]))
         track.events = iter([Event(time, False, track.uuid, Kind.INSTANT, "still running", "run", details)])
 
 

@@ -29,7 +29,7 @@ def add_modules(trace: Trace) -> None:
     """A group for every module, for central if it sent anything, and for what nobody handles."""
     sent = _Sent(trace)
     places = _places(trace)
-    for name in dict.fromkeys([*trace.past.modules, *sent.outside, *(module for module, _ in places)]):
+    for name in dict.fromkeys([*trace.run.modules, *sent.outside, *(module for module, _ in places)]):
         group = trace.add(name or _NO_HANDLER)
         group.events = _connected(trace, group)
         resources = [resource for module, resource in places if module == name]
@@ -46,9 +46,9 @@ class _Sent:
         self.by_handling: dict[int, list[Message]] = defaultdict(list)
         self.outside: dict[str, list[Message]] = defaultdict(list)
         deliveries: dict[int, list[Handling]] = defaultdict(list)
-        for handling in trace.past.handlings:
+        for handling in trace.run.handlings:
             deliveries[handling.delivery].append(handling)
-        for message in trace.past.messages.values():
+        for message in trace.run.messages.values():
             runs = deliveries.get(message.origin, []) if message.origin else []
             going_on = [run for run in runs if run.start <= message.received and _lasts_until(run, message.received)]
             if going_on:
@@ -96,14 +96,14 @@ class _Place:
 def _places(trace: Trace) -> dict[tuple[str, str], _Place]:
     """By module and resource."""
     places: dict[tuple[str, str], _Place] = defaultdict(_Place)
-    for module in trace.past.modules.values():
+    for module in trace.run.modules.values():
         for resource in module.resources:
             places[module.name, resource]  # its row is there, if empty
-    for handling in trace.past.handlings:
+    for handling in trace.run.handlings:
         places[handling.module, handling.resource].handlings.append(handling)
-    for queueing in trace.past.queueings:
+    for queueing in trace.run.queueings:
         places[queueing.module, queueing.resource].queueings.append(queueing)
-    for claim in trace.past.claims.values():
+    for claim in trace.run.claims.values():
         places[claim.module, claim.resource].claims.append(claim)
     return places
 
@@ -123,7 +123,7 @@ def _run(
     trace: Trace, track: Track, span: Span, handling: Handling, waits: list[tuple[Span, Wait]], sent: list[Message]
 ) -> Iterator[Event]:
     """A handling with its waits, what it sent, and its failure."""
-    details, flows = of_handling(trace.past, handling), flow_to(trace.past, handling)
+    details, flows = of_handling(trace.run, handling), flow_to(trace.run, handling)
     begin = Event(span.start, True, track.uuid, Kind.BEGIN, handling.name, "handling", details, flows)
     failed = []
     if handling.outcome is Outcome.FAILED and span.end is not None:
@@ -134,9 +134,9 @@ def _run(
 
 def _failure(trace: Trace, handling: Handling) -> dict[str, Any]:
     """The failure that was raised when a handling ended."""
-    message = trace.past.messages.get(handling.message_id)
+    message = trace.run.messages.get(handling.message_id)
     texts = [text for time, text in message.became("failure") if time == handling.end] if message else []
-    return {"failure": texts[-1] if texts else None, "handled": has_coped(trace.past, handling)}
+    return {"failure": texts[-1] if texts else None, "handled": has_coped(trace.run, handling)}
 
 
 def _waits(trace: Trace, around: Span, handling: Handling) -> list[tuple[Span, Wait]]:
@@ -154,13 +154,13 @@ def _sending(trace: Trace, track: Track, messages: Iterable[Message]) -> Iterato
         sent = list(group)
         flows = [flow for message in sent for flow in flows_from(message)]
         what = sent[0].name if len(sent) == 1 else f"{len(sent)} messages"
-        details = of_message(trace.past, sent[0]) if len(sent) == 1 else {"messages": [str(one) for one in sent]}
+        details = of_message(trace.run, sent[0]) if len(sent) == 1 else {"messages": [str(one) for one in sent]}
         yield Event(time, False, track.uuid, Kind.INSTANT, f"sends {what}", "sent", details, flows)
 
 
 def _add_outside(trace: Trace, group: Track, rank: int, sent: list[Message]) -> None:
     """What a module did while none of its handlers ran."""
-    module = trace.past.modules.get(group.name)
+    module = trace.run.modules.get(group.name)
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
     lanes = in_lanes(waits) or ([[]] if sent else [])
     for number, lane in enumerate(lanes):
@@ -171,20 +171,20 @@ def _add_outside(trace: Trace, group: Track, rank: int, sent: list[Message]) -> 
 
 def _connected(trace: Trace, group: Track) -> Iterator[Event]:
     """From when until when a module was connected, on the line of its group."""
-    module = trace.past.modules.get(group.name)
+    module = trace.run.modules.get(group.name)
     spans = [trace.span(start, end) for start, end in module.joined] if module else []
     begun = [(span, Event(span.start, False, group.uuid, Kind.BEGIN, "connected", "module")) for span in spans]
     return slices(group, begun)
 
 
 def _waiting(trace: Trace, track: Track, span: Span, wait: Wait) -> Event:
-    what = "a lock" if wait.awaited in trace.past.claims else trace.past.name(wait.awaited)
-    details = of_wait(trace.past, wait)
+    what = "a lock" if wait.awaited in trace.run.claims else trace.run.name(wait.awaited)
+    details = of_wait(trace.run, wait)
     return Event(span.start, False, track.uuid, Kind.BEGIN, f"waits for {what}", "waiting", details)
 
 
 def _queued(trace: Trace, track: Track, span: Span, queueing: Queueing) -> Event:
-    name, flows = trace.past.name(queueing.message_id), flow_through(trace.past, queueing.message_id)
+    name, flows = trace.run.name(queueing.message_id), flow_through(trace.run, queueing.message_id)
     return Event(span.start, True, track.uuid, Kind.BEGIN, name, "queued", {"id": queueing.message_id}, flows)
 
 

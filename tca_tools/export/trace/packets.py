@@ -13,7 +13,7 @@ from tca_tools.export.nanoseconds import since_1970
 from tca_tools.export.trace.events import Event, Kind, Trace, Track, add_now
 from tca_tools.export.trace.modules import add_modules
 from tca_tools.export.trace.tasks import add_task_tree
-from tca_tools.run.past import Past
+from tca_tools.run.whole_run import Run
 
 _SEQUENCE = 1
 _NAMED = (Kind.BEGIN, Kind.INSTANT)
@@ -28,15 +28,15 @@ _LONGEST_TEXT = 2000
 _LARGEST, _SMALLEST = (1 << 63) - 1, -(1 << 63)
 
 
-def write_trace(past: Past, stream: BinaryIO) -> None:
+def write_trace(run: Run, stream: BinaryIO) -> None:
     """Write a run as a Perfetto trace."""
-    trace = Trace(past)
+    trace = Trace(run)
     add_task_tree(trace)
     add_modules(trace)
     add_now(trace)
     writer = _Writer(stream)
-    if past.began is not None:
-        writer.clocks(since_1970(past))
+    if run.began is not None:
+        writer.clocks(since_1970(run))
     for track in trace.tracks:
         writer.track(track)
     for event in trace.events():

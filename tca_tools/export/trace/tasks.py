@@ -31,7 +31,7 @@ def _levels(trace: Trace) -> dict[int, list[tuple[Span, Task]]]:
     """The tasks of each depth, with their spans: from their birth to their end."""
     depths: dict[int, int] = {}
     levels = defaultdict(list)
-    for task in trace.past.tasks.values():
+    for task in trace.run.tasks.values():
         depth = depths[task.id] = depths.get(task.parent, 0) + 1
         span = trace.span(task.received, task.reached.get(Moment.END_ACHIEVING))
         levels[min(depth, _DEEPEST)].append((span, task))
@@ -44,7 +44,7 @@ def _lane(trace: Trace, track: Track, lane: list[tuple[Span, Task]]) -> Iterator
 
 
 def _task(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Event]:
-    begin = Event(span.start, False, track.uuid, Kind.BEGIN, task.name, "task", of_task(trace.past, task))
+    begin = Event(span.start, False, track.uuid, Kind.BEGIN, task.name, "task", of_task(trace.run, task))
     return within(track, span, begin, _failures_and_kills(trace, track, span, task), _states(trace, track, span, task))
 
 
@@ -63,7 +63,7 @@ def _states(trace: Trace, track: Track, span: Span, task: Task) -> Iterator[Even
 def _failures_and_kills(trace: Trace, track: Track, span: Span, task: Task) -> list[Event]:
     raised = [(time, text) for time, text in task.became("failure") if text]
     news: list[tuple[float, str, Details]] = [
-        (time, "failed", {"failure": text, "handled": went_on(trace.past, task, time)}) for time, text in raised
+        (time, "failed", {"failure": text, "handled": went_on(trace.run, task, time)}) for time, text in raised
     ]
     kills = [(time, why) for time, why in task.became("killed") if why is not None]
     news += [(time, "killed", {"why": why, "by": task.was("killed_by", time) or None}) for time, why in kills]

@@ -1,4 +1,4 @@
-"""All records of a run, as far as they are known. history.py fills it; then.py asks it what was known when."""
+"""All records of a run, as far as they are known. fold.py fills it; at_time.py asks it what was known when."""
 
 from array import array
 from bisect import bisect_right
@@ -49,7 +49,7 @@ class Reactions:
         """When which module was refused to wait, since that would have been a deadlock: "deadlock", and the circle."""
 
 
-class Past(Reactions):
+class Run(Reactions):
     """What is known of a run until ``time``.
 
     1. ``tasks`` holds every task, ``messages`` every message, tasks included, oldest first.

@@ -5,13 +5,13 @@ history.py says which fact writes what.
 
 from collections.abc import Iterator
 
-from tca_tools.run.past import UNKNOWN, Past
 from tca_tools.run.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
+from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
 
 
-class Notes(Past):
+class RecordFold(Run):
     """Records that are being written."""
 
     def __init__(self) -> None:
