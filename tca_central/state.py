@@ -34,6 +34,27 @@ class Collector:
         self.end: tuple[Answer, bytes] | None = None  #: what it ends with, once a reply or a failure has come
 
 
+class TaskWait:
+    """A connection waits until a task reaches a moment."""
+
+    __slots__ = ("connection", "moment", "number", "origin", "task_id")
+
+    def __init__(self, connection: Connection, header: headers.WaitFor) -> None:
+        self.connection, self.number, self.origin = connection, header.number, header.origin
+        self.task_id, self.moment = header.point.task, int(header.point.moment)
+
+    def met(self, central: "State", task: Task) -> None:
+        """The moment is reached."""
+        self.answer(central, central.outcome(task))
+
+    def answer(self, central: "State", outcome: tuple[Outcome, str, str, bytes]) -> None:
+        """Tell who waits how the task stands."""
+        if self.connection.outstanding.pop(self.number, None) is not None:
+            central.facts.append(facts.WaitEnded(self.connection.module.name, self.origin, self.task_id))
+            result, failure, text, body = outcome
+            central.send(self.connection, self.number, Answer(self.number, result, failure, text), body)
+
+
 class Failure(NamedTuple):
     """What was raised on a task."""
 

@@ -76,7 +76,8 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "model": {"errors", "events"},
         "order": {"errors", "model"},
         "state": {"events", "model", "order"},
-        "status": {"model", "order", "state"},
+        "needs": {"model", "order", "state"},
+        "status": {"model", "needs", "order", "state"},
         "outgoing": {"errors", "model", "state", "status"},
         "watching": {"errors", "model", "outgoing", "state"},
         "locks": {"errors", "model", "outgoing", "state", "status"},
@@ -85,7 +86,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "requests": {
             "control", "errors", "events", "failing", "locks", "model", "outgoing", "state", "status", "watching",
         },
-        "deadlock": {"control", "failing", "locks", "model", "order", "requests", "state", "status"},
+        "deadlock": {"control", "failing", "locks", "model", "needs", "order", "requests", "state", "status"},
         "core": {
             "control", "deadlock", "errors", "events", "failing", "locks", "model", "outgoing", "requests", "state",
             "watching",

@@ -1,10 +1,10 @@
 """Deadlocks: waits that can never end, found when they begin and ended with a failure that names the circle.
 
-Theory of operation. stuck.py says what in the graph of needs.py can never come about: what waits, in the end, for
-itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler gets an error; where only tasks
-wait for each other the failure is raised on one that keeps a lock or reservation. That is taken from it where its
-exception handler does not help, or where an exception handler, or what leaves things safe, waits in the circle: those
-go first.
+Theory of operation. search.py says what in the graph of needs can never come about: what waits, in the end, for
+itself. The newest handler's wait in the circle is refused ("deadlock"), and its handler gets an error; where only
+tasks wait for each other the failure is raised on one that keeps a lock or reservation. That is taken from it where
+its exception handler does not help, or where an exception handler, or what leaves things safe, waits in the circle:
+those go first.
 
 Asked about is the wait that has just begun, or the message that was just queued. Whatever else may close a circle (a
 subtask, a constraint, a slot that is lost) is found shortly after, by a look at all that blocks. A search that has
@@ -14,7 +14,6 @@ client waits for.
 """
 
 from tca_central.control.revoking import is_kept, take_away
-from tca_central.deadlock.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.deadlock.search import Search, TooLongError
 from tca_central.failing.failures import raise_failure
 from tca_central.locks.claims import take
@@ -22,6 +21,7 @@ from tca_central.model.clock import Due
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
+from tca_central.needs.graph import Freeing, Granting, Node, Releasing, Returning, Turn, TurnAt, Waiting
 from tca_central.order.cycles import Place
 from tca_central.requests.giving_up import give_up
 from tca_central.state import Failure, State

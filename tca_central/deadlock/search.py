@@ -1,4 +1,4 @@
-"""What can never come about: a search through the graph of needs.py that can be interrupted, and goes on later.
+"""What can never come about: a search through the graph of needs that can be interrupted, and goes on later.
 
 Theory of operation. A node is *live* if of each group that it needs one node is live; the least fixpoint, found
 forwards from the node that is asked about. Each node that was met stands at one of its groups, the first of which no
@@ -13,7 +13,7 @@ stand.
 
 from collections.abc import Iterable
 
-from tca_central.deadlock.graph import Group, Groups, Node, Turn, TurnAt, is_only_queued, needs, still_needs
+from tca_central.needs.graph import Group, Groups, Node, Turn, TurnAt, is_only_queued, needs, still_needs
 from tca_central.order.cycles import Each, Place
 from tca_central.state import State
 

@@ -4,8 +4,7 @@ from tca_central.locks.claims import give_up_claim
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
 from tca_central.outgoing.availability import HandledWait
-from tca_central.requests.waiting import Wait
-from tca_central.state import Collector, State
+from tca_central.state import Collector, State, TaskWait
 from tca_central.status.whereabouts import end_of, why_not_reached, why_unanswered
 from tca_wire.journal import facts
 from tca_wire.packets import headers
@@ -51,7 +50,7 @@ def _so_far(central: State, due: object, number: int) -> tuple[Answer, bytes]:
     why = ""
     if isinstance(due, Collector):
         return end_of(central, due, number)
-    if isinstance(due, Wait):
+    if isinstance(due, TaskWait):
         task = central.tree.tasks.get(due.task_id)
         why = why_not_reached(central, task) if task is not None else ""
     elif isinstance(due, Delivery):
@@ -63,7 +62,7 @@ def give_up(central: State, connection: Connection, number: int, why: str = GAVE
     """Forget that an answer is due; a query that no handler has yet is dropped."""
     central.unblock(connection, number)
     due = connection.outstanding.pop(number, None)
-    if isinstance(due, Wait):
+    if isinstance(due, TaskWait):
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             central.agenda.stop_waiting(task, due)
         central.facts.append(facts.WaitEnded(connection.module.name, due.origin, due.task_id))

@@ -3,26 +3,10 @@
 from tca_central.errors import RequestError
 from tca_central.model.intervals import SINGLE_MOMENTS
 from tca_central.model.registry import Connection, Delivery
-from tca_central.model.task_tree import Task
-from tca_central.state import State
+from tca_central.state import State, TaskWait
 from tca_wire.journal import facts
 from tca_wire.packets import headers
-from tca_wire.packets.headers import Answer
 from tca_wire.vocabulary import Outcome, Refusal
-
-
-class Wait:
-    """A connection waits until a task reaches a moment."""
-
-    __slots__ = ("connection", "moment", "number", "origin", "task_id")
-
-    def __init__(self, connection: Connection, header: headers.WaitFor) -> None:
-        self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.task_id, self.moment = header.point.task, int(header.point.moment)
-
-    def met(self, central: State, task: Task) -> None:
-        """The moment is reached."""
-        answer_wait(central, self, central.outcome(task))
 
 
 def on_wait_for(central: State, connection: Connection, header: headers.WaitFor, _: bytes) -> None:
@@ -35,12 +19,12 @@ def on_wait_for(central: State, connection: Connection, header: headers.WaitFor,
     if known is None:
         text = f"task {header.point.task} ended too long ago to know how: see the journal"
         raise RequestError(Refusal.TOO_LATE, text)
-    wait = Wait(connection, header)
+    wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait
     origin = header.origin
     central.facts.append(facts.WaitBegan(connection.module.name, origin, wait.task_id, moment))
     if task is None or task.reached & moment:
-        answer_wait(central, wait, known)
+        wait.answer(central, known)
     else:
         central.agenda.wait(task, moment, wait)
         if header.blocking:
@@ -57,7 +41,7 @@ def on_await_any(central: State, connection: Connection, header: headers.AwaitAn
 
 
 def _is_awaited(connection: Connection, number: int) -> bool:
-    return isinstance(connection.outstanding.get(number), Delivery | Wait) and number not in connection.waits
+    return isinstance(connection.outstanding.get(number), Delivery | TaskWait) and number not in connection.waits
 
 
 def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, bytes] | None:
@@ -67,11 +51,3 @@ def _outcome_of_ended(central: State, task_id: int) -> tuple[Outcome, str, str, 
     if task_id <= central.forgotten and task_id not in central.outcomes:
         return None
     return central.outcomes.get(task_id, (Outcome.DONE, "", "", b""))
-
-
-def answer_wait(central: State, wait: Wait, outcome: tuple[Outcome, str, str, bytes]) -> None:
-    """Tell who waited for a task how it stands."""
-    if wait.connection.outstanding.pop(wait.number, None) is not None:
-        central.facts.append(facts.WaitEnded(wait.connection.module.name, wait.origin, wait.task_id))
-        result, failure, text, body = outcome
-        central.send(wait.connection, wait.number, Answer(wait.number, result, failure, text), body)

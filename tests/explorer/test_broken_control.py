@@ -29,8 +29,7 @@ from tca_central.model.clock import Clock
 from tca_central.order.agenda import Agenda
 from tca_central.order.holds import Holds
 from tca_central.requests import joining
-from tca_central.requests import waiting as waits
-from tca_central.state import Recovery
+from tca_central.state import Recovery, TaskWait
 from tca_central.watching import taps
 from tca_central.watching.watches import Watch
 from tca_explorer import (
@@ -154,7 +153,7 @@ def nothing_is_done_on_termination(patch: Patch) -> None:
 
 
 def a_wait_is_never_over(patch: Patch) -> None:
-    patch.setattr(waits.Wait, "met", lambda _self, _central, _task: None)
+    patch.setattr(TaskWait, "met", lambda _self, _central, _task: None)
 
 
 def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:

@@ -8,8 +8,7 @@ from properties.test_deadlocks import Blocking, waits_in
 
 from tca_central.model.registry import Connection, Delivery
 from tca_central.model.resources import Claim
-from tca_central.requests.waiting import Wait
-from tca_central.state import Collector
+from tca_central.state import Collector, TaskWait
 from tca_tools.run.fold import History
 from tca_wire.packets import headers
 from tca_wire.points import Moment
@@ -97,8 +96,8 @@ class Told(Folding, Blocking):
 def awaited(slot: Connection, number: int) -> int:
     """The id of the message, task or claim that a connection waits for."""
     due = slot.outstanding[number]
-    assert isinstance(due, Delivery | Collector | Claim | Wait)
-    return int(due.task_id if isinstance(due, Wait) else due.id)
+    assert isinstance(due, Delivery | Collector | Claim | TaskWait)
+    return int(due.task_id if isinstance(due, TaskWait) else due.id)
 
 
 def blocking(taken: list[tuple[str, int, int, int]]) -> Told:

@@ -16,8 +16,7 @@ from tca_central.model.registry import Connection, Delivery, ModuleResource
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors
-from tca_central.requests.waiting import Wait
-from tca_central.state import State
+from tca_central.state import State, TaskWait
 from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
 from tca_wire.vocabulary import MessageClass
 
@@ -97,7 +96,7 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
             yield [Turn(due)]
     elif isinstance(due, Claim):
         yield [Granting(due)]
-    elif isinstance(due, Wait) and (task := central.tree.tasks.get(due.task_id)) is not None:
+    elif isinstance(due, TaskWait) and (task := central.tree.tasks.get(due.task_id)) is not None:
         yield [Place(task, due.moment)]
 
 
