@@ -6,10 +6,11 @@ is asked for of one task (its data, its story, why it waits) is not here: see an
 
 from collections.abc import Callable
 from enum import IntEnum, IntFlag
+from heapq import heapify, heappop, heappush
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.gantt.bars import NO_HANDLER
+from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.colours import dark
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
@@ -40,7 +41,8 @@ TABLES = {
     "state.task": "i",  # a task's id
     "state.time": "d",
     "state.state": "B",
-    "suspended.by": "i",  # a text: of each state "suspended", in their order, who wanted that, in words
+    "suspended.span": "i",
+    "suspended.by": "i",  # a text: who wanted that
     "failure.message": "i",  # or 0: of what came directly
     "failure.time": "d",
     "failure.span": "i",  # the run of a handler that ended with it, or what it was raised beside; or -1
@@ -56,12 +58,13 @@ TABLES = {
     "hold.kind": "i",  # a text
     "hold.time": "d",
     "row.label": "i",  # a text
-    "row.module": "i",  # a text: "" is that of what nobody handles
+    "row.module": "i",  # a text: "" of what is no module's
     "span.row": "i",
     "span.kind": "B",
     "span.name": "i",  # a text
     "span.message": "i",
     "span.within": "i",  # the span in which it lies, or -1
+    "span.lane": "i",  # among those of its kind in its row nothing else has this number meanwhile
     "span.start": "d",
     "end.span": "i",
     "end.time": "d",
@@ -78,6 +81,17 @@ class SpanKind(IntEnum):
     WAITING = 2  # within a handling, or of a module outside of handlers
     HELD = 3  # a resource is locked or reserved
     CONNECTED = 4
+    SUSPENDED = 5
+
+
+LANES_OF = {
+    SpanKind.HANDLING: "handled",
+    SpanKind.QUEUED: "queued",
+    SpanKind.WAITING: "handled",
+    SpanKind.HELD: "held",
+    SpanKind.SUSPENDED: "queued",
+}
+"""Which spans of a row lie beside each other. What lies within a span, or is behind all, needs no lane."""
 
 
 class Form(IntFlag):
@@ -86,6 +100,32 @@ class Form(IntFlag):
     COMMAND = 0
     GOAL = 1
     MONITOR = 2
+
+
+class Lanes:
+    """Lanes, in each of which nothing overlaps. What begins gets the first that is free."""
+
+    def __init__(self) -> None:
+        self._ends: list[float] = []
+        """When what was last in each of them ended."""
+        self._free: list[int] = []
+
+    def take(self, start: float) -> int:
+        """A lane for what begins at that time."""
+        if self._free and self._ends[self._free[0]] <= start:
+            return heappop(self._free)
+        for lane in sorted(self._free):  # what is told late began before others ended
+            if self._ends[lane] <= start:
+                self._free.remove(lane)
+                heapify(self._free)
+                return lane
+        self._ends.append(start)
+        return len(self._ends) - 1
+
+    def leave(self, lane: int, end: float) -> None:
+        """What was in it has ended."""
+        self._ends[lane] = end
+        heappush(self._free, lane)
 
 
 class Feed:
@@ -98,6 +138,9 @@ class Feed:
         self._open: dict[int, int] = {}  # the spans of records that go on, by the records' identity
         self._newest: dict[int, int] = {}  # by message the span in which it was handled or queued last
         self._connected: dict[str, dict[str, int]] = {}  # the spans of modules that are connected, by resource
+        self._lanes: dict[tuple[int, str], Lanes] = {}  # by row, and what lies in them
+        self._in_lane: dict[int, tuple[Lanes, int]] = {}  # where spans are that have not ended
+        self._suspended: dict[int, int] = {}  # the spans of tasks that are
         self._states: dict[int, int] = {}  # how many states and constraints of a task have been told
         self._holds: dict[int, int] = {}
         self._watching: set[int] = set()  # the monitors that do
@@ -121,7 +164,7 @@ class Feed:
         news = {id(record): record for record in history.news}.values()
         for task in sorted((record for record in news if isinstance(record, Task)), key=attrgetter("id")):
             self._tell_task(task)  # a parent before what is under it
-        for record in news:
+        for record in sorted(news, key=self._is_new):  # what ends leaves its lane to what begins
             if not isinstance(record, Task):
                 _TELL[type(record)](self, record)
         self._tell_messages([fact for fact in entry.facts if isinstance(fact, Received)])
@@ -129,6 +172,9 @@ class Feed:
         self._tell_failures([fact for fact in entry.facts if isinstance(fact, Failed)])
         for row, is_good in self._verdicts.changed(news):
             columns.add("verdict", row, is_good, history.time)
+
+    def _is_new(self, record: object) -> bool:
+        return id(record) not in self._open
 
     def _tell_messages(self, received: list[Received]) -> None:
         """What a search finds beside tasks."""
@@ -190,9 +236,7 @@ class Feed:
             for time, state in task.states[told:]:
                 self.columns.add("state", task.id, time, STATES.index(state))
         for time, state in task.states[told:]:
-            if state is State.SUSPENDED:
-                by = next((one.by for one in reversed(task.suspensions) if one.start <= time), "")
-                self.columns.add("suspended", self.columns.text(by_whom(by)))
+            self._tell_suspension(task, state, time)
         self._states[task.id] = len(task.states)
         told = self._holds.get(task.id, 0)
         for hold in task.holds[told:]:
@@ -200,6 +244,16 @@ class Feed:
             self.columns.add("hold", task.id, hold.constraint.before.task, kind, hold.added)
         if task.holds:
             self._holds[task.id] = len(task.holds)
+
+    def _tell_suspension(self, task: Task, state: State, time: float) -> None:
+        if (span := self._suspended.pop(task.id, None)) is not None:
+            self._end_span(span, time)
+        if state is State.SUSPENDED:
+            by = next((one.by for one in reversed(task.suspensions) if one.start <= time), "")
+            span = self._suspended[task.id] = self._add_span(
+                self._row("", SUSPENDED), SpanKind.SUSPENDED, task.name, task.id, time
+            )
+            self.columns.add("suspended", span, self.columns.text(by_whom(by)))
 
     def _tell_watching(self, monitor: Task, *, has_changed: bool) -> None:
         """A monitor watches, and goes on when it does no longer, in one state of its task."""
@@ -255,17 +309,17 @@ class Feed:
         connected = self._connected.setdefault(module.name, {})
         if end is not None:
             for span in connected.values():
-                self.columns.add("end", span, end, 0)
+                self._end_span(span, end)
             connected.clear()
             return
         self._row(module.name, "")  # rows stand in the order in which modules joined
         for resource, capacity in module.resources.items():
             if capacity and resource not in connected:
-                row, text = self._row(module.name, resource), self.columns.text(module.name)
-                connected[resource] = self.columns.add("span", row, SpanKind.CONNECTED, text, 0, -1, start)
+                row = self._row(module.name, resource)
+                connected[resource] = self._add_span(row, SpanKind.CONNECTED, module.name, 0, start)
 
     def _row(self, module: str, resource: str) -> int:
-        label = place(module, resource) if module else NO_HANDLER
+        label = place(module, resource) if module else resource or NO_HANDLER
         if (row := self._rows.get(label)) is None:
             row = self._rows[label] = self.columns.add("row", self.columns.text(label), self.columns.text(module))
         return row
@@ -275,13 +329,28 @@ class Feed:
     ) -> None:
         """Tell of a record that is new."""
         if id(record) not in self._open:
-            text = self.columns.text(name)
-            self._open[id(record)] = number = self.columns.add("span", row, kind, text, message, within, start)
+            self._open[id(record)] = number = self._add_span(row, kind, name, message, start, within)
             if kind in (SpanKind.HANDLING, SpanKind.QUEUED):
                 self._newest[message] = number
 
+    def _add_span(self, row: int, kind: SpanKind, name: str, message: int, start: float, within: int = -1) -> int:
+        lane, lanes = 0, None
+        if within < 0 and kind in LANES_OF:
+            lanes = self._lanes.setdefault((row, LANES_OF[kind]), Lanes())
+            lane = lanes.take(start)
+        number = self.columns.add("span", row, kind, self.columns.text(name), message, within, lane, start)
+        if lanes is not None:
+            self._in_lane[number] = lanes, lane
+        return number
+
     def _end(self, record: object, time: float, outcome: int = 0) -> None:
-        self.columns.add("end", self._open.pop(id(record)), time, outcome)
+        self._end_span(self._open.pop(id(record)), time, outcome)
+
+    def _end_span(self, span: int, time: float, outcome: int = 0) -> None:
+        self.columns.add("end", span, time, outcome)
+        if span in self._in_lane:
+            lanes, lane = self._in_lane.pop(span)
+            lanes.leave(lane, time)
 
 
 # ruff: noqa: SLF001

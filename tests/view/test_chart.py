@@ -72,12 +72,10 @@ def test_rows_of_a_module_stand_together_and_what_is_no_modules_takes_little_roo
 
 
 NUMBERS = """async (counts) => {
-  const { drawLength } = await import("/page/lanes.js"), rectangles = [], texts = [];
-  const context = { fillRect: (...place) => rectangles.push(place), fillText: (words, x) => texts.push([words, x]),
-    strokeText: () => {},
+  const { drawCurve } = await import("/page/rows.js"), texts = [];
+  const context = { fillRect: () => {}, fillText: (words, x) => texts.push([words, x]), strokeText: () => {},
     measureText: () => ({ width: 60 }) };
-  drawLength(context, { most: (time) => counts[time] }, { left: 0, right: counts.length, y: 0, tall: 16,
-    timeAt: (x) => x, ink: "", paper: "", how: "suspended" });
+  drawCurve(context, counts, { left: 0, y: 0, tall: 16, ink: "", paper: "", how: "suspended" });
   return texts;
 }"""
 

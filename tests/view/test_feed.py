@@ -1,6 +1,7 @@
 """The columns that a page gets say the same as the history, in whatever pieces they come."""
 
-from math import nextafter
+from math import inf, nextafter
+from operator import itemgetter
 from typing import Any
 
 import pytest
@@ -18,7 +19,7 @@ from tca_tools.run.fold import History
 from tca_tools.run.records import State
 from tca_tools.view import verdicts
 from tca_tools.view.columns import parsed
-from tca_tools.view.feed import OUTCOMES, STATES, TABLES, Feed, SpanKind
+from tca_tools.view.feed import LANES_OF, OUTCOMES, STATES, TABLES, Feed, SpanKind
 from tca_tools.why.coping import WATCHING, Failing, has_coped, went_on
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
@@ -88,7 +89,7 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     assert len(ends) == len(page.table("end"))
     handled = [
         (message, start, *ends.get(number, (None, 0)))
-        for number, (_, kind, _, message, _, start) in enumerate(spans)
+        for number, (_, kind, _, message, _, _, start) in enumerate(spans)
         if kind == SpanKind.HANDLING
     ]
     known = [(run.message_id, run.start, run.end, OUTCOMES.index(run.outcome)) for run in history.handlings]
@@ -96,10 +97,27 @@ def test_a_page_that_follows_knows_what_the_history_knows(operations: list[tuple
     queued = sum(kind == SpanKind.QUEUED for _, kind, *_ in spans)
     assert queued == len(history.queueings)
     assert sum(kind == SpanKind.HELD for _, kind, *_ in spans) == sum(map(len, history.grants.values()))
+    assert_lanes(spans, ends)
     assert_verdicts(page, history, player.entries)
     whole = Page()
     whole.take(player.feed)
     assert (whole.columns, whole.texts) == (page.columns, page.texts)
+
+
+def assert_lanes(spans: list[tuple[Any, ...]], ends: dict[int, tuple[float, int]]) -> None:
+    """In none of them two spans overlap, and there are no more than go on at a time."""
+    rows: dict[tuple[int, str], list[tuple[float, float, int]]] = {}
+    for number, (row, kind, _, _, within, lane, start) in enumerate(spans):
+        if within < 0 and kind in LANES_OF:
+            end, _ = ends.get(number, (inf, 0))
+            rows.setdefault((row, LANES_OF[kind]), []).append((start, end, lane))
+    for bars in rows.values():
+        lanes: dict[int, float] = {}
+        for start, end, lane in sorted(bars, key=itemgetter(0)):
+            assert lanes.get(lane, 0.0) <= start
+            lanes[lane] = end
+        most = max(sum(begun <= start <= over for begun, over, _ in bars) for start, _, _ in bars)
+        assert len(lanes) <= most
 
 
 def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:

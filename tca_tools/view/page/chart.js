@@ -3,9 +3,8 @@
 import { AXIS, drawAxis, drawCursor } from "./axis.js";
 import { clipped, css, prepared } from "./format.js";
 import { ScrollBar } from "./scroll.js";
-import { drawLength } from "./lanes.js";
-import { BETWEEN, LANE, NAMED, THIN, inOrder, placed } from "./rows.js";
-import { describe, firstWith, isLight, share } from "./spans.js";
+import { BETWEEN, LANE, NAMED, THIN, drawCurve, firstWith, inOrder, placed } from "./rows.js";
+import { describe, isLight, share } from "./spans.js";
 import { wasHandled } from "./store.js";
 
 const NARROW = 1.5; // pixels
@@ -136,7 +135,7 @@ export class Chart {
 
   // Where each row stands.
   #lay() {
-    const rows = inOrder(this.store), widths = rows.map((row) => this.context.measureText(row.label).width);
+    const rows = inOrder(this.store.rows), widths = rows.map((row) => this.context.measureText(row.label).width);
     this.labels = Math.min(Math.max(60, ...widths) + 16, this.width * 0.3);
     const [from, to] = this.#all;
     const { layout, tall } = placed(rows, { scale: (this.width - this.labels) / (to - from), now: this.store.end });
@@ -279,9 +278,11 @@ export class Chart {
 
   // How many wait, behind those that are drawn.
   #drawCurve(row, y, tall) {
-    const { store: { end } } = this, [from, to] = this.window, timeAt = (x) => Math.min(Math.max(this.#timeAt(x), from), to, end);
-    const where = { left: Math.floor(this.labels), right: Math.min(this.#x(end), this.width), y, tall, timeAt };
-    drawLength(this.context, row.queued, { ...where, ink: css("--ink"), paper: css("--paper"), how: row === this.store.suspended ? "suspended" : "queued" });
+    const { store: { end } } = this, [from, to] = this.window, left = Math.floor(this.labels);
+    const wide = Math.max(Math.ceil(Math.min(this.#x(end), this.width) - left), 0);
+    const times = Array.from({ length: wide + 1 }, (_, x) => Math.min(Math.max(this.#timeAt(left + x), from), to, end));
+    const looks = { ink: css("--ink"), paper: css("--paper"), how: row.suspends ? "suspended" : "queued" };
+    drawCurve(this.context, row.queued.peaks(times), { left, y, tall, ...looks });
   }
 
   #drawHeld(x, width, y) {

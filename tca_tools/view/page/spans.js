@@ -45,13 +45,3 @@ export function isLight({ kind, waits }, from, to) {
   for (const wait of waits) light += Math.max(Math.min(wait.end, to) - Math.max(wait.start, from), 0);
   return kind === "waiting" || light > (to - from) / 2;
 }
-
-// The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.
-export function firstWith(list, holds, start = 0) {
-  let low = start, high = list.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (holds(list[middle])) high = middle; else low = middle + 1;
-  }
-  return low;
-}

@@ -1,6 +1,6 @@
 // The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
 
-import { Lanes } from "./lanes.js";
+import { newRow } from "./rows.js";
 import { ofRun } from "./runs.js";
 
 export const NEVER = -1;
@@ -43,11 +43,6 @@ function noteFailure(task, time) {
   for (let above = task.parent; above && above.failedBelow === Infinity; above = above.parent) above.failedBelow = time;
 }
 
-// A row of the chart; of no module's the module is "".
-function newRow(label, module = "") {
-  return { label, module, handled: new Lanes(), queued: new Lanes(), held: new Lanes(), connected: [], failed: [], raised: [] };
-}
-
 export class Store {
   constructor() {
     this.lengths = {};
@@ -59,10 +54,8 @@ export class Store {
     this.top = [];
     this.messages = []; // that are no tasks: { id, name, time, modules, said, queued }, as of tasks
     this.messageById = new Map();
-    this.rows = []; // of the chart: { label, module, handled, queued, held, connected, failed, raised }; the first three are Lanes
-    this.suspended = newRow("(suspended)");
-    this.suspensions = []; // the spans in it, as they began
-    this.spans = []; // { row, kind, name, message, within, start, end, outcome, waits, failure, lanes, lane }
+    this.rows = []; // of the chart: see rows.js
+    this.spans = []; // { row, kind, name, message, within, lane, start, end, outcome, waits, failure, lanes, by }
     this.failed = new Set(); // the tasks that were ever in that state
     this.failures = []; // those of messages, as they were raised: { message, time, span, handled, turns }
     this.failuresOf = new Map(); // the same by message
@@ -70,7 +63,7 @@ export class Store {
     this.version = 0;
     this.first = Infinity; // when the first message was sent or handled
     this.lastly = -Infinity; // when something began or ended last, other than a connection
-    this.open = 0; // spans and suspensions that have not ended, other than connections and locks
+    this.open = 0; // spans that have not ended, other than connections and locks
     this.end = 0; // of the run, as far as it has come
     this.heard = 0; // when the newest answer came, by the browser's clock
   }
@@ -127,7 +120,7 @@ export class Store {
         id: ids[i], parent: this.byId.get(columns["task.parent"][i]) ?? null, name: this.texts[columns["task.name"][i]],
         sender: this.texts[columns["task.sender"][i]], role: this.head.roles[columns["task.role"][i]],
         form: columns["task.form"][i], time: columns["task.time"][i], children: [], times: [], states: [], holds: [], before: [],
-        depth: 0, modules: null, suspension: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
+        depth: 0, modules: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
         failedBelow: Infinity, // since when something under it has failed
       };
       task.depth = task.parent ? task.parent.depth + 1 : 0;
@@ -147,32 +140,16 @@ export class Store {
   }
 
   #addStates(columns) {
-    const ids = columns["state.task"], known = this.suspensions.length;
+    const ids = columns["state.task"];
     for (let i = 0; i < ids.length; i++) {
       const task = this.byId.get(ids[i]);
       task.times.push(columns["state.time"][i]);
       this.lastly = Math.max(this.lastly, columns["state.time"][i]);
       task.states.push(columns["state.state"][i]);
-      this.#noteSuspension(task, columns["state.state"][i], columns["state.time"][i]);
       if (this.head.states[columns["state.state"][i]].name !== "failed") continue;
       this.failed.add(task);
       noteFailure(task, columns["state.time"][i]);
     }
-    columns["suspended.by"].forEach((by, i) => { this.suspensions[known + i].by = this.texts[by]; });
-  }
-
-  #noteSuspension(task, state, time) {
-    if (task.suspension) {
-      task.suspension.end = time;
-      this.open--;
-      task.suspension.lanes.ended(task.suspension);
-      task.suspension = null;
-    }
-    if (this.head.states[state].name !== "suspended") return;
-    task.suspension = { kind: "suspended", name: task.name, message: task.id, start: time, end: Infinity, outcome: "", waits: [], lanes: null, by: "" };
-    this.suspensions.push(task.suspension);
-    this.open++;
-    this.suspended.queued.put(task.suspension);
   }
 
   #addSaid(columns) {
@@ -211,27 +188,27 @@ export class Store {
   }
 
   #addSpans(columns) {
-    const rows = columns["span.row"], fresh = [];
+    const rows = columns["span.row"];
     for (let i = 0; i < rows.length; i++) {
       const span = {
         row: rows[i], kind: this.head.kinds[columns["span.kind"][i]], name: this.texts[columns["span.name"][i]],
-        message: columns["span.message"][i], within: columns["span.within"][i], start: columns["span.start"][i],
-        end: Infinity, outcome: "", waits: [], failure: null, lanes: null,
+        message: columns["span.message"][i], within: columns["span.within"][i], lane: columns["span.lane"][i],
+        start: columns["span.start"][i], end: Infinity, outcome: "", waits: [], failure: null, lanes: null, by: "",
       };
       this.#happened(span, span.start, 1);
       this.spans.push(span);
-      fresh.push(span);
+      this.#place(span);
     }
+    columns["suspended.span"].forEach((span, i) => { this.spans[span].by = this.texts[columns["suspended.by"][i]]; });
     const ended = columns["end.span"];
     for (let i = 0; i < ended.length; i++) {
       const span = this.spans[ended[i]];
       span.end = columns["end.time"][i];
       this.#happened(span, span.end, -1);
-      span.lanes?.ended(span);
+      span.lanes?.end(span);
       span.outcome = this.head.outcomes[columns["end.outcome"][i]];
       if (span.outcome === "failed") this.rows[span.row].failed.push(span);
     }
-    for (const span of fresh) this.#place(span);
   }
 
   // A span began or ended.
@@ -253,7 +230,9 @@ export class Store {
     } else if (span.kind === "connected") {
       row.connected.push(span);
     } else {
-      ({ queued: row.queued, held: row.held }[span.kind] ?? row.handled).put(span);
+      row.suspends ||= span.kind === "suspended";
+      span.lanes = { queued: row.queued, suspended: row.queued, held: row.held }[span.kind] ?? row.handled;
+      span.lanes.put(span);
     }
     const message = this.byId.get(span.message) ?? this.messageById.get(span.message);
     if (message && span.kind === "handling") (message.modules ??= new Set()).add(row.label);
