@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tca_tools.run.records import Claim, Handling, Message, Queueing, Suspension, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing, Suspension, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment
 from tca_wire.vocabulary import Role
@@ -48,7 +48,7 @@ class Step:
     resource: str = ""
     handling: Handling | None = None
     """The run of the handler, if it was one."""
-    resumed: Wait | None = None
+    resumed: HandlerWait | None = None
     """The wait whose end let it go on; None if it began then."""
 
     @property
@@ -64,7 +64,7 @@ class _At:
     time: float
     message_id: int
     handling: Handling | None = None
-    wait: Wait | None = None
+    wait: HandlerWait | None = None
     """The wait that was over then, if the walk came by one."""
 
 
@@ -86,7 +86,7 @@ class Causes:
         }
         self._resumed = {one.end: one for one in run.suspensions() if one.is_resumed}
         self._outside = {name: _Outside(run, module.waits) for name, module in run.modules.items()}
-        self._waits: dict[int, list[Wait]] = {}
+        self._waits: dict[int, list[HandlerWait]] = {}
         """Of runs of handlers that were walked through, their waits as they ended."""
 
     def back_from(self, time: float, message_id: int = 0, handling: Handling | None = None) -> Iterator[Step]:
@@ -128,7 +128,7 @@ class Causes:
         step = Step(start, at.time, Doing.WORK, message, handling.module, handling.resource, handling, wait)
         return step, before
 
-    def _last_over(self, handling: Handling, time: float) -> Wait | None:
+    def _last_over(self, handling: Handling, time: float) -> HandlerWait | None:
         """The one of a handler's waits that was over last by then."""
         if not handling.waits:
             return None
@@ -191,7 +191,7 @@ class Causes:
         step = Step(claim.start, time, Doing.LOCKED, message, claim.module, claim.resource)
         return step, _At(claim.start, claim.id)
 
-    def _in_vain(self, wait: Wait, time: float) -> tuple[Step | None, _At | None]:
+    def _in_vain(self, wait: HandlerWait, time: float) -> tuple[Step | None, _At | None]:
         """Nothing is known that ended a wait: back to what went on of what was waited for, or to where it began."""
         if (claim := self._run.claims.get(wait.awaited)) is not None:
             return self._wanted(claim, time)
@@ -301,7 +301,7 @@ def _went_on(run: Run, message: Message, time: float) -> tuple[Step | None, _At]
     return _waited(queueing.start, time, doing, message.id, queueing)
 
 
-def _covers(span: Handling | Wait | Queueing, time: float) -> bool:
+def _covers(span: Handling | HandlerWait | Queueing, time: float) -> bool:
     return span.start < time and (span.end is None or span.end > time)
 
 
@@ -327,12 +327,12 @@ def _stood(suspension: Suspension, end: float) -> Step | None:
     return Step(since, end, Doing.SUSPENDED, suspension.cause, "") if since is not None and since < end else None
 
 
-def _by_end(waits: list[Wait]) -> list[Wait]:
+def _by_end(waits: list[HandlerWait]) -> list[HandlerWait]:
     """Those that took time and are over, as they ended. What takes no time is over with the event that begins it."""
     return sorted((wait for wait in waits if wait.end is not None and wait.end > wait.start), key=_end_of)
 
 
-def _end_of(wait: Wait) -> float:
+def _end_of(wait: HandlerWait) -> float:
     return wait.start if wait.end is None else wait.end
 
 
@@ -341,9 +341,9 @@ class _Outside:
     until then.
     """
 
-    def __init__(self, run: Run, waits: list[Wait]) -> None:
+    def __init__(self, run: Run, waits: list[HandlerWait]) -> None:
         self._ends: list[float] = []
-        self._last: list[tuple[float, Wait]] = []
+        self._last: list[tuple[float, HandlerWait]] = []
         """What was over last until then, and since when."""
         for wait in sorted((wait for wait in waits if wait.end is not None), key=_end_of):
             end = since = _end_of(wait)
@@ -356,7 +356,7 @@ class _Outside:
             is_last = not self._last or since >= self._last[-1][0]
             self._last.append((since, wait) if is_last else self._last[-1])
 
-    def last_over(self, time: float) -> tuple[float, Wait] | None:
+    def last_over(self, time: float) -> tuple[float, HandlerWait] | None:
         """What was over last when it did something at a time, and since when."""
         place = bisect_left(self._ends, time)
         return self._last[place - 1] if place else None

@@ -19,7 +19,7 @@ from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.spans import Cover
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.waiting import why_waiting
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -213,7 +213,7 @@ def _quoted(run: Run, number: int) -> str:
     return f"'{name}'" if name == run.name(number) else name
 
 
-def _queued_question(run: Run, wait: Wait) -> Message | None:
+def _queued_question(run: Run, wait: HandlerWait) -> Message | None:
     """The query that was waited for, if it stood in a queue."""
     asked = None if wait.moment else run.messages.get(wait.awaited)
     return asked if asked and asked.queueings and asked.message_class.has_reply else None

@@ -14,7 +14,7 @@ from tca_tools.analysis.standing import going_on
 from tca_tools.analysis.summary import is_over, mattering
 from tca_tools.analysis.words import moment, seconds
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Message, Queueing, Suspension, Task, Wait
+from tca_tools.run.records import HandlerWait, Message, Queueing, Suspension, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_tools.why.story import awaited
 from tca_tools.why.waiting import of_blocker, why_waiting
@@ -163,7 +163,7 @@ def _made_for(run: Run, message: Message) -> str:
     return f"{text}, which waited {held}{released(run, about, message.received)}" if held else text
 
 
-def _in_vain(run: Run, wait: Wait) -> str:
+def _in_vain(run: Run, wait: HandlerWait) -> str:
     """``, in vain``, with what is known of why; "" if what was waited for came."""
     end = run.time if wait.end is None else wait.end
     if why := run.deadlock(wait) or why_in_vain(run, wait):

@@ -11,7 +11,7 @@ from operator import attrgetter
 
 from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import values
-from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import ENDED_TASKS, GOOD_FATES, Fate, begun_again_with, failing, fate, told_to, went_on
 from tca_tools.why.story import awaited, exhausted
@@ -140,7 +140,7 @@ def _refused(run: Run) -> Iterator[tuple[str, Case]]:
         yield name, Case(message, of, DEADLOCK, text, wait.end, "central", [], became, why, 0.0, 0.0)
 
 
-def _became(run: Run, wait: Wait) -> Fate | None:
+def _became(run: Run, wait: HandlerWait) -> Fate | None:
     """What became of a wait that was refused; None if its handler failed with that, which is told as any failure."""
     if not isinstance(wait.by, Handling):
         return Fate.TOLD

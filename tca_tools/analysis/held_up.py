@@ -16,7 +16,7 @@ from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.locks import Locks
 from tca_tools.analysis.spans import Cover, Span
-from tca_tools.run.records import Claim, Queueing, Wait
+from tca_tools.run.records import Claim, HandlerWait, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.why.whereabouts import why_in_vain
 from tca_wire.text.facts_in_words import called, place
@@ -119,7 +119,7 @@ class _Waits:
         holder = self._locks.last_before(*where, end)
         return Before(Reason.LOCK, place(called(where[0]), where[1]), start, end, holder, queueing)
 
-    def _of_claim(self, wanted: Claim, wait: Wait, step: Step) -> Before:
+    def _of_claim(self, wanted: Claim, wait: HandlerWait, step: Step) -> Before:
         by_others = self._locks.ahead_of(wanted, step.start)
         reason = Reason.LOCK if by_others * 2 > step.start - wait.start else Reason.CLAIM
         return Before(reason, place(called(wanted.module), wanted.resource), wait.start, step.start)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from tca_tools.analysis.causes import Doing, Step, delay_of
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import Claim, Handling, Hold, Message, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import awaited
 from tca_tools.why.waiting import blockers, of_blocker
@@ -202,16 +202,16 @@ def _run_of(message: Message) -> Handling | None:
     return next((run for run in runs if not _waits(run)), runs[-1] if runs else None)
 
 
-def _wait_of(message: Message) -> Wait | None:
+def _wait_of(message: Message) -> HandlerWait | None:
     """What the handler of a message waits for."""
     return _waits(run) if (run := _run_of(message)) else None
 
 
-def _waits(run: Handling) -> Wait | None:
+def _waits(run: Handling) -> HandlerWait | None:
     return run.waits[-1] if run.waits and run.waits[-1].end is None else None
 
 
-def _keeping(end: RunAt, wait: Wait) -> list[int]:
+def _keeping(end: RunAt, wait: HandlerWait) -> list[int]:
     """The messages that keep a handler waiting: what it awaits, or what those handle who have what it wants to lock."""
     claim, holder = end.run.claims.get(wait.awaited), _holder(end, wait)
     if claim is None:
@@ -221,7 +221,7 @@ def _keeping(end: RunAt, wait: Wait) -> list[int]:
     return [run.message_id for run in end.inside(claim.module, claim.resource)]
 
 
-def _holder(end: RunAt, wait: Wait) -> Claim | None:
+def _holder(end: RunAt, wait: HandlerWait) -> Claim | None:
     """Who has locked or reserved what a handler waits to lock or reserve."""
     claim = end.run.claims.get(wait.awaited)
     return end.held_by(claim.module, claim.resource) if claim else None

@@ -9,7 +9,7 @@ from itertools import pairwise
 from operator import attrgetter
 
 from tca_tools.analysis.words import moment, seconds
-from tca_tools.run.records import Claim, Handling, Queueing, State, Suspension, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Queueing, State, Suspension, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.story import awaited
 from tca_tools.why.stretches import NO_TIME, OTHERS, Stretch, for_claim, in_queue, in_state
@@ -84,7 +84,7 @@ def waits(run: Run, at_most: int = 10) -> list[Waits]:
     return [of_kind for of_kind in by_kind.values() if of_kind.number]
 
 
-_Found = tuple[WaitKind, int, float, float | None, Queueing | Wait | Suspension | None]
+_Found = tuple[WaitKind, int, float, float | None, Queueing | HandlerWait | Suspension | None]
 """A wait: its kind, the message that waits, from when until when, and its record (None: a task that was held)."""
 
 
@@ -111,7 +111,7 @@ def _of_tasks(run: Run) -> Iterator[_Found]:
             yield WaitKind.SUSPENDED, suspension.task, since, suspension.end, suspension
 
 
-def _kind(run: Run, wait: Wait) -> WaitKind:
+def _kind(run: Run, wait: HandlerWait) -> WaitKind:
     if wait.moment:
         return WaitKind.TASK
     return WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
@@ -133,7 +133,7 @@ def _told(run: Run, found: _Found) -> LongWait:
         told.what = _queue_reason(run, record)
     elif isinstance(record, Suspension):
         told.what = _until_resumed(record)
-    elif isinstance(record, Wait):
+    elif isinstance(record, HandlerWait):
         told.who = f"the handler of {told.who}"
         why = why_in_vain(run, record)
         told.what = _awaited(run, record) + (f", in vain: {why}" if why else _where_handled(run, record))
@@ -159,7 +159,7 @@ def _why_held(run: Run, task: Task, wait: LongWait) -> str:
     return _by_cause(run, in_state(run, task, number), unknown)
 
 
-def _awaited(run: Run, wait: Wait) -> str:
+def _awaited(run: Run, wait: HandlerWait) -> str:
     """What a handler waited for."""
     claim = run.claims.get(wait.awaited)
     if claim is None:
@@ -199,7 +199,7 @@ def _once(whys: list[str]) -> Iterator[str]:
         yield why.removeprefix(resource + busy) if busy and before.startswith(resource + busy) else why
 
 
-def _where_handled(run: Run, wait: Wait) -> str:
+def _where_handled(run: Run, wait: HandlerWait) -> str:
     """Who was slow: the module that replied."""
     message = run.messages.get(wait.awaited)
     last: Handling | None = message.handlings[-1] if message and message.handlings and not wait.moment else None

@@ -11,7 +11,7 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 from tca_tools.data import plain_data
-from tca_tools.run.records import Message, Wait
+from tca_tools.run.records import HandlerWait, Message
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import fate, has_coped, went_on
 from tca_wire.points import MOMENTS, describe_moments
@@ -137,7 +137,7 @@ def _waits(run: Run) -> Iterator[Row]:
             yield module.name, None, None, *_wait(run, wait), wait.start, wait.end
 
 
-def _wait(run: Run, wait: Wait) -> tuple[str, int, str, str | None]:
+def _wait(run: Run, wait: HandlerWait) -> tuple[str, int, str, str | None]:
     """What is waited for: a reply, a task's moment, or a lock or reservation."""
     claim = run.claims.get(wait.awaited)
     if claim:

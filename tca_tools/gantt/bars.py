@@ -11,7 +11,7 @@ from typing import Any
 from tca_tools.gantt import titles
 from tca_tools.gantt.parts import Bar, Chart, Held, Mark, Part, Row
 from tca_tools.gantt.window import ALL, Pick, span_of
-from tca_tools.run.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import has_coped, went_on
 from tca_tools.why.stretches import in_state
@@ -140,7 +140,7 @@ class _Filler:
             bar.waits.append(Part(wait.start, until, partial(titles.handler_waits, run, handling, wait)))
         return bar
 
-    def _waited(self, module: str, wait: Wait) -> Bar:
+    def _waited(self, module: str, wait: HandlerWait) -> Bar:
         end, tell = self._until(wait.end), partial(titles.module_waits, self.run, module, wait)
         part = Part(wait.start, end, tell)
         return Bar(
@@ -207,7 +207,7 @@ class _Filler:
         return Held(start, self._until(claim.end), claim.is_reserved, claim.sender, claim.end is None, tell)
 
 
-def _lasting(waits: Iterable[Wait]) -> Iterator[Wait]:
+def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:
     """The waits that took any time: what was there at once is nothing to look at."""
     return (wait for wait in waits if wait.end is None or wait.end > wait.start)
 

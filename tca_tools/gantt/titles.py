@@ -2,7 +2,7 @@
 
 from math import inf
 
-from tca_tools.run.records import Claim, Handling, Queueing, Raised, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Queueing, Raised, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import failing, told_to
 from tca_tools.why.stretches import Stretch
@@ -32,12 +32,12 @@ def raised(run: Run, task: Task, failure: Raised) -> str:
     return title + (f", {told}" if told else "")
 
 
-def handler_waits(run: Run, handling: Handling, wait: Wait) -> str:
+def handler_waits(run: Run, handling: Handling, wait: HandlerWait) -> str:
     """``take steps {2} waits for elevation map {5} from ...``."""
     return f"{_described(run, handling)} {_waits_for(run, wait)}"
 
 
-def module_waits(run: Run, module: str, wait: Wait) -> str:
+def module_waits(run: Run, module: str, wait: HandlerWait) -> str:
     """``user interface waits for traverse arc {1} from ...``."""
     return f"{module} {_waits_for(run, wait)}"
 
@@ -74,7 +74,7 @@ def held(run: Run, claim: Claim) -> str:
     return f"{where} {how} by {claim.sender}{for_whom(run, claim, claim.start)} {_span(run, start, claim.end)}{why}"
 
 
-def awaited_name(run: Run, wait: Wait) -> str:
+def awaited_name(run: Run, wait: HandlerWait) -> str:
     """The name of what is waited for: of a message, or what kind of claim it is."""
     claim = run.claims.get(wait.awaited)
     if claim is None:
@@ -88,7 +88,7 @@ def _described(run: Run, handling: Handling) -> str:
     return run.describe(handling.message_id)
 
 
-def _waits_for(run: Run, wait: Wait) -> str:
+def _waits_for(run: Run, wait: HandlerWait) -> str:
     return f"waits for {run.describe(wait.awaited)} {_span(run, wait.start, wait.end)}"
 
 

@@ -11,7 +11,19 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
-from tca_tools.run.records import OVER, Ahead, Claim, Handling, Hold, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.run.records import (
+    OVER,
+    Ahead,
+    Claim,
+    HandlerWait,
+    Handling,
+    Hold,
+    Message,
+    Queueing,
+    State,
+    Suspension,
+    Task,
+)
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import standing, watches
 from tca_wire.constraints import Constraint
@@ -21,7 +33,7 @@ from tca_wire.vocabulary import MessageClass, Role
 
 _WAITS = 32
 """Waits of a handler that are looked at."""
-_Span = TypeVar("_Span", Queueing, Handling, Wait, Suspension)
+_Span = TypeVar("_Span", Queueing, Handling, HandlerWait, Suspension)
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
 
@@ -177,12 +189,12 @@ class TaskAt:
         return _going_on(self._record.handlings, self._time)
 
     @property
-    def wait(self) -> Wait | None:
+    def wait(self) -> HandlerWait | None:
         """What its handler waited for."""
         return self.waits[-1] if self.waits else None
 
     @property
-    def waits(self) -> list[Wait]:
+    def waits(self) -> list[HandlerWait]:
         """The same; of an async handler that waits in several places, all that began lately."""
         run = self.handling
         return _waits(run.waits, self._time) if run else []
@@ -303,11 +315,11 @@ class RunAt:
         copies = self.run.copies.get(query.id, ())
         return runs, [one for one in copies if one.start <= self.moment and not _is_over(one, self.moment)]
 
-    def waits_of(self, run: Handling) -> list[Wait]:
+    def waits_of(self, run: Handling) -> list[HandlerWait]:
         """What a handler waited for, like ``TaskAt.waits``."""
         return _waits(run.waits, self.moment)
 
-    def waits_outside(self, module: str) -> list[Wait]:
+    def waits_outside(self, module: str) -> list[HandlerWait]:
         """What a module waited for outside of handlers."""
         known = self.run.modules.get(module)
         return _waits(known.waits, self.moment) if known else []
@@ -391,7 +403,7 @@ def _going_on(spans: list[_Span], time: float) -> _Span | None:
     return last if last is not None and (last.end is None or last.end > time) else None
 
 
-def _waits(waits: list[Wait], time: float) -> list[Wait]:
+def _waits(waits: list[HandlerWait], time: float) -> list[HandlerWait]:
     begun = bisect_right(waits, time, key=_START)
     lately = waits[max(begun - _WAITS, 0) : begun]
     return [wait for wait in lately if wait.end is None or wait.end > time]

@@ -9,7 +9,7 @@ from typing import Any
 
 from tca_tools.run.fold_reactions import ReactionFold
 from tca_tools.run.garbage import no_garbage
-from tca_tools.run.records import Claim, Handling, Hold, Message, Offer, Queueing, Raised, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Hold, Message, Offer, Queueing, Raised, Task
 from tca_wire.journal import facts
 from tca_wire.points import MOMENTS, Moment
 from tca_wire.text.facts_in_words import called
@@ -24,9 +24,9 @@ class History(ReactionFold):
         self._deliveries: dict[int, Handling] = {}
         self._queued: dict[int, Queueing] = {}
         self._running: dict[tuple[str, str], dict[int, Handling]] = {}
-        self._reply_waits: dict[int, Wait] = {}
-        self._claim_waits: dict[int, Wait] = {}
-        self._task_waits: dict[tuple[str, int, int], list[Wait]] = {}
+        self._reply_waits: dict[int, HandlerWait] = {}
+        self._claim_waits: dict[int, HandlerWait] = {}
+        self._task_waits: dict[tuple[str, int, int], list[HandlerWait]] = {}
         self._offered: dict[tuple[str, str], Offer] = {}
 
     @classmethod
@@ -142,7 +142,7 @@ class History(ReactionFold):
             by.asked = by.asked or []
             by.asked.append(self.messages[fact.id])
         if fact.blocking and not fact.message_class.is_task:
-            self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
+            self._reply_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), fact.sender, fact.origin)
 
     def _constrain(self, fact: facts.Received | facts.Constrained) -> None:
         for constraint in fact.constraints:
@@ -292,11 +292,11 @@ class History(ReactionFold):
         """Whoever asked has gone on until now."""
         message = self.messages.get(fact.id)
         if message is not None and message.answered is None and fact.id not in self._reply_waits:
-            self._reply_waits[fact.id] = self._wait(Wait(fact.id, self.time), message.sender, message.origin)
+            self._reply_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), message.sender, message.origin)
 
     def _wait_began(self, fact: facts.WaitBegan) -> None:
         moment = next((moment for moment in MOMENTS if fact.moment & moment), None)
-        wait = self._wait(Wait(fact.task, self.time, moment), fact.module, fact.origin)
+        wait = self._wait(HandlerWait(fact.task, self.time, moment), fact.module, fact.origin)
         self._task_waits.setdefault((fact.module, fact.origin, fact.task), []).append(wait)
 
     def _wait_ended(self, fact: facts.WaitEnded) -> None:
@@ -312,7 +312,7 @@ class History(ReactionFold):
         claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
         self.wanted.setdefault((called(fact.module), fact.resource), []).append(claim)
         self.news.append(claim)
-        self._claim_waits[fact.id] = self._wait(Wait(fact.id, self.time), fact.sender, fact.origin)
+        self._claim_waits[fact.id] = self._wait(HandlerWait(fact.id, self.time), fact.sender, fact.origin)
 
     def _granted(self, fact: facts.Granted) -> None:
         self._stop_waiting(self._claim_waits.pop(fact.id, None))
@@ -327,7 +327,7 @@ class History(ReactionFold):
             claim.end, claim.ended = self.time, fact.why
             self.news.append(claim)
 
-    def _wait(self, wait: Wait, module: str, origin: int) -> Wait:
+    def _wait(self, wait: HandlerWait, module: str, origin: int) -> HandlerWait:
         """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside of any."""
         handling = self._deliveries.get(origin)
         (handling.waits if handling else self._module(module).waits).append(wait)
@@ -335,7 +335,7 @@ class History(ReactionFold):
         self.news.append(wait)
         return wait
 
-    def _stop_waiting(self, wait: Wait | None) -> None:
+    def _stop_waiting(self, wait: HandlerWait | None) -> None:
         if wait and wait.end is None:
             wait.end = self.time
             self.news.append(wait)

@@ -5,7 +5,7 @@ history.py says which fact writes what.
 
 from collections.abc import Iterator
 
-from tca_tools.run.records import Claim, Handling, Message, ModuleRecord, Queueing, Suspension, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, ModuleRecord, Queueing, Suspension, Task
 from tca_tools.run.whole_run import UNKNOWN, Run
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.vocabulary import MessageClass
@@ -16,7 +16,7 @@ class RecordFold(Run):
 
     def __init__(self) -> None:
         super().__init__()
-        self.news: list[Task | Handling | Queueing | Wait | Claim | ModuleRecord] = []
+        self.news: list[Task | Handling | Queueing | HandlerWait | Claim | ModuleRecord] = []
         """What the newest entry began, ended or changed; a task only if its state changed, or it got a constraint."""
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""

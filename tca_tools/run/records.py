@@ -35,7 +35,7 @@ OVER = (State.ACHIEVED, State.FAILED, State.KILLED)
 
 
 @dataclass(slots=True)
-class Wait:
+class HandlerWait:
     """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment, or for a claim."""
 
     awaited: int
@@ -69,7 +69,7 @@ class Handling:
     end: float | None = None
     outcome: Outcome | None = None
     """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if it was cut off."""
-    waits: list[Wait] = field(default_factory=list)
+    waits: list[HandlerWait] = field(default_factory=list)
     direct_from: str = ""
     """The module that sent the message directly: it has no id (0), and no record of its own."""
     by: "Handling | None" = field(default=None, repr=False, compare=False)
@@ -364,5 +364,5 @@ class ModuleRecord:
     """The largest capacity that each resource had."""
     sizes: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
     """From when on each resource had which capacity."""
-    waits: list[Wait] = field(default_factory=list)
+    waits: list[HandlerWait] = field(default_factory=list)
     """What it waited for outside of any handler."""

@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 
 from tca_tools.errors import NotInLog
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import Claim, Handling, Message, Queueing, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment, TaskId
 from tca_wire.text.printable import printable
@@ -178,7 +178,7 @@ def lineage(run: Run, task: TaskId) -> list[TaskId]:
     return found
 
 
-def _had(run: Run, module: str, resource: str, wait: Queueing | Wait) -> set[int]:
+def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
     """What had a resource while something waited for it, one after the other: what was handled there, and for what it
     was locked or reserved.
     """

@@ -9,6 +9,7 @@ from tca_tools.run.records import (
     Ahead,
     Claim,
     Exhausted,
+    HandlerWait,
     Handling,
     Message,
     ModuleRecord,
@@ -17,7 +18,6 @@ from tca_tools.run.records import (
     Raised,
     Suspension,
     Task,
-    Wait,
 )
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, TaskId
@@ -133,7 +133,7 @@ class Run(Reactions):
         """The same of all that were asked for, as they were."""
         return self.wanted.get((called(module), resource), [])
 
-    def deadlock(self, wait: Wait) -> str:
+    def deadlock(self, wait: HandlerWait) -> str:
         """The circle in which a handler or program would have waited for ever, if that ended its wait; else ""."""
         if wait.end is None or not self.deadlocks:
             return ""

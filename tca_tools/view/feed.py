@@ -13,7 +13,7 @@ from typing import Any
 from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.colours import dark
 from tca_tools.run.fold import History
-from tca_tools.run.records import Claim, Handling, ModuleRecord, Queueing, State, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.tasktree_viz.arrows import kind_of_arrow
 from tca_tools.view.columns import Columns
 from tca_tools.view.verdicts import Verdicts
@@ -280,7 +280,7 @@ class Feed:
         if queueing.end is not None:
             self._end(queueing, queueing.end)
 
-    def _tell_wait(self, wait: Wait) -> None:
+    def _tell_wait(self, wait: HandlerWait) -> None:
         """What was there at once is nothing to look at."""
         if wait.end == wait.start:
             return
@@ -357,7 +357,7 @@ class Feed:
 _TELL: dict[type, Callable[[Feed, Any], None]] = {
     Handling: Feed._tell_handling,
     Queueing: Feed._tell_queueing,
-    Wait: Feed._tell_wait,
+    HandlerWait: Feed._tell_wait,
     Claim: Feed._tell_claim,
     ModuleRecord: Feed._tell_module,
 }

@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import OVER, Claim, Handling, Hold, Message, Queueing, State, Wait
+from tca_tools.run.records import OVER, Claim, HandlerWait, Handling, Hold, Message, Queueing, State
 from tca_tools.why.waiting import blockers_of, up_to
 from tca_tools.why.whereabouts import ahead_of_claim, kept_out
 from tca_wire.points import ROOT, Moment, Point, TaskId
@@ -160,7 +160,7 @@ def _of_run(at: RunAt, run: Handling) -> Iterator[Lead]:
         yield Kind.GOES_ON
 
 
-def _of_wait(at: RunAt, wait: Wait) -> Iterator[Lead]:
+def _of_wait(at: RunAt, wait: HandlerWait) -> Iterator[Lead]:
     if wait.moment:
         if not at.has_reached(Point(TaskId(wait.awaited), wait.moment)):
             yield Node(wait.awaited, wait.moment)

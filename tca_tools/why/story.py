@@ -9,7 +9,18 @@ from typing import Any, NamedTuple
 from tca_tools.analysis.words import times
 from tca_tools.data import data_text
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import OVER, Claim, Exhausted, Handling, Message, Queueing, State, Suspension, Task, Wait
+from tca_tools.run.records import (
+    OVER,
+    Claim,
+    Exhausted,
+    HandlerWait,
+    Handling,
+    Message,
+    Queueing,
+    State,
+    Suspension,
+    Task,
+)
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import WATCHING, told_to, watches
 from tca_tools.why.deciding import decisions, retried_for
@@ -164,7 +175,7 @@ def _over(moment: Moment | None, waited: list[_Asked]) -> Iterator[Sentence]:
             yield Sentence(together[0].start, text, last.end - together[0].start)
 
 
-def _waits_for_claim(run: Run, wait: Wait, claim: Claim, moment: float) -> Iterator[Sentence]:
+def _waits_for_claim(run: Run, wait: HandlerWait, claim: Claim, moment: float) -> Iterator[Sentence]:
     for part in for_claim_briefly(run, wait, claim, moment):
         what = f"{claim}, {OTHERS}" if part.why == OTHERS else part.why
         yield _part(part, f"its handler waits for the {what}")
@@ -204,7 +215,7 @@ def _at_once(asked: list[_Asked]) -> Iterator[list[_Asked]]:
         yield some
 
 
-def _wait(at: RunAt, wait: Wait) -> Sentence:
+def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     run, text = at.run, f"its handler waits {awaited(at.run, wait)}{_missing(at, wait)}"
     if circle := run.deadlock(wait):
         told = _spanning(wait, text, f", and is refused: {circle}")
@@ -216,13 +227,13 @@ def _wait(at: RunAt, wait: Wait) -> Sentence:
     return _spanning(wait, text, f", which fails: {failure}" if failure else "")
 
 
-def _missing(at: RunAt, wait: Wait) -> str:
+def _missing(at: RunAt, wait: HandlerWait) -> str:
     """Where the query is that a handler waits for at that moment, or who has not answered one that many were asked."""
     is_waiting = not wait.moment and wait.start <= at.moment and (wait.end is None or wait.end > at.moment)
     return whereabouts(at, wait.awaited) if is_waiting else ""
 
 
-def awaited(run: Run, wait: Wait) -> str:
+def awaited(run: Run, wait: HandlerWait) -> str:
     """What a handler waited for: ``for the reply to next stance {7}``."""
     if wait.moment:
         return f"until {run.describe(wait.awaited)} {clause(wait.moment)}"
@@ -392,7 +403,7 @@ def _suspensions(run: Run, task: Task, moment: float) -> Iterator[Sentence]:
             yield Sentence(suspension.end, f"resumed{by_whom(suspension.resumed_by)}")
 
 
-def _spanning(span: Queueing | Handling | Wait | Suspension, text: str, ending: str = "") -> Sentence:
+def _spanning(span: Queueing | Handling | HandlerWait | Suspension, text: str, ending: str = "") -> Sentence:
     took = None if span.end is None else span.end - span.start
     return Sentence(span.start, text + ending, took, took is None, ending)
 

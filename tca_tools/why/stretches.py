@@ -8,7 +8,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.run.at_time import RunAt
-from tca_tools.run.records import Claim, Message, Queueing, State, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Message, Queueing, State, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.turns import Span
 from tca_tools.why.waiting import Reason, Until, reasons_of
@@ -85,13 +85,13 @@ def _others(run: Run, queueing: Queueing, parts: list[Stretch]) -> str:
     return f"busy with {known - begun} others, one after the other"
 
 
-def for_claim(run: Run, wait: Wait, claim: Claim, moment: float = inf) -> list[Stretch]:
+def for_claim(run: Run, wait: HandlerWait, claim: Claim, moment: float = inf) -> list[Stretch]:
     """The claim for which a handler waited, with what kept it from it."""
     span = Span(run, wait.start, wait.end)
     return _stretches(span, span.turns_of_claim(claim), lambda at: [claim_and_why(at, claim)], moment)
 
 
-def for_claim_briefly(run: Run, wait: Wait, claim: Claim, moment: float) -> list[Stretch]:
+def for_claim_briefly(run: Run, wait: HandlerWait, claim: Claim, moment: float) -> list[Stretch]:
     """The same for people to read."""
     return _briefly(for_claim(run, wait, claim, moment), moment, lambda _: OTHERS)
 

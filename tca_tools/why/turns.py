@@ -8,7 +8,7 @@ from itertools import chain
 from math import inf
 from typing import Any
 
-from tca_tools.run.records import Claim, Handling, Message, Queueing, Task, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import ROOT, Moment
 from tca_wire.text.facts_in_words import called
@@ -133,6 +133,6 @@ class Span:
             yield from (time for time, _ in known.sizes.get(resource, ()))
 
 
-def _ends(spans: Iterable[Handling | Wait | Queueing | Claim]) -> Iterator[float | None]:
+def _ends(spans: Iterable[Handling | HandlerWait | Queueing | Claim]) -> Iterator[float | None]:
     for span in spans:
         yield from (span.start, span.end)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_tools.data import data_text
 from tca_tools.run.at_time import RunAt, TaskAt
-from tca_tools.run.records import Claim, Handling, Message, Queueing, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
 from tca_tools.run.whole_run import Run
 from tca_tools.terminal import cut
 from tca_wire.text.facts_in_words import GAVE_UP, place
@@ -227,7 +227,7 @@ def _together(names: list[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def why_in_vain(run: Run, wait: Wait) -> str:
+def why_in_vain(run: Run, wait: HandlerWait) -> str:
     """Where a query was when its handler waited no longer for the reply: ``legs had it``; "" if it did not give up."""
     query = run.messages.get(wait.awaited)
     if query is None or wait.end is None or not (query.dropped or "").startswith(GAVE_UP):

@@ -11,7 +11,7 @@ from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
-from tca_tools.run.records import Offer, State, Wait
+from tca_tools.run.records import HandlerWait, Offer, State
 from tca_tools.tasktree_viz.dot import dot_source
 from tca_tools.tasktree_viz.outline import outline, whole_outline
 from tca_tools.tasktree_viz.text import tree_lines
@@ -99,7 +99,7 @@ def test_a_handler_that_waits_for_a_task() -> None:
     assert reasons(story.fold(), second) == ["until a {1} is planned"]
     story.at(3.0).say(facts.WaitEnded("m", second, TaskId(first)))
     history = story.fold()
-    assert history.handlings[0].waits == [Wait(1, 0.0, Moment.END_PLANNING, 3.0)]
+    assert history.handlings[0].waits == [HandlerWait(1, 0.0, Moment.END_PLANNING, 3.0)]
     assert reasons(history, second) == []
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from tca_tools.data import plain_data
-from tca_tools.run.records import Handling, Message, Task, Wait
+from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import describe_moments
 from tca_wire.vocabulary import MessageClass
@@ -51,7 +51,7 @@ def of_handling(run: Run, handling: Handling) -> Details:
     return told | {"result": plain_data(message.result), "failure data": plain_data(message.failure_data)}
 
 
-def of_wait(run: Run, wait: Wait) -> Details:
+def of_wait(run: Run, wait: HandlerWait) -> Details:
     """What a handler waits for."""
     return {"for": run.describe(wait.awaited), "until": ", ".join(describe_moments(wait.moment or 0)) or None}
 

@@ -17,7 +17,7 @@ from tca_tools.export.trace.events import (
     slices,
     within,
 )
-from tca_tools.run.records import Claim, Handling, Message, Queueing, Wait
+from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
 from tca_tools.why.coping import has_coped
 from tca_wire.vocabulary import Outcome
 
@@ -120,7 +120,12 @@ def _begun(trace: Trace, track: Track, spans: Iterable[tuple[Span, Any]], begin:
 
 
 def _run(
-    trace: Trace, track: Track, span: Span, handling: Handling, waits: list[tuple[Span, Wait]], sent: list[Message]
+    trace: Trace,
+    track: Track,
+    span: Span,
+    handling: Handling,
+    waits: list[tuple[Span, HandlerWait]],
+    sent: list[Message],
 ) -> Iterator[Event]:
     """A handling with its waits, what it sent, and its failure."""
     details, flows = of_handling(trace.run, handling), flow_to(trace.run, handling)
@@ -139,7 +144,7 @@ def _failure(trace: Trace, handling: Handling) -> dict[str, Any]:
     return {"failure": texts[-1] if texts else None, "handled": has_coped(trace.run, handling)}
 
 
-def _waits(trace: Trace, around: Span, handling: Handling) -> list[tuple[Span, Wait]]:
+def _waits(trace: Trace, around: Span, handling: Handling) -> list[tuple[Span, HandlerWait]]:
     """The waits of a handler, none longer than itself."""
     spans = [(trace.span(wait.start, wait.end), wait) for wait in handling.waits]
     if around.end is None:
@@ -177,7 +182,7 @@ def _connected(trace: Trace, group: Track) -> Iterator[Event]:
     return slices(group, begun)
 
 
-def _waiting(trace: Trace, track: Track, span: Span, wait: Wait) -> Event:
+def _waiting(trace: Trace, track: Track, span: Span, wait: HandlerWait) -> Event:
     what = "a lock" if wait.awaited in trace.run.claims else trace.run.name(wait.awaited)
     details = of_wait(trace.run, wait)
     return Event(span.start, False, track.uuid, Kind.BEGIN, f"waits for {what}", "waiting", details)
