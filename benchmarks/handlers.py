@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks import rounds_of
 from benchmarks.messaging import BODY, central, process, rate
-from tca_module import Client, Later, Module, Query, Task, connect
+from tca_module import Client, LaterReply, Module, Query, Task, connect
 
 KINDS = ("plain", "beside a timer", "async", "later")
 QUESTIONS = {kind: Query(kind, bytes, reply=bytes) for kind in KINDS}
@@ -23,7 +23,7 @@ QUESTIONS = {kind: Query(kind, bytes, reply=bytes) for kind in KINDS}
 
 def serve(address: str) -> None:
     module = Module("server", address)
-    owed = queue.SimpleQueue[tuple[Later[bytes], bytes]]()
+    owed = queue.SimpleQueue[tuple[LaterReply[bytes], bytes]]()
     for kind in ("plain", "beside a timer"):
         module.handles(QUESTIONS[kind], resource=kind)(lambda _, body: body)
     module.every(3600.0, resource="beside a timer")(print)
@@ -33,7 +33,7 @@ def serve(address: str) -> None:
         return body
 
     @module.handles(QUESTIONS["later"], resource="later")
-    def echo_later(task: Task, body: bytes) -> Later[bytes]:
+    def echo_later(task: Task, body: bytes) -> LaterReply[bytes]:
         later = task.reply_later()
         owed.put((later, body))
         return later

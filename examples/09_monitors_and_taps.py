@@ -31,14 +31,14 @@ def move(_: Task, to: float) -> None:
 
 @safety.handles(CHECK)
 def check(task: Task, to: float) -> None:
-    assert task.heard.condition is Condition.BEFORE_HANDLING
+    assert task.tap_event.condition is Condition.BEFORE_HANDLING
     print("checked", to)
 
 
 @vision.handles(WATCH)
 def watch(task: Task) -> None:
     for cup in ("blue", "red"):
-        task.monitor_handle.fire(FETCH, cup)
+        task.monitor_ref.fire(FETCH, cup)
 
 
 @legs.handles(FETCH)

@@ -26,7 +26,7 @@ over = threading.Semaphore(0)
 @vision.handles(LOOK_FOR_CUPS)
 def look(task: Task) -> None:
     for cup in ("blue", "red"):
-        task.monitor_handle.fire(FETCH, cup)
+        task.monitor_ref.fire(FETCH, cup)
 
 
 @vision.handles(IS_GONE)
@@ -51,7 +51,7 @@ def grasp(task: Task, cup: str) -> None:
 
 @robot.handles(GIVE_UP)
 def give_up(task: Task, _: str) -> None:
-    task.monitor_handle.ancestors(FETCH)[0].kill("the cup is gone")
+    task.monitor_ref.ancestors(FETCH)[0].kill("the cup is gone")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ drilling = threading.Event()
 
 @planner.handles(DIG)
 def dig(task: Task) -> None:
-    task.handle.on_termination(RETRACT)
+    task.ref.on_termination(RETRACT)
     task.command(DRILL)
 
 

@@ -4,18 +4,18 @@ import queue
 import threading
 import time
 
-from tca_module import Command, Failure, Later, Module, Task, TaskFailed
+from tca_module import Command, Failure, LaterReply, Module, Task, TaskFailed
 
 MOVE = Command("move", float, result=float)
 STALLED = Failure("motor stalled", float)
 
 arm = Module("arm")
-jobs: queue.SimpleQueue[tuple[Later[float], float]] = queue.SimpleQueue()
+jobs: queue.SimpleQueue[tuple[LaterReply[float], float]] = queue.SimpleQueue()
 
 
 @arm.handles(MOVE)
-def move(task: Task, angle: float) -> Later[float]:
-    later: Later[float] = task.reply_later()
+def move(task: Task, angle: float) -> LaterReply[float]:
+    later: LaterReply[float] = task.reply_later()
     jobs.put((later, angle))
     return later
 

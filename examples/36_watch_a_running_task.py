@@ -41,7 +41,7 @@ def is_low(_: Task) -> bool:
 @watcher.handles(STOP)
 def stop(task: Task) -> None:
     print("the battery is low")
-    task.monitor_handle.ancestors(WALK)[0].kill("the battery is low")
+    task.monitor_ref.ancestors(WALK)[0].kill("the battery is low")
 
 
 if __name__ == "__main__":

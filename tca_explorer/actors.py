@@ -10,7 +10,7 @@ from tca_explorer.marks import Id, Number
 from tca_explorer.scenario import ScenarioModule
 from tca_explorer.script import Program
 from tca_explorer.steps import OWN, Await, Branch, Given, Got, Step, known, place_of
-from tca_module.link.request import waits_for_others
+from tca_module.session.request import waits_for_others
 from tca_wire.packets.headers import Lock
 from tca_wire.points import TaskId
 

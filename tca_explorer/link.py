@@ -3,7 +3,7 @@
 Theory of operation. A script is run anew from its start whenever it has got something back: the calls whose answers
 are known return them, and the first one whose answer is not there ends the run (``Pause``). So a script that is half
 through is nothing but its data and what it got, which can be copied and compared; and functions need not be
-generators. Everything that a task can do (sender.py, control.py, task_handle.py of the library) is the library's own
+generators. Everything that a task can do (the library's sending/) is the library's own
 code: only the connection under it is another one, and so a call means here what it means on the robot.
 """
 
@@ -209,7 +209,7 @@ class Link:
         why = f"{what} is not waited for any more"
         raise Stopped(f"its module ends: {why}") if got.module_ends else TaskKilled("its task", why)
 
-    def tell(self) -> None:
+    def mark_told(self) -> None:
         """The script gets an error, and knows by that of its kill."""
         self.do(Know())
 

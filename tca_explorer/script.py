@@ -14,9 +14,9 @@ from tca_explorer.link import CHOOSE, MOST_DECISIONS, Fork, Link, Pause
 from tca_explorer.steps import HERE, OWN, Branch, Fail, Given, Got, History, Life, Return, Step
 from tca_module.errors import LockLost, QueryFailed, Refused, Stopped, TaskFailed, TaskKilled, Timeout, VariableNotSet
 from tca_module.link.connection import Connection
+from tca_module.sending.handler_errors import Reissued, failed
 from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task as ModuleTask
-from tca_module.serving.failing import Reissued, failed
 from tca_wire.errors import BadData
 from tca_wire.messages.declarations import FailureRaised, Message
 from tca_wire.messages.failures import BAD_DATA, HANDLER_ERROR

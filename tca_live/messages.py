@@ -11,11 +11,11 @@ from typing import Any
 import click
 
 from tca_live.shared import SECONDS, as_json, as_text, central_option, json_option, talking
+from tca_module.checks import name_of
 from tca_module.client import Client
 from tca_module.errors import TaskFailed, TaskKilled, Timeout, VariableNotSet
-from tca_module.sending.arguments import name_of
 from tca_module.sending.replies import QUERY_TIMEOUT
-from tca_module.sending.task_ref import TaskRef
+from tca_module.sending.sent_task import SentTask
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Broadcast, Command, Goal, Message, MultiQuery, Query, Variable
@@ -57,7 +57,7 @@ def send(
         message.encode_data(value)
         _say_if_unhandled(client, message)
         made: Any = client.execute(message, value)
-        if isinstance(made, TaskRef):
+        if isinstance(made, SentTask):
             _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
         else:
             client.modules()  # when central answers this it has had the message, too
@@ -183,7 +183,7 @@ def _say_if_unhandled(client: Client, message: Message[Any, Any]) -> None:
         click.echo(f"nobody handles {printable(name_of(message))} now: {fate}", err=True)
 
 
-def _follow(ref: TaskRef[Any], timeout: float | None, *, wait: bool, in_json: bool) -> None:
+def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: bool) -> None:
     """Print a task's number, and what becomes of it."""
     if not in_json:
         click.echo(printable(str(ref)))
@@ -204,7 +204,7 @@ def _follow(ref: TaskRef[Any], timeout: float | None, *, wait: bool, in_json: bo
     _print_end(ref, in_json=in_json)
 
 
-def _print_end(ref: TaskRef[Any], *, in_json: bool) -> None:
+def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
     told: dict[str, Any] = {"task": ref.id, "outcome": str(ref.wait(0))}
     problem: TaskFailed | TaskKilled | None = None
     try:

@@ -11,7 +11,7 @@ from tca_live.questions import attached_in_all, attached_to
 from tca_live.shared import SECONDS, central_option, talking
 from tca_module.client import Client
 from tca_module.errors import Refused
-from tca_module.sending.task_handle import TaskHandle, TaskInfo
+from tca_module.sending.task_ref import TaskInfo, TaskRef
 from tca_wire.messages.declarations import Failure
 from tca_wire.points import ROOT
 from tca_wire.text.plain_data import Bare, PlainFormat
@@ -49,12 +49,12 @@ def kill(task: str, delay: float, why: str, central: str | None, *, descendants:
         click.echo(f"{_whom(handle, scope)}: {_killed(handle, scope, delay)}")
 
 
-def _whom(handle: TaskHandle, scope: Scope) -> str:
+def _whom(handle: TaskRef, scope: Scope) -> str:
     of = {Scope.DESCENDANTS: "all under ", Scope.SIBLINGS: "the siblings of "}
     return f"{of.get(scope, '')}{handle}"
 
 
-def _killed(handle: TaskHandle, scope: Scope, delay: float) -> str:
+def _killed(handle: TaskRef, scope: Scope, delay: float) -> str:
     if delay:
         return f"to be killed in {delay:g} s"
     is_over = scope is not Scope.TASK or handle.info() is None
@@ -70,7 +70,7 @@ def suspend(task: str, central: str | None) -> None:
     TASK is a task's number, or its message's name if only one such task lives. Handlers that run are told; they may
     hold or finish.
     """
-    _switch("suspend", task, central, lambda info: info.suspended, TaskHandle.suspend)
+    _switch("suspend", task, central, lambda info: info.suspended, TaskRef.suspend)
 
 
 @click.command()
@@ -81,11 +81,11 @@ def resume(task: str, central: str | None) -> None:
 
     TASK is a task's number, or its message's name if only one such task lives.
     """
-    _switch("resume", task, central, lambda info: not info.suspended, TaskHandle.resume)
+    _switch("resume", task, central, lambda info: not info.suspended, TaskRef.resume)
 
 
 def _switch(
-    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskHandle], bool]
+    verb: str, task: str, central: str | None, is_so: Callable[[TaskInfo], bool], switch: Callable[[TaskRef], bool]
 ) -> None:
     with talking(verb, central) as client:
         handle = find_task(client, task)
@@ -131,7 +131,7 @@ def unlock(resource: str, module: str | None, central: str | None) -> None:
         click.echo(f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it"))
 
 
-def _too_late(handle: TaskHandle, what: str) -> click.ClickException:
+def _too_late(handle: TaskRef, what: str) -> click.ClickException:
     """Central has done nothing: between the question and the request the task has ended."""
     is_over = handle.info() is None
     state = "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
@@ -210,7 +210,7 @@ def _listed(found: list[_Attached]) -> str:
     return "; ".join(one.text for one in found[:_SHOWN]) + f"{more}: see 'tca attached'"
 
 
-def find_task(client: Client, named: str) -> TaskHandle:
+def find_task(client: Client, named: str) -> TaskRef:
     """The living task that a number, or a message's name, means. Raises ClickException if it means none, or many."""
     if named.isdecimal() and named.isascii():
         return _numbered(client, int(named))
@@ -239,7 +239,7 @@ def _living(client: Client) -> str:
     return f"there live {shown}{more}"
 
 
-def _numbered(client: Client, number: int) -> TaskHandle:
+def _numbered(client: Client, number: int) -> TaskRef:
     if number == ROOT:
         msg = f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
         raise click.ClickException(msg)

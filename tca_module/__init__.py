@@ -20,18 +20,18 @@ from tca_module.errors import (
 )
 from tca_module.module import Module
 from tca_module.sending.claim import Claim
-from tca_module.sending.constraints import this
-from tca_module.sending.context import Heard, MonitorHandle, Trouble
-from tca_module.sending.control import MonitorOptions
+from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, ResourceInfo
-from tca_module.sending.options import TaskOptions
+from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.replies import Notification, PendingReplies, PendingReply
 from tca_module.sending.sender import Sender
+from tca_module.sending.sent_task import SentTask
 from tca_module.sending.task import Task
-from tca_module.sending.task_handle import Attached, TaskHandle, TaskInfo
-from tca_module.sending.task_ref import TaskRef
+from tca_module.sending.task_options import TaskOptions
+from tca_module.sending.task_points import this
+from tca_module.sending.task_ref import AttachmentRef, TaskInfo, TaskRef
+from tca_module.sending.watching import MonitorOptions
 from tca_module.serving.callbacks import Callback
-from tca_module.serving.later import Later
 from tca_wire.constraints import Constraint
 from tca_wire.errors import BadFormat
 from tca_wire.messages.controls import DemonMonitor, ExceptionHandler, PointMonitor, PollingMonitor
@@ -56,7 +56,7 @@ __all__ = [
     "MODULE_JOINED",
     "MODULE_LEFT",
     "Arrival",
-    "Attached",
+    "AttachmentRef",
     "BadData",
     "BadFormat",
     "Broadcast",
@@ -78,18 +78,17 @@ __all__ = [
     "Goal",
     "HandlerCount",
     "HandlerInfo",
-    "Heard",
     "Inform",
     "Interval",
-    "Later",
+    "LaterReply",
     "LockLost",
     "Message",
     "MisuseError",
     "Module",
     "ModuleInfo",
     "Moment",
-    "MonitorHandle",
     "MonitorOptions",
+    "MonitorRef",
     "MultiQuery",
     "NotDeclared",
     "Notification",
@@ -105,10 +104,11 @@ __all__ = [
     "ResourceInfo",
     "Scope",
     "Sender",
+    "SentTask",
     "Stopped",
+    "TapEvent",
     "Task",
     "TaskFailed",
-    "TaskHandle",
     "TaskInfo",
     "TaskKilled",
     "TaskOptions",

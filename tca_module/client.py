@@ -1,89 +1,18 @@
-"""Connections from outside of handlers: what opens one, and the client for scripts that are no module."""
+"""The client: what a script that handles nothing sends with."""
 
-import logging
-import os
-import socket
-from collections.abc import Callable, Iterable
-from secrets import token_hex
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import msgspec
 
-from tca_module.direct.exchange import Direct, Door
+from tca_module.checks import check_patience, check_topic, checked_name
 from tca_module.errors import CentralLost, MisuseError, NoCentral, Timeout
-from tca_module.link.attachments import Attachments
 from tca_module.link.connection import ACKNOWLEDGED_WITHIN, PATIENCE, Connection
-from tca_module.link.session import Session
-from tca_module.link.transport import DealerTransport, Transport
-from tca_module.sending.arguments import check_central, check_patience, check_topic, checked_name
+from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
 from tca_module.sending.sender import Sender
-from tca_wire.endpoint import default_endpoint
-from tca_wire.messages.declarations import Message
-from tca_wire.packets.headers import PROTOCOL_VERSION, Ask, Hello
+from tca_wire.packets.headers import Ask
 
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
-
-
-class CentralNearby(Protocol):
-    """A central that is reached without a socket, such as LocalCentral."""
-
-    def transport(self) -> Transport:
-        """A new connection to it."""
-
-
-CentralAddress = str | CentralNearby | None
-"""Where central is: a ZeroMQ address, one in this process, or None: $TCA_CENTRAL or the default socket."""
-
-
-def open_connection(
-    central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
-    direct: Iterable[Message[Any, Any]] = (), attachments: Attachments | None = None,
-) -> Connection:  # fmt: skip
-    """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds.
-
-    It takes the messages *direct* from their senders, too, without central. *attachments* are those of its module.
-    """
-    check_central(central)
-    if central is None or isinstance(central, str):
-        address = default_endpoint() if central is None else central
-        connection = _connection_by_socket(address, hello, patience, list(direct), attachments)
-    else:
-        connection = Connection(central.transport(), Session(hello, attachments), patience=patience)
-    try:
-        connection.open(is_stopped)
-    except BaseException:
-        connection.drop()
-        raise
-    return connection
-
-
-def _connection_by_socket(
-    address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]], attachments: Attachments | None
-) -> Connection:
-    transport, door = DealerTransport(address), None
-    hello = msgspec.structs.replace(hello, pulse=transport.pulse)
-    if direct:
-        try:
-            door = Door(address, direct)
-            hello = msgspec.structs.replace(hello, entrance=door.entrance)
-        except OSError as error:
-            log = logging.getLogger(f"tca.{hello.module}")
-            log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
-    session = Session(hello, attachments)
-    without_central = Direct(session, transport, f"{hello.incarnation}/{hello.connection}", door)
-    return Connection(transport, session, patience=patience, direct=without_central)
-
-
-def hello(module: str, incarnation: str, connection: int = 0, resource: str = "") -> Hello:
-    """How a connection introduces itself."""
-    process = f"{socket.gethostname()}:{os.getpid()}"
-    return Hello(0, PROTOCOL_VERSION, module, incarnation, connection, resource, process)
-
-
-def new_incarnation() -> str:
-    """A name for one run of a module, and no other."""
-    return token_hex(8)
 
 
 class Client(Sender):

@@ -9,12 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, overload
 
-from tca_module.client import CentralAddress, hello, new_incarnation, open_connection
-from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
-from tca_module.link.attachments import Attachments
-from tca_module.link.connection import PATIENCE, Connection
-from tca_module.link.keepalive import TEND_PERIOD, Keeper
-from tca_module.sending.arguments import (
+from tca_module.checks import (
     check_central,
     check_flags,
     check_function,
@@ -23,12 +18,17 @@ from tca_module.sending.arguments import (
     is_whole,
     name_or_none,
 )
-from tca_module.sending.knowledge import wait_until_handled
+from tca_module.errors import CentralLost, MisuseError, NoCentral, Stopped
+from tca_module.link.connection import PATIENCE, Connection
+from tca_module.link.keepalive import TEND_PERIOD, KeepAlive
+from tca_module.link.opening import CentralAddress, hello, new_incarnation, open_connection
+from tca_module.sending.central_services import wait_until_handled
 from tca_module.sending.sender import Sender
 from tca_module.serving.callbacks import Callback, Callbacks, HasFileno
-from tca_module.serving.handlers import Declare, DeclareWithoutData, Handler
+from tca_module.serving.handlers import Handler, HandlerDecorator, HandlerDecoratorWithoutData
 from tca_module.serving.slot import Slot
 from tca_module.serving.slots import CALLBACKS, Slots
+from tca_module.session.lasting_attachments import LastingAttachments
 from tca_wire.messages.declarations import D, Message, R
 
 _WARN_AFTER = 5.0  # seconds that a module waits for what it requires without a word
@@ -72,7 +72,7 @@ class Module(Sender):
         self._link: Connection | None = None
         self._slots = Slots(name)
         self._stop = threading.Event()
-        self._keeper: Keeper | None = None
+        self._keep_alive: KeepAlive | None = None
         self._log = logging.getLogger(f"tca.{name}")
 
     def __repr__(self) -> str:
@@ -94,12 +94,12 @@ class Module(Sender):
     def handles(
         self, message: Message[None, R], *, resource: str | None = None, pool: str | None = None,
         pending: int | None = None, direct: bool = False,
-    ) -> DeclareWithoutData[R]: ...  # fmt: skip
+    ) -> HandlerDecoratorWithoutData[R]: ...  # fmt: skip
     @overload
     def handles(
         self, message: Message[D, R], *, resource: str | None = None, pool: str | None = None,
         pending: int | None = None, direct: bool = False,
-    ) -> Declare[D, R]: ...  # fmt: skip
+    ) -> HandlerDecorator[D, R]: ...  # fmt: skip
     def handles(
         self, message: Message[Any, Any], *, resource: str | None = None, pool: str | None = None,
         pending: int | None = None, direct: bool = False,
@@ -281,14 +281,14 @@ class Module(Sender):
         except BaseException:
             self._leave()
             raise
-        self._keeper = Keeper(link, patience, self._stop, reconnect=reconnect)
+        self._keep_alive = KeepAlive(link, patience, self._stop, reconnect=reconnect)
 
     def _wait_for_required(self, link: Connection) -> None:
         required = [message for message in self._required if message.name not in self._handlers]
         if not required:
             return
         link.declare(*required)
-        link.session.renewal.required = [message.name for message in required]
+        link.session.redeclaration.required = [message.name for message in required]
         wanted = wait_until_handled(required, self._handlers)
         request, since, warned = link.request(wanted, wants_answer=True), time.monotonic(), False
         while not link.wait(request, TEND_PERIOD, "the wait for required messages"):
@@ -303,7 +303,7 @@ class Module(Sender):
                 names = ", ".join(f"'{message.name}'" for message in required)
                 self._log.warning("waits until each of %s is handled, as it requires; see 'tca messages'", names)
 
-    def _open_slots(self, incarnation: str, patience: float, attachments: Attachments) -> None:
+    def _open_slots(self, incarnation: str, patience: float, attachments: LastingAttachments) -> None:
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
             greeting = hello(self.name, incarnation, number, resource)
             return Slot(self.central, greeting, patience, self._handlers, callbacks, self._stop, attachments)
@@ -330,16 +330,16 @@ class Module(Sender):
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
         """Take nothing new, finish what runs, say goodbye; what ended the module before its time."""
-        if self._keeper is not None:
-            self._keeper.end()
+        if self._keep_alive is not None:
+            self._keep_alive.end()
         self._stop.set()
         assert self._link is not None
         self._link.leave()
         errors = self._slots.close(why)
         self._link.close()
-        if self._keeper is not None and self._keeper.error is not None:
-            errors.insert(0, self._keeper.error)
-        self._link, self._keeper = None, None
+        if self._keep_alive is not None and self._keep_alive.error is not None:
+            errors.insert(0, self._keep_alive.error)
+        self._link, self._keep_alive = None, None
         return errors
 
     def _connection(self) -> Connection:

@@ -21,7 +21,7 @@ from typing import Self
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, Event, Received, Record, Tick
 from tca_central.invariants import check_invariants
-from tca_module.link.transport import Waker
+from tca_module.sockets.transport import Waker
 from tca_wire.journal.facts import Entry, Fact
 from tca_wire.packets.codec import pack_item, packets, unpack_to_central
 from tca_wire.packets.headers import Closing, ToModule

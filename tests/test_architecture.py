@@ -41,9 +41,9 @@ MAY_IMPORT = {
 ONLY_IN = {
     "zmq": {
         "tca_central/shell/server.py",
-        "tca_module/link/transport.py",
-        "tca_module/direct/sockets.py",
-        "tca_module/link/pulse.py",
+        "tca_module/sockets/transport.py",
+        "tca_module/sockets/direct.py",
+        "tca_module/sockets/pulse.py",
     },
     "pybullet": {"robots/ambler_sim/physics.py"},
     "perfetto": {"tca_tools/export/trace/packets.py"},
@@ -94,6 +94,21 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "shell": {"core", "errors", "events", "model"},
         "__main__": {"core", "errors", "shell"},
         "invariants": {"control", "model", "order", "outgoing", "state", "watching"},
+    },
+    "tca_module": {
+        "errors": set(),
+        "signatures": set(),
+        "checks": {"errors", "signatures"},
+        "sockets": {"errors"},
+        "session": {"errors"},
+        "direct": {"errors", "session", "sockets"},
+        "link": {"checks", "direct", "errors", "session", "sockets"},
+        "sending": {"checks", "errors", "link", "session"},
+        "serving": {"checks", "errors", "link", "sending", "session", "signatures", "sockets"},
+        "client": {"checks", "errors", "link", "sending"},
+        "module": {"checks", "errors", "link", "sending", "serving", "session"},
+        "testing": {"sockets"},
+        "__init__": {"client", "errors", "module", "sending", "serving"},
     },
 }  # fmt: skip
 

@@ -69,7 +69,7 @@ def test_each_counterpart_exists(token: str) -> None:
     else:  # a piece of Python: its attributes and keywords are those of some class
         names = re.findall(r"\.([a-z]\w*)", token)
         assert names
-        spans = [tca_module.this.handling, tca_module.Sender, tca_module.TaskRef]
+        spans = [tca_module.this.handling, tca_module.Sender, tca_module.SentTask]
         assert all(any(hasattr(owner, name) for owner in spans) for name in names), names
         assert set(re.findall(r"(\w+)=(?!=)", token.replace("<=", ""))) <= keywords()
 

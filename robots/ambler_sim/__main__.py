@@ -32,7 +32,7 @@ from robots.ambler_sim.robot import pybullet_is_installed
 from robots.ambler_sim.terrain import scattered_rocks
 from robots.ambler_sim.vocabulary import Rock
 from tca_module import Outcome, TaskFailed, TcaError, Timeout
-from tca_module.sending.task_ref import TaskRef
+from tca_module.sending.sent_task import SentTask
 
 MODULES = ("perception", "leg planner", "body planner", "gait planner")
 REACTIONS = ("monitoring", "error recovery")
@@ -148,7 +148,7 @@ class Walk:
         self.outputs.append(("journal", self.folder / "journal"))
 
 
-def _watch(goal: TaskRef[None], processes: Processes, progress: Progress, bar: TaskID) -> int:
+def _watch(goal: SentTask[None], processes: Processes, progress: Progress, bar: TaskID) -> int:
     """Wait for the end of the walk, and for anything that ends before its time."""
     while True:
         try:

@@ -1,1 +1,1 @@
-"""Messages that go from module to module without central."""
+"""Messages that go to their handler without central."""

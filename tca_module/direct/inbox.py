@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-from tca_module.direct.notes import Notes
+from tca_module.direct.note_batch import NoteBatch
 from tca_wire.errors import ProtocolError
 from tca_wire.packets import direct, headers
 from tca_wire.packets.codec import pack, pack_item
@@ -51,7 +51,7 @@ class Socket(Protocol):
         """Close; what was sent still leaves."""
 
 
-class _Sender:
+class _RemoteSender:
     """One sender's way to here, and what came of it."""
 
     def __init__(self, address: bytes, greet: Greet) -> None:
@@ -76,7 +76,7 @@ class _Waiting:
 
     __slots__ = ("began", "body", "header", "is_given_up", "is_query", "sender")
 
-    def __init__(self, sender: _Sender, header: Direct, body: bytes, *, is_query: bool) -> None:
+    def __init__(self, sender: _RemoteSender, header: Direct, body: bytes, *, is_query: bool) -> None:
         self.sender, self.header, self.body, self.is_query = sender, header, body, is_query
         self.is_given_up = False
         self.began = 0.0
@@ -86,7 +86,7 @@ class Inbox:
     """The receiver's side of direct messages, for one slot."""
 
     def __init__(
-        self, socket: Socket, key: str, messages: Mapping[str, bool], notes: Notes, clock: Callable[[], float],
+        self, socket: Socket, key: str, messages: Mapping[str, bool], notes: NoteBatch, clock: Callable[[], float],
         log: logging.Logger,
     ) -> None:  # fmt: skip
         self._socket = socket
@@ -95,8 +95,8 @@ class Inbox:
         self._notes = notes
         self._clock = clock
         self._log = log
-        self._senders: dict[bytes, _Sender] = {}  #: by address
-        self._sessions: dict[str, _Sender] = {}  #: the one that greeted longest ago first
+        self._senders: dict[bytes, _RemoteSender] = {}  #: by address
+        self._sessions: dict[str, _RemoteSender] = {}  #: the one that greeted longest ago first
         self._waiting: deque[_Waiting] = deque()
         self._bytes = 0
         self._current: _Waiting | None = None  #: what is handled
@@ -154,7 +154,7 @@ class Inbox:
             return
         sender = self._sessions.pop(header.session, None)
         if sender is None:
-            sender = _Sender(address, header)
+            sender = _RemoteSender(address, header)
             self._forget_oldest()
         self._sessions[header.session] = sender
         repeated = [*sender.answers.values()] if sender.is_behind or sender.address != address else []
@@ -174,7 +174,7 @@ class Inbox:
             session = session or next(iter(self._sessions))
             del self._senders[self._sessions.pop(session).address]
 
-    def _on_direct(self, sender: _Sender, header: Direct, body: bytes) -> None:
+    def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
         number, message = header.number, header.message
         if number <= sender.newest and number not in sender.missing:
             if number in sender.answers:
@@ -212,7 +212,7 @@ class Inbox:
             return Deliver(self._delivery, waiting.header.message), waiting.body
         return None
 
-    def _tell_taken(self, sender: _Sender, number: int, size: int) -> None:
+    def _tell_taken(self, sender: _RemoteSender, number: int, size: int) -> None:
         sender.untold += 1
         sender.untold_bytes += size
         if sender.untold >= TAKEN_EVERY or sender.untold_bytes >= TAKEN_BYTES:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
 from tca_module.errors import NIL
-from tca_module.link.request import Request
+from tca_module.session.request import Request
 from tca_wire.errors import ProtocolError
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import direct, headers
@@ -58,7 +58,7 @@ class Socket(Protocol):
         """Close; what was sent still leaves."""
 
 
-class Path:
+class DirectPath:
     """The way to one entrance. *end* is called when a request is over, *hand_over* with those to be sent by central."""
 
     def __init__(
@@ -229,7 +229,7 @@ class Path:
                 request.lost = "the line to the module broke before the answer came"
                 self._end(request)
 
-    _ON: ClassVar[dict[type, Callable[["Path", Any, bytes], None]]] = {
+    _ON: ClassVar[dict[type, Callable[["DirectPath", Any, bytes], None]]] = {
         Greeting: _on_greeting,
         Taken: _on_taken,
         Answer: _on_answer,

@@ -10,10 +10,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from tca_module.direct.notes import Notes
-from tca_module.direct.path import Path, Socket
-from tca_module.link.request import Request
-from tca_module.link.session import Session
+from tca_module.direct.note_batch import NoteBatch
+from tca_module.direct.path import DirectPath, Socket
+from tca_module.session.request import Request
+from tca_module.session.session import Session
 from tca_wire.packets.headers import Send, Welcome
 from tca_wire.packets.routes import Entrance, EntranceGone, Route, WatchEntrance
 
@@ -35,15 +35,15 @@ class DirectRoutes:
     """The sender's side of direct messages, for one connection to central."""
 
     def __init__(
-        self, session: Session, way: str, transport: Waits | None, notes: Notes, open_socket: OpenSocket
+        self, session: Session, way: str, transport: Waits | None, notes: NoteBatch, open_socket: OpenSocket
     ) -> None:
         self._session = session
         self._way = way  #: names this connection among all
         self._transport = transport
         self._notes = notes
         self._open_socket = open_socket
-        self._routes: dict[str, deque[Path]] = {}  #: by message; its slots take turns
-        self._paths: dict[str, Path] = {}  #: by endpoint
+        self._routes: dict[str, deque[DirectPath]] = {}  #: by message; its slots take turns
+        self._paths: dict[str, DirectPath] = {}  #: by endpoint
         self._numbers = itertools.count(1)
         self._is_tidy = True  #: no way is open that leads nowhere
         self._epoch = ""
@@ -66,7 +66,7 @@ class DirectRoutes:
         path = self._path(header.message)
         return path is not None and path.tell(header, body)
 
-    def _path(self, message: str) -> Path | None:
+    def _path(self, message: str) -> DirectPath | None:
         paths = self._routes.get(message)
         for _ in paths or ():
             assert paths is not None
@@ -112,7 +112,7 @@ class DirectRoutes:
         if found := [path for path in paths if path is not None]:
             self._routes[header.message] = deque(found)
 
-    def _path_to(self, entrance: Entrance) -> Path | None:
+    def _path_to(self, entrance: Entrance) -> DirectPath | None:
         """The way to an entrance, new or known; None if there can be none from here."""
         if self._transport is None:
             return None
@@ -127,7 +127,7 @@ class DirectRoutes:
         if known is not None:
             self._close(known)
         way = f"{self._way}/{next(self._numbers)}"
-        path = Path(
+        path = DirectPath(
             entrance, socket, way, self._session.module, end=self._session.end, hand_over=self._session.adopt,
             lose=self._lose,
         )  # fmt: skip
@@ -167,7 +167,7 @@ class DirectRoutes:
                 self._close(path)
         self._is_tidy = not any(path.requests for path in unused)
 
-    def _close(self, path: Path) -> None:
+    def _close(self, path: DirectPath) -> None:
         assert self._transport is not None
         self._transport.remove(path.socket)
         path.socket.close()

@@ -1,1 +1,1 @@
-"""One connection to central: sockets, packets, requests and their answers."""
+"""A connection to central: opens it, waits on it, keeps it alive."""

@@ -12,15 +12,15 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from tca_module.direct.exchange import Direct
+from tca_module.checks import check_message, check_timeout, name_of
+from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost, MisuseError, Refused, Stopped, Timeout
-from tca_module.link.numbers import foreign, given_in
-from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, Line
-from tca_module.link.request import Request, check_addressee, waits_for_others
-from tca_module.link.session import Session
-from tca_module.link.transport import Transport
-from tca_module.sending.arguments import check_message, check_timeout, name_of
-from tca_module.serving.attending import KILLED, at_work, woken
+from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
+from tca_module.session.epoch_numbers import foreign, numbers_in
+from tca_module.session.open_deliveries import KILLED, wake_error, working_on
+from tca_module.session.request import Request, check_addressee, waits_for_others
+from tca_module.session.session import Session
+from tca_module.sockets.transport import Transport
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Await, Bye, Deliver, Register, Release, ToCentral, Unregister
 from tca_wire.packets.parts import HandlerFormat
@@ -40,12 +40,12 @@ class Connection:
     """One connection to central."""
 
     def __init__(
-        self, transport: Transport, session: Session, *, patience: float = PATIENCE, direct: Direct | None = None,
-        clock: Callable[[], float] = time.monotonic,
+        self, transport: Transport, session: Session, *, patience: float = PATIENCE,
+        direct: DirectMessages | None = None, clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         self.session = session
         self.transport = transport
-        self.direct = direct or Direct(session)  #: what goes without central
+        self.direct = direct or DirectMessages(session)  #: what goes without central
         self.attend: Callable[[Deliver, bytes], None] | None = None  #: handles a message that was delivered
         self.outside: Any = None  #: the Sender with which callbacks send
         self.callbacks: deque[Callable[[], None]] = deque()  #: users' functions that are due; one after the other
@@ -53,7 +53,7 @@ class Connection:
         self.patience = patience
         self._clock = clock
         self._is_calling_back = False
-        self.line = Line(session, transport, self.direct, clock)
+        self.line = PacketLine(session, transport, self.direct, clock)
         self._declared: dict[str, Message[Any, Any]] = {}
         self._owner = threading.get_ident()
         self._lock = threading.RLock()  # against the thread that only keeps the connection alive
@@ -146,7 +146,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Hear what central has said. Raises CentralLost if a header is for the one before."""
         session, epoch = self.session, self.session.epoch
         self.line.catch_up()
-        numbers = given_in(header)
+        numbers = numbers_in(header)
         if foreign(numbers, session.epoch) is not None:
             with contextlib.suppress(CentralLost, Timeout):  # this one may have yet to hear of the restart
                 self.call(Register(0, []), "a word of central's")
@@ -183,18 +183,18 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """Wait until *is_over*, or the handler that waits is to be woken. An answer that has come is given to it, if it
         is not the same kill that has ended what it waits for.
         """
-        attending, one = self.session.attending, self.session.attending.who_waits()
+        open_deliveries, one = self.session.open_deliveries, self.session.open_deliveries.waiting_handler()
         wakes = request is None or waits_for_others(request)
-        came = self._wait(lambda: is_over() or (wakes and bool(attending.due(one))), timeout)
-        why = attending.due(one) if wakes else ""
-        if why and (not is_over() or (why == KILLED and request is not None and request.is_void)):
-            attending.tell(one)
-            raise woken(one, why, self.session.module, what)
+        came = self._wait(lambda: is_over() or (wakes and bool(open_deliveries.wake_reason(one))), timeout)
+        why = open_deliveries.wake_reason(one) if wakes else ""
+        if why and (not is_over() or (why == KILLED and request is not None and request.is_ended_by_kill)):
+            open_deliveries.mark_told(one)
+            raise wake_error(one, why, self.session.module, what)
         return came
 
-    def tell(self) -> None:
+    def mark_told(self) -> None:
         """The handler that waited is about to get an error, and so knows that its work is void, if it is."""
-        self.session.attending.tell(self.session.attending.who_waits())
+        self.session.open_deliveries.mark_told(self.session.open_deliveries.waiting_handler())
 
     def until_over(self, request: Request, what: str) -> Generator[Any, None, None]:
         """The form of ``wait`` that does not block: to be awaited in an async handler. Raises what ``wait`` does."""
@@ -280,7 +280,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         """A handler ended."""
         with self._lock:
             if self.direct.reply(header, body):
-                self.session.attending.end(header.delivery)
+                self.session.open_deliveries.end(header.delivery)
             else:
                 self.session.reply(header, body)
                 self.line.flush()
@@ -290,9 +290,9 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         self.check_thread()
         with self._lock:
             self.line.catch_up()
-            attending = self.session.attending
-            if is_cancelled := attending.is_cancelled(delivery):
-                attending.tell_of(delivery)
+            open_deliveries = self.session.open_deliveries
+            if is_cancelled := open_deliveries.is_cancelled(delivery):
+                open_deliveries.mark_told_of(delivery)
             return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
@@ -300,7 +300,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         self.check_thread()
         with self._lock:
             self.line.catch_up()
-            return self.session.attending.is_suspended(delivery)
+            return self.session.open_deliveries.is_suspended(delivery)
 
     # --- waiting ---------------------------------------------------------------------------------------------------
 
@@ -350,7 +350,7 @@ is alive: it is overloaded; {what} {self.session.fate_of(request)}"
         elif self.callbacks and not self._is_calling_back:
             self._is_calling_back = True
             try:
-                with at_work(None):
+                with working_on(None):
                     self.callbacks.popleft()()
             finally:
                 self._is_calling_back = False

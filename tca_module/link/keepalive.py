@@ -16,7 +16,7 @@ TEND_PERIOD = 0.5
 """Seconds between two looks at the connection."""
 
 
-class Keeper:
+class KeepAlive:
     """Begins at once, and ends with ``end``."""
 
     def __init__(self, link: Connection, patience: float, stop: threading.Event, *, reconnect: bool) -> None:

@@ -3,11 +3,11 @@
 import logging
 from collections.abc import Callable
 
-from tca_module.direct.exchange import Direct
+from tca_module.direct.messages import DirectMessages
 from tca_module.errors import CentralLost
-from tca_module.link.reach import is_anybody_there
-from tca_module.link.session import QUIET, Session
-from tca_module.link.transport import Transport
+from tca_module.session.session import QUIET, Session
+from tca_module.sockets.probe import is_anybody_there
+from tca_module.sockets.transport import Transport
 from tca_wire.errors import ProtocolError
 from tca_wire.packets.codec import packets, unpack_to_module
 
@@ -21,10 +21,12 @@ STALL = 2.0
 """Seconds that a turn of a wait never takes unless the process itself was stopped."""
 
 
-class Line:
+class PacketLine:
     """The way of one connection's packets, through central and direct."""
 
-    def __init__(self, session: Session, transport: Transport, direct: Direct, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, session: Session, transport: Transport, direct: DirectMessages, clock: Callable[[], float]
+    ) -> None:
         self._session = session
         self._transport = transport
         self._direct = direct

@@ -5,11 +5,11 @@ import logging
 from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, Self
 
+from tca_module.checks import name_of
 from tca_module.errors import BadData, MisuseError, QueryFailed, Stopped, TaskKilled, TcaError, Timeout
 from tca_module.link.connection import Connection
-from tca_module.link.request import Request
-from tca_module.sending.arguments import name_of
-from tca_module.serving.failing import ORDINARY
+from tca_module.sending.handler_errors import ORDINARY
+from tca_module.session.request import Request
 from tca_wire.messages.declarations import Message, MultiQuery, Query, R
 from tca_wire.packets.headers import Answer
 from tca_wire.vocabulary import Outcome

@@ -4,10 +4,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any, Unpack, overload
 
-from tca_module.errors import MisuseError, Timeout
-from tca_module.link.connection import Connection
-from tca_module.link.request import Request, unsent
-from tca_module.sending.arguments import (
+from tca_module.checks import (
     check_class,
     check_constraints,
     check_executable,
@@ -20,12 +17,15 @@ from tca_module.sending.arguments import (
     listed,
     name_of,
 )
-from tca_module.sending.control import Control
-from tca_module.sending.options import TaskOptions, check_options, flags_of
-from tca_module.sending.ordering import Ordering
+from tca_module.errors import MisuseError, Timeout
+from tca_module.link.connection import Connection
 from tca_module.sending.replies import QUERY_TIMEOUT, Notification, PendingReplies, PendingReply, not_answered
-from tca_module.sending.task_handle import TaskHandle, attachment
-from tca_module.sending.task_ref import TaskRef
+from tca_module.sending.sent_task import SentTask
+from tca_module.sending.sibling_order import SiblingOrder
+from tca_module.sending.task_options import TaskOptions, check_options, flags_of
+from tca_module.sending.task_ref import TaskRef, attachment
+from tca_module.sending.watching import Watching
+from tca_module.session.request import Request, unsent
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.declarations import (
     NOTHING,
@@ -44,17 +44,17 @@ from tca_wire.points import ROOT, THIS, TaskId
 from tca_wire.vocabulary import MessageClass
 
 
-class Sender(Control):
+class Sender(Watching):
     """Something that sends messages."""
 
     def __init__(self, parent: TaskId = ROOT, origin: int = 0) -> None:
         self._parent = parent
         self._origin = origin
-        self._ordering = Ordering(is_shared=parent == ROOT)
+        self._ordering = SiblingOrder(is_shared=parent == ROOT)
 
     # --- tasks -----------------------------------------------------------------------------------------------------
 
-    def goal(self, message: Goal[D], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[None]:
+    def goal(self, message: Goal[D], data: D = NOTHING, **options: Unpack[TaskOptions]) -> SentTask[None]:
         """Make a subtask that expands into subtasks of its own. Returns when central has taken it.
 
         Raises BadData if *data* does not fit, FormatRefused if others declare the message differently, Refused if the
@@ -63,7 +63,7 @@ class Sender(Control):
         check_class(message, Goal)
         return self._task(message, data, options)
 
-    def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> TaskRef[R]:
+    def command(self, message: Command[D, R], data: D = NOTHING, **options: Unpack[TaskOptions]) -> SentTask[R]:
         """Make a subtask that acts. Returns when central has taken it; ``result()`` of what it returns waits for it.
 
         Raises what ``goal`` does.
@@ -71,12 +71,12 @@ class Sender(Control):
         check_class(message, Command)
         return self._task(message, data, options)
 
-    def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> TaskRef[R]:
+    def _task(self, message: Message[D, R], data: D, options: TaskOptions) -> SentTask[R]:
         task = self._task_if(message, data, options, handled=False)
         assert task is not None
         return task
 
-    def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> TaskRef[R] | None:
+    def _task_if(self, message: Message[D, R], data: D, options: TaskOptions, *, handled: bool) -> SentTask[R] | None:
         """The new task; None if it was to be sent only if it is *handled*, and nobody does."""
         check_options(message, options)
         body = message.encode_data(data)
@@ -98,9 +98,9 @@ class Sender(Control):
         if not task_id:
             return None
         self._ordering.add(task_id, sequential=sequential)
-        return TaskRef(connection, message, task_id, self._origin)
+        return SentTask(connection, message, task_id, self._origin)
 
-    def under(self, task: TaskHandle) -> "Sender":
+    def under(self, task: TaskRef) -> "Sender":
         """Something to send with under *task*, which others may handle: monitors, goals and commands.
 
         ::
@@ -113,7 +113,7 @@ class Sender(Control):
         for it alone, as in TCA. A kill of the task kills them, too. Raises MisuseError for what is no task; to send
         raises Refused ("too late") when the task has ended.
         """
-        if not isinstance(task, TaskHandle):
+        if not isinstance(task, TaskRef):
             msg = f"under() takes a task that was sent or found, and {task!r:.60} is none: tasks(WALK)[0] is one"
             raise MisuseError(msg)
         return _Under(self, self._origin, task)
@@ -283,9 +283,9 @@ class Sender(Control):
     # --- whatever the class ----------------------------------------------------------------------------------------
 
     @overload
-    def execute(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None]: ...
+    def execute(self, message: Goal[D], data: D = NOTHING) -> SentTask[None]: ...
     @overload
-    def execute(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R]: ...
+    def execute(self, message: Command[D, R], data: D = NOTHING) -> SentTask[R]: ...
     @overload
     def execute(self, message: Query[D, R], data: D = NOTHING) -> R: ...
     @overload
@@ -310,9 +310,9 @@ class Sender(Control):
         return self._tell(message, data)
 
     @overload
-    def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> TaskRef[None] | None: ...
+    def execute_if_handled(self, message: Goal[D], data: D = NOTHING) -> SentTask[None] | None: ...
     @overload
-    def execute_if_handled(self, message: Command[D, R], data: D = NOTHING) -> TaskRef[R] | None: ...
+    def execute_if_handled(self, message: Command[D, R], data: D = NOTHING) -> SentTask[R] | None: ...
     @overload
     def execute_if_handled(self, message: Query[D, R], data: D = NOTHING) -> R | None: ...
     @overload
@@ -351,9 +351,9 @@ class Sender(Control):
 class _Under(Sender):
     """What is sent under a task that others may handle."""
 
-    def __init__(self, sender: Sender, origin: int, task: TaskHandle) -> None:
+    def __init__(self, sender: Sender, origin: int, task: TaskRef) -> None:
         super().__init__(task.id, origin)
-        self._ordering = Ordering(is_shared=True)
+        self._ordering = SiblingOrder(is_shared=True)
         self._sender = sender
 
     def _connection(self) -> Connection:

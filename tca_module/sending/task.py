@@ -4,12 +4,12 @@ from typing import Any, TypeVar
 
 from tca_module.errors import CentralLost, MisuseError
 from tca_module.link.connection import Connection
-from tca_module.link.numbers import check_given, given
-from tca_module.sending.constraints import Intervals, Span
-from tca_module.sending.context import Heard, MonitorHandle, Trouble, context_of
+from tca_module.sending.delivery_context import MonitorRef, TapEvent, Trouble, context_of
+from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
-from tca_module.sending.task_handle import TaskHandle
-from tca_module.serving.later import Later
+from tca_module.sending.task_points import TaskInterval, TaskIntervals
+from tca_module.sending.task_ref import TaskRef
+from tca_module.session.epoch_numbers import check_epoch, given
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver
 from tca_wire.points import ROOT, Interval, TaskId
@@ -17,7 +17,7 @@ from tca_wire.points import ROOT, Interval, TaskId
 C = TypeVar("C")
 
 
-class Task(Sender, Intervals):
+class Task(Sender, TaskIntervals):
     """The message being handled. Goals and commands sent from it become its subtasks.
 
     It is for the handler's thread, until the handler returns. Its own points (``task.achieving.start``) may be used in
@@ -33,8 +33,8 @@ class Task(Sender, Intervals):
         task_id = given(delivery.task, epoch, what)
         origin = max(0, delivery.delivery)  # central knows no direct delivery
         Sender.__init__(self, task_id, given(origin, epoch, what or f"'{message.name}'"))
-        Intervals.__init__(self, task_id)
-        self.later: Later[Any] | None = None  #: who answers for the handler, if it said so
+        TaskIntervals.__init__(self, task_id)
+        self.later: LaterReply[Any] | None = None  #: who answers for the handler, if it said so
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message}'" if self.id else f"'{self.message}'"
@@ -77,12 +77,12 @@ class Task(Sender, Intervals):
             return False
 
     @property
-    def handle(self) -> TaskHandle:
+    def ref(self) -> TaskRef:
         """This task as others have it: to be killed, suspended, retried."""
         if self._task_id == ROOT:
             msg = f"'{self.message}' is no task of the tree"
             raise MisuseError(msg)
-        return TaskHandle(self._connection(), self.message, self._task_id, self._origin)
+        return TaskRef(self._connection(), self.message, self._task_id, self._origin)
 
     @property
     def trouble(self) -> Trouble:
@@ -90,14 +90,14 @@ class Task(Sender, Intervals):
         return self._context(Trouble, "exception handler")
 
     @property
-    def heard(self) -> Heard:
+    def tap_event(self) -> TapEvent:
         """In a listener of a wiretap: what it listens to."""
-        return self._context(Heard, "listener of a wiretap")
+        return self._context(TapEvent, "listener of a wiretap")
 
     @property
-    def monitor_handle(self) -> MonitorHandle[Any]:
+    def monitor_ref(self) -> MonitorRef[Any]:
         """In what a monitor sent: that monitor."""
-        return self._context(MonitorHandle, "message of a monitor")
+        return self._context(MonitorRef, "message of a monitor")
 
     def _context(self, kind: type[C], what: str) -> C:
         context = context_of(self._connection(), self._delivery, self._origin)
@@ -106,13 +106,13 @@ class Task(Sender, Intervals):
             raise MisuseError(msg)
         return context
 
-    def reply_later(self) -> Later[Any]:
+    def reply_later(self) -> LaterReply[Any]:
         """Let somebody else answer: the handler returns what this gives, and is done; the message is not.
 
         ::
 
             @arm.handles(MOVE)
-            def move(task: Task, place: Place) -> Later[Footfall]:
+            def move(task: Task, place: Place) -> LaterReply[Footfall]:
                 later = task.reply_later()
                 driver.begin(place, later)  # its thread calls later.reply(footfall)
                 return later
@@ -120,21 +120,21 @@ class Task(Sender, Intervals):
         connection = self._connection()
         if self.later is None:
             connection.transport.waker()  # an answer from another thread must not wait
-            self.later = Later(connection, self._message, self._delivery)
+            self.later = LaterReply(connection, self._message, self._delivery)
         return self.later
 
     @property
-    def handling(self) -> Span:
+    def handling(self) -> TaskInterval:
         """While this handler runs."""
         return self._span(Interval.HANDLING)
 
     @property
-    def planning(self) -> Span:
+    def planning(self) -> TaskInterval:
         """While this task and everything under it is being expanded into subtasks."""
         return self._span(Interval.PLANNING)
 
     @property
-    def achieving(self) -> Span:
+    def achieving(self) -> TaskInterval:
         """While this task and everything under it is being done."""
         return self._span(Interval.ACHIEVING)
 
@@ -146,11 +146,11 @@ class Task(Sender, Intervals):
         if self._link is None:
             msg = f"{self} is used after its handler returned: send before it returns, or from the module"
             raise MisuseError(msg)
-        check_given([self._origin], self._link.session.epoch)
+        check_epoch([self._origin], self._link.session.epoch)
         return self._link
 
-    def _span(self, interval: Interval) -> Span:
+    def _span(self, interval: Interval) -> TaskInterval:
         if self._task_id == ROOT:
             msg = f"'{self.message}' is no task of the tree and has no points: only goals and commands have"
             raise MisuseError(msg)
-        return Span(self._task_id, interval)
+        return TaskInterval(self._task_id, interval)

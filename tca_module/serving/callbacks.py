@@ -10,10 +10,10 @@ from typing import Any, Protocol
 
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
+from tca_module.sending.handler_errors import ORDINARY
 from tca_module.sending.sender import Sender
-from tca_module.sending.signatures import arguments_taken, is_async
-from tca_module.serving.failing import ORDINARY
 from tca_module.serving.timers import Timers
+from tca_module.signatures import arguments_taken, is_async
 
 SHORTEST, LONGEST = 1e-6, 1e7
 """Seconds: the shortest period, and the longest period or delay, some months."""

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import STALL, STEP
-from tca_module.link.request import Request
-from tca_module.serving.attending import Attendance
-from tca_module.serving.awaiting import Awaiting
+from tca_module.serving.coroutine_waits import CoroutineWaits
+from tca_module.session.open_deliveries import OpenDelivery
+from tca_module.session.request import Request
 from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
@@ -29,7 +29,7 @@ class EventLoop:
     def __init__(self, connection: Connection, attend: Callable[[Deliver, bytes], None]) -> None:
         self._connection = connection
         self._attend = attend
-        self._handled: dict[Attendance, asyncio.Task[Any]] = {}  #: those that are not done
+        self._handled: dict[OpenDelivery, asyncio.Task[Any]] = {}  #: those that are not done
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}  #: for news of a request
         self._idle: asyncio.Future[None] | None = None  #: done when the slot has something to do
         self._is_closing = False
@@ -38,7 +38,7 @@ class EventLoop:
         selector = _Selector(files[0], self._has_news)
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
-        self._awaiting = Awaiting(self._loop, connection)
+        self._awaiting = CoroutineWaits(self._loop, connection)
         for file in files:
             self._loop.add_reader(file, self._on_news)
         self._since = self._turned = self._loop.time()
@@ -49,12 +49,12 @@ class EventLoop:
         """Whether the caller is called by the loop, which waits for it."""
         return self._loop.is_running()
 
-    def run(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> T:
+    def run(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; what it returns."""
         self._since = self._turned = self._loop.time()
         self._beat = self._loop.call_later(STEP, self._keep_alive)
         try:
-            return self._run_until(self.start(attendance, coroutine))
+            return self._run_until(self.start(delivery, coroutine))
         finally:
             self._beat.cancel()
 
@@ -66,15 +66,15 @@ class EventLoop:
             if self._fatal is not None:
                 raise self._fatal
 
-    def start(self, attendance: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+    def start(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Let the coroutine of a handler run beside the one that is being run."""
-        task = self._awaiting.begin(attendance, coroutine)
-        self._handled[attendance] = task
-        task.add_done_callback(partial(self._is_done, attendance))
+        task = self._awaiting.begin(delivery, coroutine)
+        self._handled[delivery] = task
+        task.add_done_callback(partial(self._is_done, delivery))
         return task
 
-    def _is_done(self, attendance: Attendance, task: asyncio.Task[Any]) -> None:
-        self._handled.pop(attendance, None)
+    def _is_done(self, delivery: OpenDelivery, task: asyncio.Task[Any]) -> None:
+        self._handled.pop(delivery, None)
         if not task.cancelled() and (error := task.exception()) is not None and not self._is_closing:
             self._fatal = error
             self._loop.stop()
@@ -113,7 +113,7 @@ class EventLoop:
         return (
             connection.transport.has_arrived()
             or connection.has_news
-            or any(map(connection.session.attending.due, self._handled))
+            or any(map(connection.session.open_deliveries.wake_reason, self._handled))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
 
@@ -122,10 +122,10 @@ class EventLoop:
             self._end_wait()
         else:
             self._listen()
-        attending = self._connection.session.attending
-        for attendance, task in list(self._handled.items()):
-            if why := attending.due(attendance):
-                attending.tell(attendance)
+        open_deliveries = self._connection.session.open_deliveries
+        for delivery, task in list(self._handled.items()):
+            if why := open_deliveries.wake_reason(delivery):
+                open_deliveries.mark_told(delivery)
                 task.cancel(why)
 
     def _end_wait(self) -> None:

@@ -5,13 +5,13 @@ import inspect
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, overload
 
+from tca_module.checks import check_flags, checked_name, is_whole, name_of
 from tca_module.errors import NIL, MisuseError, Stopped, TaskKilled
-from tca_module.sending.arguments import check_flags, checked_name, is_whole, name_of
-from tca_module.sending.signatures import arguments_taken, is_async
+from tca_module.sending.handler_errors import ORDINARY, Misfit, failed, handler_error
+from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
-from tca_module.serving.attending import is_void
-from tca_module.serving.failing import ORDINARY, Misfit, failed, handler_error
-from tca_module.serving.later import Later
+from tca_module.session.open_deliveries import task_is_killed
+from tca_module.signatures import arguments_taken, is_async
 from tca_wire.errors import BadData
 from tca_wire.messages.controls import Monitor
 from tca_wire.messages.declarations import D, Inform, Message, Query, R, Variable
@@ -20,11 +20,11 @@ from tca_wire.packets.parts import HandlerFormat
 
 _MOST_PENDING = 10_000  # what central keeps for one resource anyway
 
-Coming = Coroutine[Any, Any, R | Later[R]]
+Coming = Coroutine[Any, Any, R | LaterReply[R]]
 """What calling an ``async def`` handler gives."""
 
 
-class Declare(Protocol[D, R]):
+class HandlerDecorator(Protocol[D, R]):
     """Declares the function that it decorates as a handler, and leaves it as it is."""
 
     @overload
@@ -36,10 +36,12 @@ class Declare(Protocol[D, R]):
     @overload
     def __call__(self, function: Callable[[Task, D], R], /) -> Callable[[Task, D], R]: ...
     @overload
-    def __call__(self, function: Callable[[Task, D], R | Later[R]], /) -> Callable[[Task, D], R | Later[R]]: ...
+    def __call__(
+        self, function: Callable[[Task, D], R | LaterReply[R]], /
+    ) -> Callable[[Task, D], R | LaterReply[R]]: ...
 
 
-class DeclareWithoutData(Protocol[R]):
+class HandlerDecoratorWithoutData(Protocol[R]):
     """The same for a message without data, which need not be an argument."""
 
     @overload
@@ -54,11 +56,11 @@ class DeclareWithoutData(Protocol[R]):
     def __call__(self, function: Callable[[Task], R] | Callable[[Task, None], R], /) -> Callable[..., R]: ...
     @overload
     def __call__(
-        self, function: Callable[[Task], R | Later[R]] | Callable[[Task, None], R | Later[R]], /
-    ) -> Callable[..., R | Later[R]]: ...
+        self, function: Callable[[Task], R | LaterReply[R]] | Callable[[Task, None], R | LaterReply[R]], /
+    ) -> Callable[..., R | LaterReply[R]]: ...
 
 
-Answer = tuple[Reply | Fail, bytes] | Later[Any]
+Answer = tuple[Reply | Fail, bytes] | LaterReply[Any]
 """What central is told of how a handler ended; or who will say it."""
 
 
@@ -150,7 +152,7 @@ class Handler:
 
     def _answer(self, task: Task, returned: Any) -> Answer:
         later = task.later
-        if isinstance(returned, Later) or later is not None:
+        if isinstance(returned, LaterReply) or later is not None:
             if later is None or returned is not later:
                 msg = f"handler {self.name} called reply_later() and returned {returned!r:.60}: return what that gave"
                 raise MisuseError(msg)
@@ -164,7 +166,7 @@ class Handler:
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
         is_told = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
-        if is_told or (isinstance(error, Stopped) and is_void()):
+        if is_told or (isinstance(error, Stopped) and task_is_killed()):
             return Reply(task.delivery), NIL  # its task was killed, and it ends as was wanted: that is no failure
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
             return handler_error(task.delivery, error)  # nobody has cancelled it, but something that it ran

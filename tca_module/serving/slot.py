@@ -6,32 +6,31 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from tca_module.client import CentralAddress, open_connection
 from tca_module.errors import Stopped
-from tca_module.link.attachments import Attachments
 from tca_module.link.connection import Connection
-from tca_module.link.transport import wait
+from tca_module.link.opening import CentralAddress, open_connection
+from tca_module.sending.handler_errors import module_ended
+from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task
-from tca_module.serving.attending import at_work
 from tca_module.serving.callbacks import Callbacks
 from tca_module.serving.event_loop import EventLoop
-from tca_module.serving.failing import module_ended
 from tca_module.serving.handlers import Answer, Handler
-from tca_module.serving.later import Later
+from tca_module.session.lasting_attachments import LastingAttachments
+from tca_module.session.open_deliveries import working_on
+from tca_module.sockets.transport import wait
 from tca_wire.messages.failures import HANDLER_ERROR, MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
 
 
 class Slot:
     """Handles one message at a time, from its start until *stop* is set. Handlers that run then are told, and finished:
-    they see ``task.cancelled``, a wait for others ends with Stopped, a coroutine gets CancelledError; each once
-    (attending.py).
+    they see ``task.cancelled``, a wait for others ends with Stopped, a coroutine gets CancelledError; each once.
     """
 
     def __init__(
         self, central: CentralAddress, hello: Hello, patience: float, handlers: Mapping[str, Handler],
-        callbacks: Callbacks, stop: threading.Event, attachments: Attachments,
+        callbacks: Callbacks, stop: threading.Event, attachments: LastingAttachments,
     ) -> None:  # fmt: skip
         self.error: BaseException | None = None  #: what ended the thread before its time
         self.handling = ""  #: the message whose handler runs
@@ -45,7 +44,7 @@ class Slot:
         self._opened = threading.Event()
         self._connection: Connection | None = None
         self._loop: EventLoop | None = None  #: made when it is first needed
-        self._owed: list[Later[Any]] = []  #: answers that handlers left to others
+        self._owed: list[LaterReply[Any]] = []  #: answers that handlers left to others
         self._log = logging.getLogger(f"tca.{hello.module}")
         self._thread = threading.Thread(target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True)
         self._thread.start()
@@ -81,8 +80,8 @@ class Slot:
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
         connection.attend = self._attend
-        connection.session.attending.is_ending = self._stop.is_set
-        connection.outside = Outside(connection)
+        connection.session.open_deliveries.is_ending = self._stop.is_set
+        connection.outside = RootSender(connection)
         self._callbacks.begin(connection)
         self._opened.set()
         with contextlib.ExitStack() as stack:
@@ -114,7 +113,7 @@ class Slot:
         for later in self._owed:
             later.module_ends()
         if error is not None:
-            for delivery in connection.session.attending.begun:
+            for delivery in connection.session.open_deliveries.begun:
                 connection.reply(*module_ended(delivery, error))
         connection.close()
 
@@ -147,9 +146,9 @@ class Slot:
             connection.reply(Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"), b"")
             return
         task, self.handling = Task(connection, delivery, handler.message), delivery.message
-        attendance = connection.session.attending.begin(delivery.delivery, repr(task))
+        begun = connection.session.open_deliveries.begin(delivery.delivery, repr(task))
         if not handler.is_async:
-            with at_work(attendance):
+            with working_on(begun):
                 self._end(handler, task, handler.handle(task, body))
         elif self._loop is not None and self._loop.is_running:
             text = f"handler {handler.name} is 'async def', and its event loop is blocked by a call of its own thread"
@@ -157,8 +156,8 @@ class Slot:
             self._end(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, f"{text}: {hint}"), b""))
         else:
             # The reply leaves when the loop has stopped: the next message must not be handled inside of this one's.
-            answer = self._event_loop(connection).run(attendance, handler.handle_async(task, body))
-            with at_work(attendance):
+            answer = self._event_loop(connection).run(begun, handler.handle_async(task, body))
+            with working_on(begun):
                 self._end(handler, task, answer)
 
     def _attend_in_loop(self, delivery: Deliver, body: bytes) -> None:
@@ -170,8 +169,8 @@ class Slot:
         assert self._connection is not None
         assert self._loop is not None
         task = Task(self._connection, delivery, handler.message)
-        attendance = self._connection.session.attending.begin(delivery.delivery, repr(task))
-        self._loop.start(attendance, self._attend_async(handler, task, body))
+        begun = self._connection.session.open_deliveries.begin(delivery.delivery, repr(task))
+        self._loop.start(begun, self._attend_async(handler, task, body))
 
     async def _attend_async(self, handler: Handler, task: Task, body: bytes) -> None:
         self._end(handler, task, await handler.handle_async(task, body))
@@ -185,19 +184,19 @@ class Slot:
         """A handler has returned: tell central, or see that somebody will."""
         assert self._connection is not None
         task.returned()
-        if isinstance(answer, Later):
+        if isinstance(answer, LaterReply):
             self._owed = [*(later for later in self._owed if later.is_open), answer]
             answer.returned()
             return
         header, body = answer
-        if isinstance(header, Reply) and self._connection.session.attending.was_told_to_end(task.delivery):
+        if isinstance(header, Reply) and self._connection.session.open_deliveries.was_told_to_end(task.delivery):
             header, body = Fail(task.delivery, MODULE_LOST, f"its module ended while {handler.name} ran"), b""
         if isinstance(header, Fail) and header.failure == HANDLER_ERROR:
             self._log.error("handler %s failed: %s", handler.name, header.text)
         self._connection.reply(header, body)
 
 
-class Outside(Sender):
+class RootSender(Sender):
     """What callbacks in a slot's thread send with: under the root."""
 
     def __init__(self, connection: Connection) -> None:

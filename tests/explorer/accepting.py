@@ -20,7 +20,7 @@ from tca_explorer import (
     report,
 )
 from tca_module import ExceptionHandler
-from tca_module.sending.task_handle import TaskHandle
+from tca_module.sending.task_ref import TaskRef
 from tca_wire.messages.declarations import Message
 
 HELP: ExceptionHandler[None] = ExceptionHandler("help")
@@ -40,7 +40,7 @@ BETWEEN = {
 """What may come in between: any of it, at any moment."""
 
 
-def robot(title: str, ask: Callable[[Any, TaskHandle], object], between: str = "") -> Scenario:
+def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") -> Scenario:
     """A user's walk is one step, of which its planner then asks something; or an operator who finds that step."""
 
     def module(name: str) -> ScenarioModule:

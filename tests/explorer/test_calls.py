@@ -104,7 +104,7 @@ def test_questions_whose_answers_are_fetched_later() -> None:
 def test_relatives_are_found_by_name() -> None:
     def walk(task: Task) -> None:
         task.command(STEP, "left", constraints=[task.handling.end <= this.achieving.start])
-        (step,) = task.handle.children(STEP)
+        (step,) = task.ref.children(STEP)
         assert step.data(STEP) == "left"
         parent = step.parent()
         assert parent is not None
@@ -123,7 +123,7 @@ def test_scopes_of_kills_and_points() -> None:
         second, third = (task.command(STEP, number, constraints=later) for number in (2, 3))
         second.kill(scope=Scope.SIBLINGS)
         task.command(STEP, 4, constraints=[second.achieving.end <= this.achieving.start])
-        task.handle.kill(after=second.achieving.end, scope=Scope.DESCENDANTS)
+        task.ref.kill(after=second.achieving.end, scope=Scope.DESCENDANTS)
         assert third.wait_for(third.achieving.end) is Outcome.KILLED
 
     played(
@@ -143,7 +143,7 @@ def test_monitors_of_every_kind() -> None:
 
     def lift(task: Task) -> None:
         with contextlib.suppress(Refused):
-            task.monitor_handle.fire(NOTE, "a rock")
+            task.monitor_ref.fire(NOTE, "a rock")
 
     played(walk, at_most_in_all(1, fired(NOTE)), lift=lift)
     assert 'fires rocks {2} with "a rock"' in report(explore(robot(walk, never(sent(NOTE)), lift=lift)))
@@ -160,8 +160,8 @@ def test_a_listener_knows_what_it_hears() -> None:
         task.command(STEP, 2)
 
     def note(task: Task) -> None:
-        assert task.heard.tapped is not None
-        heard.add((task.heard.condition, task.heard.message))
+        assert task.tap_event.tapped is not None
+        heard.add((task.tap_event.condition, task.tap_event.message))
 
     played(walk, never(sent(CHECK)), at_most_in_all(2, fired(NOTE)), note=note)
     assert heard == {(Condition.AFTER_ACHIEVED, STEP.name)}

@@ -101,7 +101,7 @@ def watched() -> Scenario:
 
     @planner.handles(WALK)
     def walk(task: Task) -> None:
-        task.handle.on_termination(RECHARGE)
+        task.ref.on_termination(RECHARGE)
         task.monitor(BATTERY, period=2.0, maximum=1)
         first = task.command(STEP, 1, deadline=3.0)
         first.on_failure(None, HIGHER, maximum=1)

@@ -256,8 +256,8 @@ def parting(*properties: Any) -> Scenario:
 
     @scenario.module("planner").handles(WALK)
     def walk(task: Task) -> None:
-        task.handle.on_termination(REST)
-        task.handle.kill(after=task.planning.end, delay=1.0)
+        task.ref.on_termination(REST)
+        task.ref.kill(after=task.planning.end, delay=1.0)
         task.command(STEP)
 
     scenario.module("legs").handles(STEP)(lambda _: None)

@@ -16,14 +16,14 @@ from sampling import one_in
 
 from tca_explorer import Scenario, Script, Seen, Task, World, accepted, before, begun, within
 from tca_module import Scope
-from tca_module.sending.task_handle import TaskHandle
+from tca_module.sending.task_ref import TaskRef
 
 
 class Request(NamedTuple):
     """Something that is asked of a step, and when it is kept."""
 
     call: str
-    ask: Callable[[Any, TaskHandle], object]
+    ask: Callable[[Any, TaskRef], object]
     kept: Callable[[World], object]
     seconds: float = 0
     """How long after; 0: at once."""
@@ -56,12 +56,12 @@ def failed(world: World) -> bool:
     return gone(world) or bool(those(world, HELP) or those(world, STEP, "failure"))
 
 
-def suspend_and_resume(_: Any, step: TaskHandle) -> None:
+def suspend_and_resume(_: Any, step: TaskRef) -> None:
     step.suspend()
     step.resume()
 
 
-def kill_all_under_the_walk(_: Any, step: TaskHandle) -> None:
+def kill_all_under_the_walk(_: Any, step: TaskRef) -> None:
     if (walk := step.parent()) is not None:
         walk.kill(scope=Scope.DESCENDANTS)
 
@@ -106,7 +106,7 @@ def test_what_a_handler_keeps_for_its_termination_is_done_before_its_end() -> No
 
     @motor.handles(STEP)
     def spin(task: Task) -> None:
-        task.handle.on_termination(LIFT)
+        task.ref.on_termination(LIFT)
 
     brake.handles(LIFT)(lambda _: None)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from integration.programs import central, program
 
-from tca_module import CentralLost, Client, Command, Goal, Outcome, Query, TaskRef, connect
+from tca_module import CentralLost, Client, Command, Goal, Outcome, Query, SentTask, connect
 from tca_tools.run.journals import open_log
 from tca_wire.constraints import Flags
 from tca_wire.journal import facts
@@ -67,7 +67,7 @@ def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path
     assert not [fact for fact in recorded if isinstance(fact, facts.Failed)]
 
 
-def fill(user: Client, walk: TaskRef[None]) -> None:
+def fill(user: Client, walk: SentTask[None]) -> None:
     """What ``command`` does, but without waiting for each."""
     connection = user._connection()
     connection.declare(STEP)

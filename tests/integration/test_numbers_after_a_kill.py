@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from integration.programs import central
 
-from tca_module import CentralLost, Client, Command, Condition, Inform, TaskRef, connect
+from tca_module import CentralLost, Client, Command, Condition, Inform, SentTask, connect
 from tca_tools.run.journals import open_log
 from tca_wire.journal import facts, facts_of_watching
 
 WORK, NOTE = Command("work", int), Inform("note")
 
-CALLS: dict[str, Callable[[Client, TaskRef[Any], TaskRef[Any]], object]] = {
+CALLS: dict[str, Callable[[Client, SentTask[Any], SentTask[Any]], object]] = {
     "constrain": lambda user, old, new: user.constrain(old.achieving.end <= new.handling.start),
     "kill after": lambda _, old, new: new.kill(after=old.achieving.end),
     "deadline": lambda _, old, new: new.deadline(0.01, old.achieving.end),

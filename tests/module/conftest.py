@@ -6,8 +6,8 @@ import pytest
 from module.robot import Robot
 
 from tca_module import Client, Module, connect, module
-from tca_module.link import connection, session
-from tca_module.link import keepalive as keeper
+from tca_module.link import connection, keepalive
+from tca_module.session import session
 from tca_module.testing import LocalCentral
 
 
@@ -31,7 +31,7 @@ def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     monkeypatch.setattr(session, "QUIET", 0.2)
     monkeypatch.setattr(session, "REPEAT", 0.1)
-    monkeypatch.setattr(keeper, "TEND_PERIOD", 0.05)
+    monkeypatch.setattr(keepalive, "TEND_PERIOD", 0.05)
     monkeypatch.setattr(module, "TEND_PERIOD", 0.05)
     monkeypatch.setattr(connection, "STEP", 0.02)
 

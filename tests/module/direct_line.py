@@ -4,9 +4,9 @@ import logging
 from collections import deque
 
 from tca_module.direct.inbox import Inbox
-from tca_module.direct.notes import Notes
-from tca_module.direct.path import Path
-from tca_module.link.request import Request
+from tca_module.direct.note_batch import NoteBatch
+from tca_module.direct.path import DirectPath
+from tca_module.session.request import Request
 from tca_wire.packets.headers import Reply, Send
 from tca_wire.packets.routes import Entrance
 
@@ -85,7 +85,7 @@ class Pair:
     def __init__(self) -> None:
         self.now = 0.0
         self.line = Line()
-        self.notes = Notes()
+        self.notes = NoteBatch()
         self.inbox = Inbox(
             Far(self.line), KEY, {"height": True, "pose": False}, self.notes, lambda: self.now, logging.getLogger("t")
         )
@@ -93,7 +93,7 @@ class Pair:
         self.handed_over: list[Request] = []
         self.lost: list[str] = []
         self.handled: list[bytes] = []
-        self.path = Path(
+        self.path = DirectPath(
             Entrance("ipc:///there", KEY), Near(self.line), "run/0/1", "user",
             end=self.end, hand_over=self.handed_over.append, lose=self.lost.append,
         )  # fmt: skip

@@ -23,9 +23,9 @@ from tca_module import (
     PollingMonitor,
     Query,
     Sender,
+    SentTask,
     Task,
     TaskFailed,
-    TaskRef,
     this,
 )
 
@@ -38,7 +38,7 @@ LOOK, LOOK_AGAIN = PointMonitor("look", condition=IS_FREE), PollingMonitor("look
 ROCKS = DemonMonitor("rocks")
 ANY: Any = None
 
-Call = Callable[[Client, TaskRef[None], Any], object]
+Call = Callable[[Client, SentTask[None], Any], object]
 
 
 def refused(call: Call, user: Client, words: str, wrong: Any = "soon") -> None:

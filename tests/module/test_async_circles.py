@@ -9,7 +9,7 @@ import pytest
 from module.real_central import RealCentral, until
 
 from tca_module import Client, Command, Deadlock, Module, Outcome, Query, Task, TaskFailed, connect
-from tca_module.serving import awaiting
+from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import RequestRefused
 
@@ -22,7 +22,7 @@ SOON = 20.0
 @pytest.fixture(autouse=True)
 def _soon_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Central hears of a coroutine that waits after 0.2 s already, and not after 1 s."""
-    monkeypatch.setattr(awaiting, "BRIEF", 0.2)
+    monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
 
 
 How = Callable[[Awaitable[Any]], Coroutine[Any, Any, Any]]

@@ -7,7 +7,7 @@ import pytest
 from module.real_central import until
 
 from tca_module import (
-    Attached,
+    AttachmentRef,
     Client,
     Command,
     Condition,
@@ -22,7 +22,7 @@ from tca_module import (
     Task,
     connect,
 )
-from tca_module.link import renewal
+from tca_module.session import redeclaration
 from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
@@ -44,7 +44,7 @@ class Robot:
         self.central = central
         self.done: list[str] = []
         self.legs, self.safety = Module("legs", central), Module("safety", central)
-        self.taps: list[Attached] = []
+        self.taps: list[AttachmentRef] = []
 
         @self.legs.handles(MOVE)
         def move(_: Task, leg: int) -> None:
@@ -265,7 +265,7 @@ def test_who_has_left_attaches_nothing_anew(central: LocalCentral, robot: Robot,
 def test_what_a_module_requires_it_requires_after_a_restart_too(
     central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(renewal, "PATIENCE", 0.0)
+    monkeypatch.setattr(redeclaration, "PATIENCE", 0.0)
     legs, safety = Module("legs", central, requires=[CHECK]), Module("safety", central)
     legs.handles(MOVE)(lambda _, __: None)
     safety.handles(CHECK)(lambda _, __: None)
@@ -282,7 +282,7 @@ def test_what_is_refused_is_said_and_tried_again_and_no_handler_is_there_before(
     central: LocalCentral, robot: Robot, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Somebody who comes first after the restart means something else by 'note'."""
-    monkeypatch.setattr(renewal, "AGAIN", 0.2)
+    monkeypatch.setattr(redeclaration, "AGAIN", 0.2)
 
     @robot.safety.at_start
     def begin(module: Module) -> None:

@@ -4,8 +4,8 @@ import pytest
 from module.test_connection import connected, friendly
 
 from tca_module.errors import CentralLost, Timeout
-from tca_module.link.session import QUIET
-from tca_module.sending.task_handle import TaskHandle
+from tca_module.sending.task_ref import TaskRef
+from tca_module.session.session import QUIET
 from tca_wire.packets import headers
 from tca_wire.packets.headers import (
     Deliver,
@@ -103,6 +103,6 @@ def test_central_comes_back_for_a_connection_that_serves() -> None:
 def test_the_question_for_all_tasks_names_no_task() -> None:
     connection, central = connected()
     central.script = lambda header: [] if isinstance(header, headers.Inspect) else friendly(header)
-    everything = TaskHandle(connection, "root", ROOT)
+    everything = TaskRef(connection, "root", ROOT)
     with pytest.raises(Timeout, match=r"^the question for the tasks: central did not answer within 30 s$"):
         everything.descendants()

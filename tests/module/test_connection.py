@@ -7,8 +7,8 @@ import pytest
 
 from tca_module.errors import CentralLost, FormatRefused, MisuseError, Refused, Timeout
 from tca_module.link.connection import Connection
-from tca_module.link.session import Session
-from tca_module.link.transport import Waker
+from tca_module.session.session import Session
+from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
 from tca_wire.packets import headers
 from tca_wire.packets.codec import pack, unpack_to_central

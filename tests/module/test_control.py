@@ -165,7 +165,7 @@ def test_a_wiretap_hears_what_others_send_and_is_removed(robot: tuple[Robot, Cli
 
     @watcher.handles(note)
     def listen(task: Task, height: float) -> None:
-        heard = task.heard
+        heard = task.tap_event
         them.said.append(f"{heard.condition} {heard.message} {height}")
 
     with watcher.running():
@@ -212,8 +212,8 @@ def test_monitors_of_all_kinds(robot: tuple[Robot, Client]) -> None:
 
     @eye.handles(look)
     def on_look(task: Task) -> None:
-        task.monitor_handle.fire(act, 7.0)
-        task.monitor_handle.end()
+        task.monitor_ref.fire(act, 7.0)
+        task.monitor_ref.end()
 
     with eye.running():
         user.monitor(PollingMonitor("watch", condition=seen, action=act), period=0.01, maximum=2)

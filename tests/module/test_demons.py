@@ -24,7 +24,7 @@ def test_what_is_fired_after_the_end_does_not_count_and_harms_nobody(
 
     @eyes.handles(WATCH)
     def watch(task: Task) -> None:
-        cups = task.monitor_handle
+        cups = task.monitor_ref
         counted.extend(cups.fire(FETCH, cup) for cup in ("blue", "red", "green"))
         cups.end()
         cups.end()
@@ -47,7 +47,7 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(legs: Module, eyes:
     @eyes.handles(WATCH)
     def watch(task: Task) -> None:
         with pytest.raises(MisuseError) as wrong:
-            task.monitor_handle.fire(OTHER, 7)
+            task.monitor_ref.fire(OTHER, 7)
         errors.put(str(wrong.value))
 
     with legs.running(), eyes.running():

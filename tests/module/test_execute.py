@@ -17,8 +17,8 @@ from module.gait_messages import (
     Footfall,
 )
 
-from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, TaskRef
-from tca_module.link.session import Session
+from tca_module import Client, MisuseError, Module, Outcome, QueryFailed, SentTask
+from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
 from tca_wire.packets import headers
@@ -44,7 +44,7 @@ def test_each_class_is_sent_in_its_way(legs: Module, user: Client, call: str) ->
     with legs.running():
         execute: Any = getattr(user, call)
         goal, command = execute(REST), execute(MOVE_LEG, 3)
-        assert isinstance(goal, TaskRef)
+        assert isinstance(goal, SentTask)
         assert goal.wait(SOON) is Outcome.DONE
         assert command.result(SOON) == Footfall(3, 0.5)
         assert execute(STANCE, 4.0) == [4]

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tca_module import Command, Inform, PointMonitor, Query
-from tca_module.link.session import Session
+from tca_module.session.session import Session
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
     Accepted,

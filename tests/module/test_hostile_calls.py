@@ -24,7 +24,7 @@ from tca_module import (
     Query,
     Refused,
     Scope,
-    TaskRef,
+    SentTask,
     TcaError,
     Variable,
     connect,
@@ -137,7 +137,7 @@ def is_public(kind: type) -> set[str]:
 
 def test_every_call_of_a_sender_is_attacked() -> None:
     assert is_public(Client) == CALLS.keys() | BY_POSITION | WITHOUT
-    assert is_public(TaskRef) == OF_TASKS.keys() | ALONE
+    assert is_public(SentTask) == OF_TASKS.keys() | ALONE
 
 
 @pytest.mark.parametrize("name", CALLS)

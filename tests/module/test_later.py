@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from module.gait_messages import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
-from tca_module import BadData, Client, Later, MisuseError, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed
+from tca_module import BadData, Client, LaterReply, MisuseError, Module, Outcome, QueryFailed, Stopped, Task, TaskFailed
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Delivered, Failed, Returned
 
@@ -17,12 +17,12 @@ SOON = 5.0
 
 
 @pytest.fixture
-def owed(legs: Module) -> "queue.Queue[Later[Footfall]]":
+def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
     """What the handler of "move leg" leaves to others."""
-    owed = queue.Queue[Later[Footfall]]()
+    owed = queue.Queue[LaterReply[Footfall]]()
 
     @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> Later[Footfall]:
+    def move_leg(task: Task, leg: int) -> LaterReply[Footfall]:
         later = task.reply_later()
         owed.put(later)
         return later
@@ -30,7 +30,7 @@ def owed(legs: Module) -> "queue.Queue[Later[Footfall]]":
     return owed
 
 
-Owed = queue.Queue[Later[Footfall]]
+Owed = queue.Queue[LaterReply[Footfall]]
 
 
 def test_another_thread_answers(legs: Module, owed: Owed, user: Client) -> None:
@@ -64,7 +64,7 @@ def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     @legs.handles(STANCE)
-    def stance(task: Task, radius: float) -> Later[list[int]]:
+    def stance(task: Task, radius: float) -> LaterReply[list[int]]:
         later = task.reply_later()
         assert task.reply_later() is later
         thread = threading.Thread(target=later.reply, args=([1],))
@@ -95,7 +95,7 @@ def test_a_timer_answers(legs: Module, user: Client) -> None:
     """In the thread of the handler itself, which is free meanwhile."""
 
     @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> Later[float]:
+    def temperature(task: Task) -> LaterReply[float]:
         later = task.reply_later()
         legs.after(0.01, lambda: later.reply(36.6), resource="legs")
         return later
@@ -106,7 +106,7 @@ def test_a_timer_answers(legs: Module, user: Client) -> None:
 
 def test_a_coroutine_may_leave_its_answer_to_another(legs: Module, user: Client) -> None:
     @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> Later[float]:
+    async def temperature(task: Task) -> LaterReply[float]:
         later = task.reply_later()
         legs.after(0.0, lambda: later.reply(36.6))
         return later
@@ -123,7 +123,7 @@ def test_what_answers_its_own_query_later_is_heard_within_the_wait(legs: Module,
         return [int(task.query(TEMPERATURE, timeout=SOON))]
 
     @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> Later[float]:
+    def temperature(task: Task) -> LaterReply[float]:
         later = task.reply_later()
         threading.Thread(target=later.reply, args=(36.6,)).start()
         return later
@@ -134,7 +134,7 @@ def test_what_answers_its_own_query_later_is_heard_within_the_wait(legs: Module,
 
 def test_one_of_many_answers_later(legs: Module, user: Client) -> None:
     @legs.handles(HEALTH)
-    def health(task: Task) -> Later[str]:
+    def health(task: Task) -> LaterReply[str]:
         later = task.reply_later()
         legs.after(0.0, lambda: later.reply("well"))
         return later
@@ -194,7 +194,7 @@ def test_wrong_data_do_not_answer(legs: Module, owed: Owed, user: Client) -> Non
 
 
 def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client) -> None:
-    kept: list[Later[float]] = []
+    kept: list[LaterReply[float]] = []
 
     @legs.handles(TEMPERATURE)
     def temperature(task: Task) -> float:
@@ -215,7 +215,7 @@ def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client)
 
 
 def test_a_handler_that_raises_has_answered(legs: Module, user: Client) -> None:
-    kept: list[Later[float]] = []
+    kept: list[LaterReply[float]] = []
 
     @legs.handles(TEMPERATURE)
     def temperature(task: Task) -> float:
@@ -284,11 +284,11 @@ def test_a_connection_that_breaks_fails_what_is_owed(
 
 
 def test_goals_wait_for_what_is_owed(legs: Module, user: Client) -> None:
-    owed = queue.Queue[Later[None]]()
+    owed = queue.Queue[LaterReply[None]]()
 
     @legs.handles(REST)
-    def rest(task: Task) -> Later[None]:
-        later: Later[None] = task.reply_later()
+    def rest(task: Task) -> LaterReply[None]:
+        later: LaterReply[None] = task.reply_later()
         owed.put(later)
         return later
 

@@ -152,7 +152,7 @@ def test_an_exception_handler_may_see_to_what_a_task_has_lost(
     @eyes.handles(TIDY, resource="mind")
     def tidy(task: Task) -> None:
         task.reserve("legs")
-        task.handle.on_failure(LOST, MEND)
+        task.ref.on_failure(LOST, MEND)
         task.command(STEP)
 
     @eyes.handles(STEP)

@@ -158,7 +158,7 @@ def test_what_a_module_does_at_its_start_is_done_before_it_handles_anything(
 
     @safety.handles(CHECK)
     def check(task: Task) -> None:
-        checked.append(task.heard.message)
+        checked.append(task.tap_event.message)
 
     @safety.at_start
     def watch(module: Module) -> None:

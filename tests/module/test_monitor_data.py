@@ -128,8 +128,8 @@ def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
     @legs.handles(begin)
     def on_begin(task: Task) -> None:
         done.put("begin")
-        task.monitor_handle.fire(SAY, "cup")
-        task.monitor_handle.end()
+        task.monitor_ref.fire(SAY, "cup")
+        task.monitor_ref.end()
 
     @legs.handles(end)
     def on_end(_: Task) -> None:

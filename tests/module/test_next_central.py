@@ -5,7 +5,7 @@ from module.test_session import A_GOAL, A_QUERY, HELLO, hear, said, welcome, wel
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, Received, Transmit
-from tca_module.link.session import Session
+from tca_module.session.session import Session
 from tca_wire.packets.headers import Ask, Inspect, Lock, Register, Reply, Send, Unknown
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import TaskId

@@ -9,7 +9,7 @@ import pytest
 from module.real_central import until
 
 from tca_module import Client, Command, Module, Query, Task
-from tca_module.serving.later import Later
+from tca_module.sending.later_reply import LaterReply
 from tca_module.testing import LocalCentral
 
 pytestmark = pytest.mark.usefixtures("attentive")
@@ -57,10 +57,10 @@ def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(central: Local
 def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
     central: LocalCentral, user: Client
 ) -> None:
-    module, begun, owed = Module("worker", central), queue.Queue[str](), list[Later[str]]()
+    module, begun, owed = Module("worker", central), queue.Queue[str](), list[LaterReply[str]]()
 
     @module.handles(WORK)
-    def work(task: Task, data: str) -> str | Later[str]:
+    def work(task: Task, data: str) -> str | LaterReply[str]:
         begun.put(f"{data} {task.id}")
         if data == "old":
             owed.append(task.reply_later())
@@ -75,10 +75,10 @@ def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
 
 
 def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(central: LocalCentral, user: Client) -> None:
-    module, owed = Module("worker", central), queue.Queue[Later[str]]()
+    module, owed = Module("worker", central), queue.Queue[LaterReply[str]]()
 
     @module.handles(WORK)
-    def work(task: Task, _: str) -> Later[str]:
+    def work(task: Task, _: str) -> LaterReply[str]:
         owed.put(later := task.reply_later())
         return later
 

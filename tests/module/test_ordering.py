@@ -3,7 +3,7 @@
 import pytest
 
 from tca_module.errors import MisuseError
-from tca_module.sending.ordering import Ordering
+from tca_module.sending.sibling_order import SiblingOrder
 from tca_wire.constraints import Flags
 from tca_wire.points import ROOT, THIS, TaskId
 
@@ -12,7 +12,7 @@ class Plan:
     """Sends numbered children and writes down what each was sent with."""
 
     def __init__(self, *, is_shared: bool = False) -> None:
-        self.ordering = Ordering(is_shared=is_shared)
+        self.ordering = SiblingOrder(is_shared=is_shared)
         self.newest = 0
         self.epoch = "one"
 

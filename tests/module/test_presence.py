@@ -29,7 +29,7 @@ from tca_module import (
     connect,
     module,
 )
-from tca_module.link.session import Session
+from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import ModuleLeft, Received
 from tca_wire.packets import headers
@@ -178,9 +178,9 @@ def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, legs: 
         time.sleep(0.01)
     central.restart("second")
     with legs.running():
-        while started.module._keeper is None and time.monotonic() < deadline:
+        while started.module._keep_alive is None and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert started.module._keeper is not None
+        assert started.module._keep_alive is not None
         started.stop()
     assert started.error == []
 

@@ -3,10 +3,10 @@
 import pytest
 from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
 
-from tca_module.link.attachments import Attachments, Standing
-from tca_module.link.numbers import Given, given
-from tca_module.link.renewal import AGAIN, PATIENCE
-from tca_module.link.session import Session
+from tca_module.session.epoch_numbers import Given, given
+from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
+from tca_module.session.redeclaration import AGAIN, PATIENCE
+from tca_module.session.session import Session
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
     Accepted,
@@ -50,7 +50,7 @@ def session() -> Session:
     return session
 
 
-def standing(session: Session, header: Tap | Attach) -> Standing:
+def standing(session: Session, header: Tap | Attach) -> LastingAttachment:
     found = session.attachments.of(header)
     assert found is not None
     return found
@@ -179,7 +179,7 @@ def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> N
 
 
 def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -> None:
-    session.renewal.required = ["check"]
+    session.redeclaration.required = ["check"]
     restart(session, "two")
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
     assert said(session) == [Wait(7, ["check"])]
@@ -197,7 +197,7 @@ def test_who_leaves_attaches_nothing_anew(session: Session) -> None:
 
 
 def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_newest() -> None:
-    attachments, other = Attachments(), Attach(0, Attachment("", "recover", 0), ROOT)
+    attachments, other = LastingAttachments(), Attach(0, Attachment("", "recover", 0), ROOT)
     given: list[Tap | Attach] = [tap(), attach(), other, tap(), attach()]
     for number, header in enumerate(given):
         attachments.add(header, {}, Given(number, "one"))

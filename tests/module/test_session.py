@@ -2,7 +2,7 @@
 
 import pytest
 
-from tca_module.link.session import HELLO_NUMBER, QUIET, Session
+from tca_module.session.session import HELLO_NUMBER, QUIET, Session
 from tca_wire.packets import headers
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -325,14 +325,14 @@ def test_a_reply_waits_while_central_is_away(session: Session) -> None:
 
 def test_a_killed_task_is_cancelled_until_it_is_replied_to(session: Session) -> None:
     hear(session, Deliver(8, "walk"))
-    assert not session.attending.is_cancelled(8)
+    assert not session.open_deliveries.is_cancelled(8)
     hear(session, Cancelled(8), Cancelled(99))
-    assert session.attending.is_cancelled(8)
+    assert session.open_deliveries.is_cancelled(8)
 
 
 def test_a_task_that_central_has_forgotten_is_cancelled(session: Session) -> None:
     hear(session, Deliver(8, "walk"), Unknown(), welcome("two"))
-    assert session.attending.is_cancelled(8)
+    assert session.open_deliveries.is_cancelled(8)
 
 
 def test_every_message_of_central_has_its_row() -> None:
@@ -361,9 +361,9 @@ def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
 def test_a_suspended_task_that_is_killed_is_to_end(session: Session) -> None:
     """Or a handler that holds as long as its task is suspended would never return."""
     hear(session, Deliver(7, "walk", TaskId(7)), Suspended(7, True))
-    assert session.attending.is_suspended(7)
+    assert session.open_deliveries.is_suspended(7)
     hear(session, Cancelled(7))
-    assert not session.attending.is_suspended(7)
+    assert not session.open_deliveries.is_suspended(7)
 
 
 def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once() -> None:

@@ -3,8 +3,8 @@
 import pytest
 from module.test_session import HELLO, hear, said, welcome, welcomed
 
-from tca_module.link.request import Request
-from tca_module.link.session import Session
+from tca_module.session.request import Request
+from tca_module.session.session import Session
 from tca_wire.packets.headers import (
     Accepted,
     Answer,

@@ -3,7 +3,7 @@
 import pytest
 from module.test_connection import connected
 
-from tca_module.link.session import QUIET
+from tca_module.session.session import QUIET
 from tca_wire.packets.headers import Beat, Send
 
 

@@ -21,7 +21,7 @@ from tca_module import (
     Callback,
     CentralLost,
     Command,
-    Later,
+    LaterReply,
     MisuseError,
     Module,
     Outcome,
@@ -30,7 +30,7 @@ from tca_module import (
     Variable,
     connect,
 )
-from tca_module.link.transport import DealerTransport
+from tca_module.sockets.transport import DealerTransport
 
 pytestmark = pytest.mark.usefixtures("attentive")
 
@@ -116,11 +116,11 @@ def test_coroutines_hear_all_that_arrives(central: str) -> None:
 
 
 def test_other_threads_timers_and_files_wake_a_slot(central: str) -> None:
-    legs, jobs = Module("legs", central), queue.Queue[Later[Footfall]]()
+    legs, jobs = Module("legs", central), queue.Queue[LaterReply[Footfall]]()
     near, far = socket.socketpair()
 
     @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> Later[Footfall]:
+    def move_leg(task: Task, leg: int) -> LaterReply[Footfall]:
         later = task.reply_later()
         jobs.put(later)
         return later

@@ -30,15 +30,15 @@ from tca_module import (
     PointMonitor,
     PollingMonitor,
     Query,
+    SentTask,
     Task,
-    TaskRef,
     Variable,
     connect,
     this,
 )
-from tca_module.link.numbers import given
-from tca_module.sending.context import MonitorHandle
-from tca_module.sending.task_handle import Attached
+from tca_module.sending.delivery_context import MonitorRef
+from tca_module.sending.task_ref import AttachmentRef
+from tca_module.session.epoch_numbers import given
 from tca_module.testing import LocalCentral
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Register, Send, Unknown, Welcome
@@ -58,12 +58,12 @@ class Had:
     """What a program still has of tasks that were forgotten, and a task that it sent since."""
 
     user: Client
-    goal: TaskRef[None]
+    goal: SentTask[None]
     """Number 1 of the old central."""
-    task: TaskRef[int]
-    monitor: MonitorHandle[Any]
-    removal: Attached
-    new: Callable[[], TaskRef[int]]
+    task: SentTask[int]
+    monitor: MonitorRef[Any]
+    removal: AttachmentRef
+    new: Callable[[], SentTask[int]]
 
 
 CALLS: dict[str, Callable[[Had], object]] = {
@@ -176,8 +176,8 @@ HANDLERS_CALLS: dict[str, Callable[[Task], object]] = {
     "query": lambda task: task.query(IS_LOW),
     "lock": lambda task: task.lock("legs"),
     "variable": lambda task: task.set_variable(LEVEL, 1),
-    "its own point": lambda task: task.constrain(task.achieving.end <= task.handle.achieving.end),
-    "its handle": lambda task: task.handle.kill(),
+    "its own point": lambda task: task.constrain(task.achieving.end <= task.ref.achieving.end),
+    "its handle": lambda task: task.ref.kill(),
 }
 
 

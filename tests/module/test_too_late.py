@@ -22,7 +22,7 @@ from tca_module import (
     Refused,
     Scope,
     Task,
-    TaskHandle,
+    TaskRef,
     connect,
 )
 from tca_wire.journal.facts import Ignored, Retried
@@ -32,7 +32,7 @@ REST, WALK, SHRUG = Command("rest"), Goal("walk"), ExceptionHandler("shrug")
 STUCK = Failure("stuck")
 ROCKS = DemonMonitor("rocks")
 
-STEERS: dict[str, Callable[[TaskHandle], Any]] = {
+STEERS: dict[str, Callable[[TaskRef], Any]] = {
     "suspend": lambda task: task.suspend(),
     "resume": lambda task: task.resume(),
     "deadline": lambda task: task.deadline(60.0),
@@ -80,7 +80,7 @@ def user(central: RealCentral, legs: Legs) -> Iterator[Client]:
 
 
 @pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
-def test_a_task_that_lives_is_steered(legs: Legs, user: Client, steer: Callable[[TaskHandle], Any]) -> None:
+def test_a_task_that_lives_is_steered(legs: Legs, user: Client, steer: Callable[[TaskRef], Any]) -> None:
     ref = user.command(REST)
     assert legs.resting.acquire(timeout=SOON)
     assert steer(ref) is True
@@ -88,7 +88,7 @@ def test_a_task_that_lives_is_steered(legs: Legs, user: Client, steer: Callable[
 
 @pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
 def test_one_that_has_ended_is_not(
-    legs: Legs, user: Client, central: RealCentral, steer: Callable[[TaskHandle], Any]
+    legs: Legs, user: Client, central: RealCentral, steer: Callable[[TaskRef], Any]
 ) -> None:
     ref = user.command(REST)
     legs.go_on.release()
@@ -100,7 +100,7 @@ def test_one_that_has_ended_is_not(
 
 @pytest.mark.parametrize(("name", "steer"), STEERS.items(), ids=STEERS)
 def test_one_that_was_killed_and_whose_handler_runs_has_not_ended_but_gets_no_second_chance(
-    legs: Legs, user: Client, name: str, steer: Callable[[TaskHandle], Any]
+    legs: Legs, user: Client, name: str, steer: Callable[[TaskRef], Any]
 ) -> None:
     ref = user.command(REST)
     assert legs.resting.acquire(timeout=SOON)

@@ -27,20 +27,20 @@ from tca_module import (
     Callback,
     Client,
     Constraint,
-    Later,
+    LaterReply,
     Module,
     Outcome,
     PendingReplies,
     PendingReply,
+    SentTask,
     Task,
     TaskFailed,
-    TaskRef,
     Variable,
 )
 
 MISTAKES = """
 from module.gait_messages import ALARM, COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, WALK, Arc, Footfall
-from tca_module import Later, Module, Task
+from tca_module import LaterReply, Module, Task
 legs = Module("legs")
 def f(task: Task) -> None:
     task.query(REST)
@@ -61,10 +61,10 @@ def j(task: Task) -> str: ...
 @legs.handles(STANCE)
 async def k(task: Task, radius: float) -> int: ...
 @legs.handles(STANCE)
-def l(task: Task, radius: float) -> Later[int]: ...
+def l(task: Task, radius: float) -> LaterReply[int]: ...
 async def m(task: Task) -> int:
     return await task.query_send(STANCE, 1.0)
-def n(task: Task, later: Later[Footfall]) -> None:
+def n(task: Task, later: LaterReply[Footfall]) -> None:
     later.reply(1)
     task.query_notify(TEMPERATURE, None, lambda sender, degrees: degrees.upper())
     legs.after("soon", print)
@@ -79,19 +79,19 @@ def replies(task: Task, module: Module, client: Client) -> None:
         assert_type(sender.query_send(TEMPERATURE), PendingReply[float])
         assert_type(sender.query_send(TEMPERATURE).receive(), float)
         assert_type(sender.multi_query(HEALTH), list[str])
-        assert_type(sender.command(MOVE_LEG, 1), TaskRef[Footfall])
+        assert_type(sender.command(MOVE_LEG, 1), SentTask[Footfall])
         assert_type(sender.command(MOVE_LEG, 1).result(), Footfall)
-        assert_type(sender.command(STOP), TaskRef[None])
-        assert_type(sender.goal(WALK, Arc(1.0, 2), plan_first=True), TaskRef[None])
+        assert_type(sender.command(STOP), SentTask[None])
+        assert_type(sender.goal(WALK, Arc(1.0, 2), plan_first=True), SentTask[None])
         assert_type(sender.goal(REST).wait(), Outcome)
 
 
 def whatever_the_class(task: Task) -> None:
-    assert_type(task.execute(REST), TaskRef[None])
-    assert_type(task.execute(MOVE_LEG, 1), TaskRef[Footfall])
+    assert_type(task.execute(REST), SentTask[None])
+    assert_type(task.execute(MOVE_LEG, 1), SentTask[Footfall])
     assert_type(task.execute(STANCE, 1.0), list[int])
     assert_type(task.execute(HEALTH), list[str])
-    assert_type(task.execute_if_handled(MOVE_LEG, 1), TaskRef[Footfall] | None)
+    assert_type(task.execute_if_handled(MOVE_LEG, 1), SentTask[Footfall] | None)
     assert_type(task.execute_if_handled(TEMPERATURE), float | None)
     assert_type(task.execute_if_handled(ALARM, "stop"), bool)
 
@@ -104,7 +104,7 @@ def variables(task: Task) -> None:
     assert_type(task.swap_variable(speed, 1.0, 0.0), float)
 
 
-def points(task: Task, leg: TaskRef[Footfall]) -> list[Constraint]:
+def points(task: Task, leg: SentTask[Footfall]) -> list[Constraint]:
     return [leg.achieving.end <= task.planning.start, task.handling.end >= leg.handling.start]
 
 
@@ -137,12 +137,12 @@ def other_handlers(module: Module) -> None:
         return [1]
 
     @module.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> Footfall | Later[Footfall]:
-        later: Later[Footfall] = task.reply_later()
+    def move_leg(task: Task, leg: int) -> Footfall | LaterReply[Footfall]:
+        later: LaterReply[Footfall] = task.reply_later()
         return later
 
     @module.handles(TEMPERATURE)
-    async def temperature(task: Task) -> Later[float]:
+    async def temperature(task: Task) -> LaterReply[float]:
         return task.reply_later()
 
     _: Callable[[Task, float], Coroutine[Any, Any, list[int]]] = stance

@@ -20,8 +20,8 @@ from tca_module import (
     PollingMonitor,
     Query,
     Refused,
+    SentTask,
     Task,
-    TaskRef,
     connect,
 )
 from tca_module.testing import LocalCentral
@@ -62,11 +62,11 @@ class Robot:
         return self.is_low.is_set()
 
     def stop(self, task: Task) -> None:
-        task.monitor_handle.ancestors(WALK)[0].kill("the battery is low")
+        task.monitor_ref.ancestors(WALK)[0].kill("the battery is low")
         self.go_on.set()
 
-    def begin(self, message: Goal[None] | Command[None, None], user: Client) -> TaskRef[None]:
-        sent: TaskRef[None] = user.execute(message)
+    def begin(self, message: Goal[None] | Command[None, None], user: Client) -> SentTask[None]:
+        sent: SentTask[None] = user.execute(message)
         assert self.begun.wait(SOON)
         return sent
 

@@ -8,8 +8,8 @@ import pytest
 from module.gait_messages import POSITION, Arc
 
 from tca_module import BadData, Client, MisuseError, Module, Task, Variable, VariableNotSet, connect
-from tca_module.link.request import refers_to_tasks
-from tca_module.link.session import Session
+from tca_module.session.request import refers_to_tasks
+from tca_module.session.session import Session
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Received
 from tca_wire.packets import headers

@@ -35,7 +35,7 @@ from robots.ambler_sim.reactions import (
 )
 from robots.ambler_sim.replanning import Avoided, another_way, felt, raised, shuffle, without
 from robots.ambler_sim.vocabulary import LEGS, Contact, ElevationMap, Stance
-from tca_module import Module, Scope, Task, TaskHandle, Trouble
+from tca_module import Module, Scope, Task, TaskRef, Trouble
 
 RAISED_AT_MOST, REPLANNED_AT_MOST, SHUFFLED_AT_MOST = 2, 2, 2
 """How often each is tried for one leg move, one step, one arc."""
@@ -139,11 +139,11 @@ def _abandon(trouble: Trouble, why: str) -> None:
         task.kill(why, scope=Scope.DESCENDANTS)
 
 
-def _nearest_step(failing: TaskHandle) -> TaskHandle:
+def _nearest_step(failing: TaskRef) -> TaskRef:
     return failing.ancestors(TAKE_STEPS)[0]
 
 
-def _leg_of(failing: TaskHandle) -> int:
+def _leg_of(failing: TaskRef) -> int:
     """The leg that could not move; any, if it was the body."""
     moves = [task for task in (failing, *failing.ancestors()) if task.message == MOVE_LEG.name]
     return moves[0].data(MOVE_LEG).leg if moves else LEGS[0]

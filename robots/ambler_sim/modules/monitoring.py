@@ -23,7 +23,7 @@ def watch(module: Module) -> None:
 @monitoring.handles(STABILITY_CHECK)
 def stability_check(task: Task) -> Margins:
     """Hold the tapped move until it is known that the robot will not tip over; if it would, that is a failure of it."""
-    move, stance = task.heard.tapped, task.query(STANCE)
+    move, stance = task.tap_event.tapped, task.query(STANCE)
     assert move is not None
     if move.message == MOVE_LEG.name:
         margins = margins_of_leg_move(stance, move.data(MOVE_LEG))

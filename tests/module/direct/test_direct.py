@@ -22,7 +22,7 @@ from module.real_central import SOON, RealCentral, until
 from tca_module import (
     BadData,
     Client,
-    Later,
+    LaterReply,
     Module,
     QueryFailed,
     Refused,
@@ -214,10 +214,10 @@ def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(central: RealC
 
 
 def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Client) -> None:
-    module, owed = Module("map", central.address), list[Later[float]]()
+    module, owed = Module("map", central.address), list[LaterReply[float]]()
 
     @module.handles(HEIGHT, direct=True)
-    def height(task: Task, x: float) -> Later[float]:
+    def height(task: Task, x: float) -> LaterReply[float]:
         owed.append(task.reply_later())
         return owed[-1]
 

@@ -10,9 +10,9 @@ from module.direct_line import KEY, Pair
 
 from tca_module.direct import path as direct_path
 from tca_module.direct.inbox import MOST_SENDERS
-from tca_module.direct.notes import FAR
+from tca_module.direct.note_batch import FAR
 from tca_module.direct.path import MOST_UNDER_WAY
-from tca_module.link.request import Request
+from tca_module.session.request import Request
 from tca_wire.packets.codec import pack_item
 from tca_wire.packets.direct import Direct, Greet, unpack_from_entrance
 from tca_wire.packets.headers import PROTOCOL_VERSION, Fail, Refused, Reply, Send, Unknown

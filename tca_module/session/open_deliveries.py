@@ -17,13 +17,13 @@ KILLED = "its task has been killed"
 ENDS = "its module ends"
 
 
-class Attendance:
+class OpenDelivery:
     """That a delivery is handled, or about to be."""
 
     __slots__ = ("delivery", "is_killed", "is_suspended", "is_told_of_end", "is_told_of_kill", "name", "owner",
                  "why_killed")  # fmt: skip
 
-    def __init__(self, owner: "Attending", delivery: int, *, is_suspended: bool = False) -> None:
+    def __init__(self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False) -> None:
         self.owner = owner
         self.delivery = delivery
         self.name = ""  #: what it handles, for people
@@ -34,12 +34,12 @@ class Attendance:
         self.is_told_of_end = False  #: the handler knows that the module ends
 
 
-class Attending:
+class OpenDeliveries:
     """What one connection has been given to handle."""
 
     def __init__(self) -> None:
         self.is_ending: Callable[[], bool] = lambda: False  #: whether the module ends, and handlers are to be told
-        self._known: dict[int, Attendance] = {}  #: by delivery; one that came directly (< 0) from its beginning
+        self._known: dict[int, OpenDelivery] = {}  #: by delivery; one that came directly (< 0) from its beginning
 
     def __contains__(self, delivery: int) -> bool:
         return delivery in self._known
@@ -47,7 +47,7 @@ class Attending:
     def __bool__(self) -> bool:
         return bool(self._known)
 
-    def knows(self, one: Attendance | None) -> bool:
+    def knows(self, one: OpenDelivery | None) -> bool:
         """Whether a handler is still at its delivery, and central has not forgotten that."""
         return one is not None and self._known.get(one.delivery) is one
 
@@ -60,7 +60,7 @@ class Attending:
 
     def came(self, delivery: int, *, is_suspended: bool) -> None:
         """A message is to be handled."""
-        self._known[delivery] = Attendance(self, delivery, is_suspended=is_suspended)
+        self._known[delivery] = OpenDelivery(self, delivery, is_suspended=is_suspended)
 
     def kill(self, delivery: int, why: str = "") -> None:
         """The task of a delivery was killed, or is to be handled again."""
@@ -80,9 +80,9 @@ class Attending:
 
     # --- handlers --------------------------------------------------------------------------------------------------
 
-    def begin(self, delivery: int, name: str) -> Attendance:
+    def begin(self, delivery: int, name: str) -> OpenDelivery:
         """A handler begins with a delivery."""
-        one = self._known.setdefault(delivery, Attendance(self, delivery))
+        one = self._known.setdefault(delivery, OpenDelivery(self, delivery))
         one.name = name
         return one
 
@@ -94,11 +94,11 @@ class Attending:
         del self._known[delivery]
         return True
 
-    def _of(self, delivery: int) -> Attendance | None:
+    def _of(self, delivery: int) -> OpenDelivery | None:
         """The handler of a delivery. Who asks for his own is meant himself, and not one that a restarted central has
         given the same number meanwhile.
         """
-        mine = working()
+        mine = current_delivery()
         if mine is not None and mine.owner is self and mine.delivery == delivery:
             return mine
         return self._known.get(delivery)
@@ -124,7 +124,7 @@ class Attending:
 
     # --- who is woken ----------------------------------------------------------------------------------------------
 
-    def due(self, one: Attendance | None) -> str:
+    def wake_reason(self, one: OpenDelivery | None) -> str:
         """Why a handler is to be woken: KILLED, ENDS, "" for no reason. A callback (None) that waits is woken each time
         when the module ends.
         """
@@ -132,38 +132,38 @@ class Attending:
             return KILLED
         return ENDS if self.is_ending() and not (one is not None and one.is_told_of_end) else ""
 
-    def tell(self, one: Attendance | None) -> None:
+    def mark_told(self, one: OpenDelivery | None) -> None:
         """A handler knows all by now."""
         if one is not None:
             one.is_told_of_kill = one.is_killed
             one.is_told_of_end = self.is_ending()
 
-    def tell_of(self, delivery: int) -> None:
+    def mark_told_of(self, delivery: int) -> None:
         """The handler of a delivery knows all by now."""
-        self.tell(self._of(delivery))
+        self.mark_told(self._of(delivery))
 
-    def who_waits(self) -> Attendance | None:
+    def waiting_handler(self) -> OpenDelivery | None:
         """Whose wait this is; None: that of a callback, or of whoever is no handler here."""
         one = _at_work.get()
         return one if one is not None and one.owner is self else None
 
 
-def is_void() -> bool:
+def task_is_killed() -> bool:
     """Whether the task of the handler that calls this was killed."""
     one = _at_work.get()
     return one is not None and one.is_killed
 
 
-def working(context: Context | None = None) -> Attendance | None:
+def current_delivery(context: Context | None = None) -> OpenDelivery | None:
     """The handler in which the caller works, or what runs in a *context* does."""
     return _at_work.get() if context is None else context.get(_at_work, None)
 
 
-_at_work: ContextVar[Attendance | None] = ContextVar("at_work", default=None)
+_at_work: ContextVar[OpenDelivery | None] = ContextVar("at_work", default=None)
 
 
 @contextmanager
-def at_work(one: Attendance | None) -> Iterator[None]:
+def working_on(one: OpenDelivery | None) -> Iterator[None]:
     """What is called within is the work of that handler; None: of none."""
     token = _at_work.set(one)
     try:
@@ -172,7 +172,7 @@ def at_work(one: Attendance | None) -> Iterator[None]:
         _at_work.reset(token)
 
 
-def woken(one: Attendance | None, why: str, module: str, what: str) -> TaskKilled | Stopped:
+def wake_error(one: OpenDelivery | None, why: str, module: str, what: str) -> TaskKilled | Stopped:
     """The error that wakes a handler or callback from the wait for *what*."""
     if why == KILLED and one is not None:
         reason = f"{one.why_killed}; " if one.why_killed else ""

@@ -7,8 +7,8 @@
 
 from typing import NoReturn
 
+from tca_module.checks import check_point, check_seconds
 from tca_module.errors import MisuseError
-from tca_module.sending.arguments import check_point, check_seconds
 from tca_wire.constraints import Constraint
 from tca_wire.points import THIS, Edge, Interval, Point, TaskId, moment_of
 
@@ -64,7 +64,7 @@ def _checked(point: Point) -> Point:
     return point
 
 
-class Span:
+class TaskInterval:
     """One interval of a task; ``start`` and ``end`` are its points."""
 
     def __init__(self, task_id: TaskId, interval: Interval) -> None:
@@ -72,27 +72,27 @@ class Span:
         self.end = TaskPoint(task_id, moment_of(interval, Edge.END))
 
 
-class Intervals:
+class TaskIntervals:
     """Something with the three intervals of a task."""
 
     def __init__(self, task_id: TaskId) -> None:
         self._task_id = task_id
 
     @property
-    def handling(self) -> Span:
+    def handling(self) -> TaskInterval:
         """While its handler runs."""
-        return Span(self._task_id, Interval.HANDLING)
+        return TaskInterval(self._task_id, Interval.HANDLING)
 
     @property
-    def planning(self) -> Span:
+    def planning(self) -> TaskInterval:
         """While it and everything under it is being expanded into subtasks."""
-        return Span(self._task_id, Interval.PLANNING)
+        return TaskInterval(self._task_id, Interval.PLANNING)
 
     @property
-    def achieving(self) -> Span:
+    def achieving(self) -> TaskInterval:
         """While it and everything under it is being done."""
-        return Span(self._task_id, Interval.ACHIEVING)
+        return TaskInterval(self._task_id, Interval.ACHIEVING)
 
 
-this = Intervals(THIS)
+this = TaskIntervals(THIS)
 """The task that the call will make; only for its ``constraints=``."""

@@ -10,19 +10,19 @@ from secrets import token_hex
 from typing import Any
 
 from tca_module.direct.inbox import Inbox
-from tca_module.direct.notes import FAR, Notes
+from tca_module.direct.note_batch import FAR, NoteBatch
 from tca_module.direct.routes import DirectRoutes
-from tca_module.direct.sockets import EntranceSocket, PathSocket
-from tca_module.link.request import Request
-from tca_module.link.session import Session
-from tca_module.link.transport import DealerTransport
+from tca_module.session.request import Request
+from tca_module.session.session import Session
+from tca_module.sockets.direct import EntranceSocket, PathSocket
+from tca_module.sockets.transport import DealerTransport
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, Send, ToCentral
 from tca_wire.packets.routes import Entrance, Noted
 from tca_wire.vocabulary import MessageClass
 
 
-class Door:
+class Entry:
     """A slot's socket for direct messages, before it has said Hello."""
 
     def __init__(self, central: str, messages: Iterable[Message[Any, Any]]) -> None:
@@ -32,16 +32,16 @@ class Door:
         self.queries = {message.name: message.message_class is MessageClass.QUERY for message in messages}
 
 
-class Direct:
+class DirectMessages:
     """What a connection sends and takes directly."""
 
     def __init__(
-        self, session: Session, transport: DealerTransport | None = None, way: str = "", door: Door | None = None,
+        self, session: Session, transport: DealerTransport | None = None, way: str = "", door: Entry | None = None,
         *, clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         self._session = session
         self._clock = clock
-        self._notes = Notes()
+        self._notes = NoteBatch()
         self._routes = DirectRoutes(session, way, transport, self._notes, PathSocket)
         self._inbox: Inbox | None = None
         if transport is not None and door is not None:
@@ -90,7 +90,7 @@ class Direct:
     @property
     def _may_take(self) -> bool:
         inbox = self._inbox
-        return inbox is not None and inbox.has_message and not (inbox.is_busy or self._session.attending)
+        return inbox is not None and inbox.has_message and not (inbox.is_busy or self._session.open_deliveries)
 
     def take(self) -> tuple[Deliver, bytes] | None:
         """The next message that came directly, if the slot handles nothing."""

@@ -6,9 +6,7 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
-from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
-from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
-from tca_module.sending.arguments import (
+from tca_module.checks import (
     check_flags,
     check_number,
     check_priority,
@@ -19,6 +17,8 @@ from tca_module.sending.arguments import (
     is_brief,
     name_or_none,
 )
+from tca_module.errors import MisuseError, NotDeclared, Timeout, VariableNotSet
+from tca_module.link.connection import ACKNOWLEDGED_WITHIN, Connection
 from tca_module.sending.claim import Claim
 from tca_module.sending.directory import HandlerInfo, ModuleInfo, handlers_of, modules_of
 from tca_wire.messages.controls import ExceptionHandler, Monitor
@@ -33,7 +33,7 @@ _DECLARED_WITHIN = 0.2  # seconds that central may take to know a message, where
 _WHY_WITHIN = 0.2  # seconds that central may take to say who is missing, when the time is over
 
 
-class Knowledge:
+class CentralServices:
     """The part of a sender that asks central itself and no module."""
 
     _origin: int
@@ -153,9 +153,9 @@ class Knowledge:
         """Take away the exception handler or wiretap of that *number* (``tca attached``), whoever wants it, or end that
         monitor; whether it was there still. What it has sent comes to its own end.
 
-        For operators, where the module that attached it has left: a module removes its own with ``Attached.remove``,
-        and ends its monitors with ``MonitorHandle.end``. Raises Refused if there has never been that number, or it is
-        a task.
+        For operators, where the module that attached it has left: a module removes its own with
+        ``AttachmentRef.remove``, and ends its monitors with ``MonitorRef.end``. Raises Refused if there has never been
+        that number, or it is a task.
         """
         check_number("detach()", number)
         return bool(self._connection().call(Remove(0, number, for_all=True), f"detaching {number}"))

@@ -5,14 +5,14 @@ from typing import Any, Generic
 
 from tca_module.errors import MisuseError, Stopped
 from tca_module.link.connection import Connection
-from tca_module.serving.attending import at_work, working
-from tca_module.serving.failing import failed
+from tca_module.sending.handler_errors import failed
+from tca_module.session.open_deliveries import current_delivery, working_on
 from tca_wire.messages.declarations import NOTHING, Message, R
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Reply
 
 
-class Later(Generic[R]):
+class LaterReply(Generic[R]):
     """The answer that a handler owes: it returns this instead of a reply, and somebody answers when it is time.
 
     Until then the message is being handled: its task goes on, and its place in the resource is taken. ``reply`` and
@@ -23,7 +23,7 @@ class Later(Generic[R]):
         self._connection = connection
         self._message = message
         self._delivery = delivery
-        self._attendance = working()  # the handler's that owes it
+        self._open_delivery = current_delivery()  # the handler's that owes it
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
         self._has_returned = False  # the handler; before it has, central must not take its thread for free
@@ -37,8 +37,8 @@ class Later(Generic[R]):
     @property
     def cancelled(self) -> bool:
         """Whether the task has been killed and still waits for its answer: stop when that is safe, then answer."""
-        with at_work(self._attendance):  # a restarted central may have given another delivery the same number
-            return self.is_open and self._connection.session.attending.is_cancelled(self._delivery.delivery)
+        with working_on(self._open_delivery):  # a restarted central may have given another delivery the same number
+            return self.is_open and self._connection.session.open_deliveries.is_cancelled(self._delivery.delivery)
 
     @property
     def is_open(self) -> bool:
@@ -90,10 +90,10 @@ class Later(Generic[R]):
         """The thread of its handler ends: what was not answered has failed."""
         self.end("its module has ended")
         failure = Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"), b""
-        with at_work(self._attendance):
+        with working_on(self._open_delivery):
             self._connection.reply(*(self._answer or failure))  # says nothing if an answer was sent
 
     def _send(self) -> None:
         assert self._answer is not None
-        with at_work(self._attendance):
+        with working_on(self._open_delivery):
             self._connection.reply(*self._answer)

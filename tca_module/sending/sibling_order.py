@@ -9,8 +9,8 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from tca_module.checks import is_whole
 from tca_module.errors import MisuseError
-from tca_module.sending.arguments import is_whole
 from tca_wire.constraints import Constraint, Flags, plan_ahead, sequential_achievement
 from tca_wire.points import THIS, TaskId
 
@@ -63,7 +63,7 @@ class _Parallel(_Block):
         self.last += last
 
 
-class Ordering:
+class SiblingOrder:
     """The order among the children that one sender makes."""
 
     def __init__(self, *, is_shared: bool) -> None:

@@ -18,11 +18,11 @@ from weakref import WeakValueDictionary
 
 import msgspec
 
-from tca_module.link.attachments import Attachments, is_lasting
-from tca_module.link.numbers import RESTARTED, Given, foreign, given_in
-from tca_module.link.renewal import Renewal
-from tca_module.link.request import Request, check_fields, is_for_any_central, may_be_asked_again, refers_to_tasks
-from tca_module.serving.attending import Attending
+from tca_module.session.epoch_numbers import RESTARTED, Given, foreign, numbers_in
+from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
+from tca_module.session.open_deliveries import OpenDeliveries
+from tca_module.session.redeclaration import Redeclaration
+from tca_module.session.request import Request, check_fields, is_for_any_central, may_be_asked_again, refers_to_tasks
 from tca_wire.packets import headers
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -61,14 +61,14 @@ Item = tuple[ToCentral, bytes]
 class Session:
     """The state of one connection to central."""
 
-    def __init__(self, hello: Hello, attachments: Attachments | None = None) -> None:
+    def __init__(self, hello: Hello, attachments: LastingAttachments | None = None) -> None:
         """*attachments*: of the module, where it has several connections; the first one attaches them anew."""
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
         self._newest = HELLO_NUMBER
         self._requests: dict[int, Request] = {}  #: not over, by number, oldest first
         self._messages: dict[str, MessageFormat] = {}  #: declared, to be declared again
         self._handlers: dict[str, HandlerFormat] = {}
-        self.attending = Attending()  #: deliveries that are handled, or about to be
+        self.open_deliveries = OpenDeliveries()  #: deliveries that are handled, or about to be
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()  #: granted, as long as anybody has them
         self._replies: list[Item] = []  #: central may not have got these yet
         self._asked = float("-inf")  #: when central was last asked for a word
@@ -85,9 +85,9 @@ class Session:
         self.refused: headers.Refused | None = None  #: central does not want this connection
         self.epoch = ""
         self.module = hello.module  #: the name under which central knows the module
-        self.attachments = Attachments() if attachments is None else attachments
-        own = self.attachments if not hello.connection else Attachments()
-        self.renewal = Renewal(own, self.request, self.complaints.append, self._declare_handlers)
+        self.attachments = LastingAttachments() if attachments is None else attachments
+        own = self.attachments if not hello.connection else LastingAttachments()
+        self.redeclaration = Redeclaration(own, self.request, self.complaints.append, self._declare_handlers)
 
     # --- what the module does --------------------------------------------------------------------------------------
 
@@ -127,7 +127,7 @@ class Session:
 
     def reply(self, header: Reply | Fail, body: bytes) -> None:
         """A handler ended. Nothing is said of a delivery that central has forgotten."""
-        if not self.attending.end(header.delivery):
+        if not self.open_deliveries.end(header.delivery):
             return
         self._replies.append((header, body))
         del self._replies[:-_REPLIES_KEPT]
@@ -181,7 +181,7 @@ class Session:
     @property
     def is_known(self) -> bool:
         """Whether there is nothing left to tell central that it would take at once."""
-        return self.is_welcome and not self.renewal.is_answered_soon
+        return self.is_welcome and not self.redeclaration.is_answered_soon
 
     # --- the connection --------------------------------------------------------------------------------------------
 
@@ -192,7 +192,7 @@ class Session:
             self.withdrawn()
             self.request(headers.Unregister(0, []))
         if self.is_welcome:
-            self.renewal.tend(now)
+            self.redeclaration.tend(now)
         is_due = not self.is_welcome or now - max(self.heard, since) >= QUIET
         if is_due and now - self._asked >= REPEAT:
             self._asked = now
@@ -227,8 +227,8 @@ class Session:
         if is_back and is_new:
             self._renew()
         self.is_welcome = True
-        if is_back and (self._messages or self._handlers) and (self.renewal.is_over or not is_new):
-            handlers = list(self._handlers.values()) if self.renewal.is_over else []
+        if is_back and (self._messages or self._handlers) and (self.redeclaration.is_over or not is_new):
+            handlers = list(self._handlers.values()) if self.redeclaration.is_over else []
             # Number 0: a new number would be higher than those repeated below, which central would take for answered.
             self.outgoing.append((Register(0, list(self._messages.values()), handlers), b""))
         for request in self._requests.values():
@@ -239,7 +239,7 @@ class Session:
     def _renew(self) -> None:
         """Have a new central told what has to be told before all else, under the lowest numbers."""
         waiting, self._requests = self._requests, {}
-        self.renewal.begin(self.epoch, self._messages)
+        self.redeclaration.begin(self.epoch, self._messages)
         if not self._requests:
             self._requests = waiting
             return
@@ -257,7 +257,7 @@ class Session:
             if request.settled is not None:
                 del self._requests[number]  # what was renewed is told anew
                 continue
-            named = foreign(given_in(request.header), self.epoch)
+            named = foreign(numbers_in(request.header), self.epoch)
             if named is not None or refers_to_tasks(request.header):
                 request.gone = named.what if named is not None else ""
                 self._lose(request, RESTARTED)
@@ -267,7 +267,7 @@ class Session:
             lock.taken = "central was restarted and has forgotten it"
         self._locks.clear()
         self._replies.clear()
-        self.attending.forget()
+        self.open_deliveries.forget()
         self.deliveries.clear()
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
@@ -343,10 +343,12 @@ both (it says: {header.text})"
             self.news.append(request.notify)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
-        if header.delivery in self.attending or any(reply.delivery == header.delivery for reply, _ in self._said()):
+        if header.delivery in self.open_deliveries or any(
+            reply.delivery == header.delivery for reply, _ in self._said()
+        ):
             return  # central repeats after a reconnect what it does not know to have arrived
         self._replies.clear()  # a slot gets its next message only after the reply to the one before
-        self.attending.came(header.delivery, is_suspended=header.suspended)
+        self.open_deliveries.came(header.delivery, is_suspended=header.suspended)
         self.deliveries.append((header, body))
 
     def _said(self) -> list[tuple[Reply | Fail, bytes]]:
@@ -354,7 +356,7 @@ both (it says: {header.text})"
         return [(reply, body) for reply, body in self._replies if isinstance(reply, Reply | Fail)]
 
     def _on_cancelled(self, header: headers.Cancelled, _: bytes) -> None:
-        self.attending.kill(header.delivery, header.why)
+        self.open_deliveries.kill(header.delivery, header.why)
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         if (lock := self._locks.pop(header.number, None)) is not None:
@@ -364,7 +366,7 @@ both (it says: {header.text})"
         self.routing.append(header)
 
     def _on_suspended(self, header: headers.Suspended, _: bytes) -> None:
-        self.attending.suspend(header.delivery, is_suspended=header.is_suspended)
+        self.open_deliveries.suspend(header.delivery, is_suspended=header.is_suspended)
 
     def _on_beat(self, _header: headers.Beat, _: bytes) -> None:
         """It says nothing of replies: it may have been sent before central got them."""

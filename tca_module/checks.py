@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from typing import Any, TypeGuard
 
 from tca_module.errors import MisuseError
-from tca_module.sending.signatures import arguments_taken, is_async
+from tca_module.signatures import arguments_taken, is_async
 from tca_wire.constraints import Constraint
 from tca_wire.messages.controls import ExceptionHandler, Monitor, PollingMonitor
 from tca_wire.messages.declarations import (

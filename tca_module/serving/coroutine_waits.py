@@ -15,12 +15,12 @@ from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary, WeakSet
 
+from tca_module.checks import BRIEF
 from tca_module.errors import CentralLost
 from tca_module.link.connection import Connection
-from tca_module.link.numbers import given
-from tca_module.link.request import Request
-from tca_module.sending.arguments import BRIEF
-from tca_module.serving.attending import Attendance, at_work, working
+from tca_module.session.epoch_numbers import given
+from tca_module.session.open_deliveries import OpenDelivery, current_delivery, working_on
+from tca_module.session.request import Request
 from tca_wire.packets.headers import AwaitAny
 
 T = TypeVar("T")
@@ -31,38 +31,38 @@ MOST_AWAITED = 1000
 _Standing = tuple[int, ...]
 
 
-class Awaiting:
+class CoroutineWaits:
     """The asyncio tasks of the handlers of one event loop, and what these await."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, connection: Connection) -> None:
         self._connection = connection
         self._loop = loop
-        self._begun: dict[Attendance, WeakSet[asyncio.Task[Any]]] = {}  #: by handler: all begun in it
+        self._begun: dict[OpenDelivery, WeakSet[asyncio.Task[Any]]] = {}  #: by handler: all begun in it
         self._suspended: WeakKeyDictionary[asyncio.Task[Any], tuple[Request, asyncio.Future[None]]] = (
             WeakKeyDictionary()
         )  #: those in an await of central's
-        self._seen: dict[Attendance, tuple[_Standing, float]] = {}  #: the requests that each stands at, since when
-        self._told: dict[Attendance, int] = {}  #: those that central takes to stand -> breaks of the connection before
+        self._seen: dict[OpenDelivery, tuple[_Standing, float]] = {}  #: the requests that each stands at, since when
+        self._told: dict[OpenDelivery, int] = {}  #: central takes them to stand -> breaks of the connection before
         self._factory = self._make
         loop.set_task_factory(self._factory)
 
-    def begin(self, handler: Attendance, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+    def begin(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """An asyncio task for a handler."""
         self._begun[handler] = WeakSet()
-        with at_work(handler):
+        with working_on(handler):
             task = self._loop.create_task(coroutine)
         task.add_done_callback(lambda _: self._end(handler))
         return task
 
     def _make(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
         task = asyncio.Task(coroutine, loop=loop, **options)
-        handler = working(options.get("context"))
+        handler = current_delivery(options.get("context"))
         if handler is not None and (begun := self._begun.get(handler)) is not None:
             begun.add(task)
             self._goes_on(handler)
         return task
 
-    def _end(self, handler: Attendance) -> None:
+    def _end(self, handler: OpenDelivery) -> None:
         for known in (self._begun, self._seen, self._told):
             known.pop(handler, None)
 
@@ -72,7 +72,7 @@ class Awaiting:
         task = asyncio.current_task()
         assert task is not None
         self._suspended[task] = request, future
-        if (handler := working()) is not None:
+        if (handler := current_delivery()) is not None:
             self._goes_on(handler)
         try:
             yield
@@ -92,19 +92,19 @@ class Awaiting:
                 self._told[handler] = session.breaks
                 self._tell(handler, standing)
 
-    def _goes_on(self, handler: Attendance) -> None:
+    def _goes_on(self, handler: OpenDelivery) -> None:
         if self._told.pop(handler, None) is not None:
             self._tell(handler, ())
 
-    def _tell(self, handler: Attendance, standing: _Standing) -> None:
+    def _tell(self, handler: OpenDelivery, standing: _Standing) -> None:
         """Say at which requests a handler stands; nothing of one that a restarted central has forgotten."""
         session = self._connection.session
-        if session.attending.knows(handler):
+        if session.open_deliveries.knows(handler):
             delivery = given(handler.delivery, session.epoch, handler.name)
             with suppress(CentralLost):  # it was restarted just now
                 self._connection.post(AwaitAny(delivery, list(standing)), b"")
 
-    def _standing(self, handler: Attendance) -> _Standing:
+    def _standing(self, handler: OpenDelivery) -> _Standing:
         """The requests of which the next to be answered lets a handler go on; none if anything else may."""
         if self._loop.get_task_factory() != self._factory:
             return ()  # somebody makes asyncio tasks of which nothing is known here

@@ -95,8 +95,11 @@ def _describe(error: BaseException) -> str:
 
 def _from_the_handler_on(trace: TracebackType | None) -> TracebackType | None:
     """Without the frames that called the handler."""
-    while (
-        trace is not None and trace.tb_next is not None and trace.tb_frame.f_globals.get("__package__") == __package__
-    ):
+    while trace is not None and trace.tb_next is not None and _is_of_this_library(trace):
         trace = trace.tb_next
     return trace
+
+
+def _is_of_this_library(trace: TracebackType) -> bool:
+    package = trace.tb_frame.f_globals.get("__package__") or ""
+    return package.partition(".")[0] == __package__.partition(".")[0]

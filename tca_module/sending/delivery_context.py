@@ -2,12 +2,12 @@
 
 from typing import Any, Generic, TypeVar
 
+from tca_module.checks import name_of
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
-from tca_module.link.numbers import given
-from tca_module.sending.arguments import name_of
-from tca_module.sending.task_handle import TaskHandle
-from tca_module.serving.failing import Reissued
+from tca_module.sending.handler_errors import Reissued
+from tca_module.sending.task_ref import TaskRef
+from tca_module.session.epoch_numbers import given
 from tca_wire.messages.declarations import NOTHING, D, Message
 from tca_wire.packets import parts
 from tca_wire.packets.headers import Deliver, EndMonitor, Fire
@@ -21,7 +21,7 @@ class Trouble:
     """The failure that an exception handler is called for."""
 
     def __init__(
-        self, failure: str, text: str, failing: TaskHandle, attached: TaskHandle | None, attempts: int, calls: int
+        self, failure: str, text: str, failing: TaskRef, attached: TaskRef | None, attempts: int, calls: int
     ) -> None:
         self.failure = failure  #: its name
         self.text = text
@@ -40,16 +40,16 @@ class Trouble:
         return Reissued(f"{self} is reissued")
 
 
-class Heard:
+class TapEvent:
     """What a listener was sent for."""
 
-    def __init__(self, condition: Condition, message: str, tapped: TaskHandle | None) -> None:
+    def __init__(self, condition: Condition, message: str, tapped: TaskRef | None) -> None:
         self.condition = condition
         self.message = message  #: the name of the tapped message
         self.tapped = tapped  #: the tapped task; None if the message is none
 
 
-class MonitorHandle(TaskHandle, Generic[D]):
+class MonitorRef(TaskRef, Generic[D]):
     """A monitor; *action* is the name of what it sends, "" if it sends nothing."""
 
     def __init__(self, connection: Connection, message: str, task_id: TaskId, origin: int, action: str) -> None:
@@ -89,16 +89,16 @@ class MonitorHandle(TaskHandle, Generic[D]):
             raise MisuseError(msg)
 
 
-def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | Heard | MonitorHandle[Any] | None":
+def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Trouble | TapEvent | MonitorRef[Any] | None":
     """What a delivery is about: tasks of the central that has delivered it."""
 
     def known(involved: parts.Involved) -> TaskId:
         return given(involved.task, connection.session.epoch, f"task {involved.task} '{involved.message}'")
 
-    def handle(involved: parts.Involved) -> TaskHandle | None:
+    def handle(involved: parts.Involved) -> TaskRef | None:
         if not involved.task:
             return None
-        return TaskHandle(connection, involved.message, known(involved), origin)
+        return TaskRef(connection, involved.message, known(involved), origin)
 
     context = delivery.context
     if isinstance(context, parts.Trouble):
@@ -107,8 +107,8 @@ def context_of(connection: Connection, delivery: Deliver, origin: int) -> "Troub
         attached = handle(context.attached)
         return Trouble(context.failure, context.text, failing, attached, context.attempts, context.invocations)
     if isinstance(context, parts.Tapped):
-        return Heard(context.condition, context.tapped.message, handle(context.tapped))
+        return TapEvent(context.condition, context.tapped.message, handle(context.tapped))
     if isinstance(context, parts.Watching):
         monitor = context.monitor
-        return MonitorHandle(connection, monitor.message, known(monitor), origin, context.action)
+        return MonitorRef(connection, monitor.message, known(monitor), origin, context.action)
     return None

@@ -43,7 +43,7 @@ def given(number: N, epoch: str, what: str) -> N:
     return named if number > 0 and epoch else number
 
 
-def given_in(header: msgspec.Struct) -> list[Given]:
+def numbers_in(header: msgspec.Struct) -> list[Given]:
     """The numbers in a header that know their central, in the order of its fields."""
     found: list[Given] = []
     parts = _reader(header.__class__)(header)
@@ -59,7 +59,7 @@ def _collect(parts: Iterable[Any], found: list[Given]) -> None:
         elif isinstance(part, list):
             _collect(part, found)
         elif isinstance(part, msgspec.Struct):
-            found += given_in(part)
+            found += numbers_in(part)
 
 
 @cache
@@ -83,7 +83,7 @@ def gone(what: str) -> str:
     return f"{what} is lost: {RESTARTED}; whoever wants it sends it again"
 
 
-def check_given(numbers: Iterable[int], epoch: str) -> None:
+def check_epoch(numbers: Iterable[int], epoch: str) -> None:
     """Raise CentralLost if one of them means nothing to the central of *epoch*, which has not given it."""
     if (lost := foreign(numbers, epoch)) is not None:
         raise CentralLost(gone(lost.what))

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from tca_module.link.session import Session
+from tca_module.session.session import Session
 from tca_wire.packets.routes import MOST_NOTES, Loss, Note, Noted
 from tca_wire.vocabulary import Outcome
 
@@ -16,7 +16,7 @@ NOTES_LOST = ""
 """Stands for a message's name where notes themselves were lost."""
 
 
-class Notes:
+class NoteBatch:
     """Notes that are yet to be sent. They are kept, up to a bound, while central is not there."""
 
     def __init__(self) -> None:

@@ -12,8 +12,8 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.link.pulse import KEEPALIVE
-from tca_module.link.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
+from tca_module.sockets.pulse import KEEPALIVE
+from tca_module.sockets.transport import DONTWAIT, EVENTS, POLLIN, SNDMORE, context
 from tca_wire.vocabulary import Limit
 
 MOST_UNDER_WAY = 1000

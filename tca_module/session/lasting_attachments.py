@@ -9,13 +9,13 @@ from typing import Any
 
 import msgspec
 
-from tca_module.link.numbers import Given
+from tca_module.session.epoch_numbers import Given
 from tca_wire.packets.headers import Attach, Tap
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import ROOT
 
 
-class Standing:
+class LastingAttachment:
     """An exception handler or wiretap that was attached."""
 
     __slots__ = ("formats", "header", "number")
@@ -40,13 +40,13 @@ def is_lasting(header: Any) -> bool:
     return isinstance(header, Tap) and bool(header.message)
 
 
-class Attachments:
+class LastingAttachments:
     """Those of a program that are wanted, in the order in which they were attached."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._wanted: dict[tuple[Any, ...], Standing] = {}
-        self._unwanted: list[Standing] = []  #: another connection than the one that removed them may know them
+        self._wanted: dict[tuple[Any, ...], LastingAttachment] = {}
+        self._unwanted: list[LastingAttachment] = []  #: another connection than the one that removed them may know them
 
     def add(self, header: Attach | Tap, known: dict[str, MessageFormat], number: Given) -> None:
         """Central has accepted it. As in central, the same wiretap is the one from before, and anything else that is
@@ -59,14 +59,14 @@ class Attachments:
                 before.number = number
                 return
             self._wanted.pop(key, None)
-            self._wanted[key] = Standing(header, _formats(header, known), number)
+            self._wanted[key] = LastingAttachment(header, _formats(header, known), number)
 
-    def of(self, header: Attach | Tap) -> Standing | None:
+    def of(self, header: Attach | Tap) -> LastingAttachment | None:
         """What a request has attached; None if to a task, or if it has been removed meanwhile."""
         with self._lock:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
-    def unknown_to(self, epoch: str) -> list[Standing]:
+    def unknown_to(self, epoch: str) -> list[LastingAttachment]:
         """What the central of that epoch has to be told, oldest first; what it knows already and is newer than some of
         that, too, so that the order stays.
         """
@@ -75,12 +75,12 @@ class Attachments:
         first = next((i for i, one in enumerate(wanted) if one.number.epoch != epoch), len(wanted))
         return wanted[first:]
 
-    def is_wanted(self, standing: Standing) -> bool:
+    def is_wanted(self, standing: LastingAttachment) -> bool:
         """Whether it has not been removed, or replaced."""
         with self._lock:
             return self._wanted.get(_key(standing.header)) is standing
 
-    def forget(self, standing: Standing, epoch: str) -> None:
+    def forget(self, standing: LastingAttachment, epoch: str) -> None:
         """It is not wanted any more, says a connection that knows the central of that epoch."""
         with self._lock:
             key = _key(standing.header)
@@ -89,7 +89,7 @@ class Attachments:
             if standing.number.epoch != epoch:
                 self._unwanted.append(standing)
 
-    def take_unwanted(self, epoch: str) -> list[Standing]:
+    def take_unwanted(self, epoch: str) -> list[LastingAttachment]:
         """What the central of that epoch knows, and was removed by a connection that did not know that; each once."""
         if not self._unwanted:
             return []

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from tca_module.errors import CentralLost, Deadlock, FormatRefused, MisuseError, Refused
-from tca_module.link.attachments import is_lasting
-from tca_module.link.numbers import RESTARTED, Given, check_given, gone
+from tca_module.session.epoch_numbers import RESTARTED, Given, check_epoch, gone
+from tca_module.session.lasting_attachments import is_lasting
 from tca_wire.packets import headers
 from tca_wire.packets.codec import misfit
 from tca_wire.packets.headers import Register, Send, SetVariable, ToCentral
@@ -81,7 +81,7 @@ class Request:
         return is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
 
     @property
-    def is_void(self) -> bool:
+    def is_ended_by_kill(self) -> bool:
         """Whether a kill has ended what was asked for."""
         is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
         return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
@@ -147,7 +147,7 @@ def check_addressee(header: Any, numbers: list[Given], before: str, now: str) ->
     """Raise CentralLost if the central of epoch *now* is not the one that a header, with these *numbers*, is for. One
     with none but plain numbers is for the central that was known *before*, when the caller gave it.
     """
-    check_given(numbers, now)
+    check_epoch(numbers, now)
     if before != now and not numbers and refers_to_tasks(header):
         msg = f"what was asked is lost: {RESTARTED}; begin anew"
         raise CentralLost(msg)

@@ -2,8 +2,7 @@
 
 from typing import Any, TypedDict, Unpack
 
-from tca_module.errors import MisuseError
-from tca_module.sending.arguments import (
+from tca_module.checks import (
     check_attachable,
     check_class,
     check_condition,
@@ -14,10 +13,11 @@ from tca_module.sending.arguments import (
     listed,
     name_of,
 )
-from tca_module.sending.context import MonitorHandle
-from tca_module.sending.knowledge import Knowledge
-from tca_module.sending.ordering import Ordering
-from tca_module.sending.task_handle import Attached, TaskHandle, attachment
+from tca_module.errors import MisuseError
+from tca_module.sending.central_services import CentralServices
+from tca_module.sending.delivery_context import MonitorRef
+from tca_module.sending.sibling_order import SiblingOrder
+from tca_module.sending.task_ref import AttachmentRef, TaskRef, attachment
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import ExceptionHandler, Monitor, PointMonitor
 from tca_wire.messages.declarations import NOTHING, D, Failure, Message
@@ -54,30 +54,30 @@ class MonitorOptions(Watched, total=False):
     constraints: list[Constraint]
 
 
-class Control(Knowledge):
+class Watching(CentralServices):
     """The part of a sender that watches over tasks."""
 
     _parent: TaskId
-    _ordering: Ordering
+    _ordering: SiblingOrder
 
-    def task(self, task_id: int) -> TaskHandle | None:
+    def task(self, task_id: int) -> TaskRef | None:
         """The task of that number; None if it has ended and is not kept. Raises Refused if there has never been one."""
         check_number("task()", task_id)
-        info = TaskHandle(self._connection(), "", TaskId(task_id)).info()
-        return TaskHandle(self._connection(), info.message, info.id, self._origin) if info is not None else None
+        info = TaskRef(self._connection(), "", TaskId(task_id)).info()
+        return TaskRef(self._connection(), info.message, info.id, self._origin) if info is not None else None
 
-    def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskHandle]:
+    def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskRef]:
         """The living tasks (of one *message*, or its name), parents first, at most 10 000 (TCA 8.5: ChildByName)."""
-        return TaskHandle(self._connection(), "root", ROOT, self._origin).descendants(message)
+        return TaskRef(self._connection(), "root", ROOT, self._origin).descendants(message)
 
     def on_failure(
         self,
         failure: Failure[Any] | None,
         handler: ExceptionHandler[Any],
         *,
-        of: Message[Any, Any] | TaskHandle | None = None,
+        of: Message[Any, Any] | TaskRef | None = None,
         maximum: int | None = None,
-    ) -> Attached:
+    ) -> AttachmentRef:
         """Let *handler* take care of *failure* (None: of any): of all tasks of a message, of one task and what is under
         it, or (of=None) of all tasks.
 
@@ -91,7 +91,7 @@ class Control(Knowledge):
         *handler*, attached to the same place once more by this module, take the place of the first, as the newest; to
         remove the first then does nothing.
         """
-        if isinstance(of, TaskHandle):
+        if isinstance(of, TaskRef):
             return of.on_failure(failure, handler, maximum=maximum)
         wanted = attachment(failure, handler, maximum)
         if of is not None:
@@ -99,15 +99,15 @@ class Control(Knowledge):
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, wanted, ROOT, of.name if of is not None else "")
-        return Attached(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
+        return AttachmentRef(connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header)
 
     def tap(
         self,
         condition: Condition,
-        tapped: Message[Any, Any] | TaskHandle,
+        tapped: Message[Any, Any] | TaskRef,
         listener: Message[Any, Any],
         **options: Unpack[Watched],
-    ) -> Attached:
+    ) -> AttachmentRef:
         """Send *listener*, with the tapped data, whenever the condition comes true of a message or task.
 
         *Before* conditions hold what they are before until the listener's task is done, *when* conditions hold the end;
@@ -131,15 +131,15 @@ class Control(Knowledge):
         elif options:
             msg = f"tap() takes {min(options)}= for monitors that listen, and {listener!r} is none"
             raise MisuseError(msg)
-        if isinstance(tapped, TaskHandle):
+        if isinstance(tapped, TaskRef):
             connection, name, task_id, where = self._declare(listener), "", tapped.id, str(tapped)
         else:
             connection = self._declare(listener, tapped)
             name, task_id, where = tapped.name, ROOT, f"'{tapped.name}'"
         header = Tap(0, condition, listener.name, name, task_id, watch)
-        return Attached(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
+        return AttachmentRef(connection, connection.call(header, f"tapping {where} with '{listener.name}'"), header)
 
-    def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorHandle[D]:
+    def monitor(self, monitor: Monitor[D], data: D = NOTHING, **options: Unpack[MonitorOptions]) -> MonitorRef[D]:
         """Let a monitor watch, under the task being handled. One without an end of its own (maximum, duration, until)
         ends when all else under its parent has ended.
         """
@@ -166,7 +166,7 @@ class Control(Knowledge):
         if is_task:
             self._ordering.add(task_id, sequential=sequential)
         action = monitor.parts[1]
-        return MonitorHandle(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
+        return MonitorRef(connection, monitor.name, task_id, self._origin, action.name if action is not None else "")
 
 
 def _watch_options(options: Watched | MonitorOptions) -> WatchOptions:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, TypedDict
 
-from tca_module.sending.arguments import check_flags, check_known, check_lasting, check_priority, check_seconds, name_of
+from tca_module.checks import check_flags, check_known, check_lasting, check_priority, check_seconds, name_of
 from tca_wire.constraints import Constraint, Flags
 from tca_wire.messages.controls import ExceptionHandler
 from tca_wire.messages.declarations import Failure, Message

@@ -9,9 +9,9 @@ tried again. Knows no socket and no clock.
 from collections.abc import Callable
 from typing import Any
 
-from tca_module.link.attachments import Attachments, Standing
-from tca_module.link.numbers import RESTARTED, Given
-from tca_module.link.request import Request
+from tca_module.session.epoch_numbers import RESTARTED, Given
+from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
+from tca_module.session.request import Request
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
 
@@ -27,11 +27,11 @@ Ask = Callable[..., Request]
 """``Session.request``."""
 
 
-class Renewal:
+class Redeclaration:
     """What the connection that declares a module's handlers tells a restarted central; the others tell it nothing."""
 
     def __init__(
-        self, attachments: Attachments, ask: Ask, say: Callable[[str], None], over: Callable[[], None]
+        self, attachments: LastingAttachments, ask: Ask, say: Callable[[str], None], over: Callable[[], None]
     ) -> None:
         self.required: list[str] = []  #: messages without which the module does not serve
         self.is_over = True  #: handlers may be declared
@@ -79,12 +79,14 @@ class Renewal:
                 self._attachments.forget(standing, standing.number.epoch)
                 self._say(f"the {standing} is lost: {RESTARTED}, in which it was to watch until {watch.until}")
 
-    def _request(self, header: Any, what: str, standing: Standing | None = None, *, waits: bool = False) -> None:
+    def _request(
+        self, header: Any, what: str, standing: LastingAttachment | None = None, *, waits: bool = False
+    ) -> None:
         self._open += 1
         request = self._ask(header, wants_answer=waits)
         request.settled = lambda over: self._settled(over, what, standing)
 
-    def _settled(self, request: Request, what: str, standing: Standing | None) -> None:
+    def _settled(self, request: Request, what: str, standing: LastingAttachment | None) -> None:
         if request.lost:
             return  # with a central that was restarted, too: ``begin`` follows
         self._open -= 1
@@ -98,7 +100,7 @@ class Renewal:
         if not self._open:
             self._go_on()
 
-    def _has_attached(self, standing: Standing, number: Given) -> None:
+    def _has_attached(self, standing: LastingAttachment, number: Given) -> None:
         self._attached += 1
         standing.number = number
         if not self._attachments.is_wanted(standing):  # it was removed meanwhile

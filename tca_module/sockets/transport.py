@@ -16,7 +16,7 @@ from typing import Protocol
 import zmq
 
 from tca_module.errors import MisuseError
-from tca_module.link.pulse import KEEPALIVE, Pulse, pulse_to
+from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
     # No routing id: central tells connections apart by Hello, a fixed id can leave a zombie behind (libzmq #2892).

@@ -1,0 +1,81 @@
+"""Opens a connection: to a central behind a socket, or in this process."""
+
+import logging
+import os
+import socket
+from collections.abc import Callable, Iterable
+from secrets import token_hex
+from typing import Any, Protocol
+
+import msgspec
+
+from tca_module.checks import check_central
+from tca_module.direct.messages import DirectMessages, Entry
+from tca_module.link.connection import Connection
+from tca_module.session.lasting_attachments import LastingAttachments
+from tca_module.session.session import Session
+from tca_module.sockets.transport import DealerTransport, Transport
+from tca_wire.endpoint import default_endpoint
+from tca_wire.messages.declarations import Message
+from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
+
+
+class CentralNearby(Protocol):
+    """A central that is reached without a socket, such as LocalCentral."""
+
+    def transport(self) -> Transport:
+        """A new connection to it."""
+
+
+CentralAddress = str | CentralNearby | None
+"""Where central is: a ZeroMQ address, one in this process, or None: $TCA_CENTRAL or the default socket."""
+
+
+def open_connection(
+    central: CentralAddress, hello: Hello, patience: float, is_stopped: Callable[[], bool] = lambda: False,
+    direct: Iterable[Message[Any, Any]] = (), attachments: LastingAttachments | None = None,
+) -> Connection:  # fmt: skip
+    """A connection that central has welcomed. Raises CentralLost if nobody answers for *patience* seconds.
+
+    It takes the messages *direct* from their senders, too, without central. *attachments* are those of its module.
+    """
+    check_central(central)
+    if central is None or isinstance(central, str):
+        address = default_endpoint() if central is None else central
+        connection = _connection_by_socket(address, hello, patience, list(direct), attachments)
+    else:
+        connection = Connection(central.transport(), Session(hello, attachments), patience=patience)
+    try:
+        connection.open(is_stopped)
+    except BaseException:
+        connection.drop()
+        raise
+    return connection
+
+
+def _connection_by_socket(
+    address: str, hello: Hello, patience: float, direct: list[Message[Any, Any]], attachments: LastingAttachments | None
+) -> Connection:
+    transport, door = DealerTransport(address), None
+    hello = msgspec.structs.replace(hello, pulse=transport.pulse)
+    if direct:
+        try:
+            door = Entry(address, direct)
+            hello = msgspec.structs.replace(hello, entrance=door.entrance)
+        except OSError as error:
+            log = logging.getLogger(f"tca.{hello.module}")
+            log.warning("nothing can come to '%s' directly (%s): all goes through central", hello.resource, error)
+    session = Session(hello, attachments)
+    without_central = DirectMessages(session, transport, f"{hello.incarnation}/{hello.connection}", door)
+    return Connection(transport, session, patience=patience, direct=without_central)
+
+
+def hello(module: str, incarnation: str, connection: int = 0, resource: str = "") -> Hello:
+    """How a connection introduces itself."""
+    process = f"{socket.gethostname()}:{os.getpid()}"
+    return Hello(0, PROTOCOL_VERSION, module, incarnation, connection, resource, process)
+
+
+def new_incarnation() -> str:
+    """A name for one run of a module, and no other."""
+    return token_hex(8)
