@@ -8,7 +8,7 @@ from collections import Counter
 
 from tca_central.control.kills_and_suspension import Ending
 from tca_central.model.clock import Due
-from tca_central.model.intervals import MUST_FOLLOW_IN_COMMAND, MUST_FOLLOW_IN_GOAL, delivered_at
+from tca_central.model.intervals import delivered_at
 from tca_central.model.registry import Delivery, ModuleResource
 from tca_central.model.task_tree import Task, first_moments, to_be_fired
 from tca_central.order.holds import Release, held_counts, is_held
@@ -26,7 +26,8 @@ from tca_wire.points import (
     START_PLANNING,
     TaskId,
 )
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.rules import ORDER
+from tca_wire.vocabulary import Role
 
 
 def check_invariants(central: State) -> None:
@@ -125,7 +126,7 @@ def _check_family(task: Task) -> None:
 
 def _check_order(task: Task) -> None:
     """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may be planned."""
-    for moment, needed in MUST_FOLLOW_IN_GOAL if task.is_goal else MUST_FOLLOW_IN_COMMAND:
+    for moment, needed in ORDER[task.is_goal]:
         assert not task.reached & moment or task.reached & needed == needed, f"{task}: {moment} too early"
     start = delivered_at(task.is_goal)
     assert bool(task.reached & start) == bool(task.reached & START_HANDLING), f"{task}: started in part"
@@ -309,7 +310,7 @@ def _check_variables(central: State) -> None:
     assert held.bytes == sum(len(value.body) for value in held.values.values()), f"variables hold {held.bytes} bytes?"
     for name in held.values:
         message = central.registry.messages[name]
-        assert message.message_class is MessageClass.VARIABLE, f"'{name}' has a value and is no variable"
+        assert message.message_class.keeps_value, f"'{name}' has a value and is no variable"
         assert not message.waiting, f"variable '{name}': waits for a handler"
         for handler in message.handlers:
             assert handler.resource.limits[name].most == 1, f"variable '{name}': older values may wait"

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 from tca_central.events import Effect, Transmit
 from tca_central.model.clock import Clock, Timer
-from tca_central.model.intervals import DELIVERED
 from tca_central.model.registry import Attached, Blocking, Connection, Delivery, MessageType, Registry, Tap
 from tca_central.model.resources import Claim
 from tca_central.model.task_tree import Kept, Task, TaskTree, taps_of
@@ -17,6 +16,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Answer, ToModule
 from tca_wire.packets.parts import Involved, MessageFormat, Trouble
 from tca_wire.points import ROOT, TaskId
+from tca_wire.rules import DELIVERED
 from tca_wire.vocabulary import MessageClass, Outcome
 
 

@@ -23,11 +23,8 @@ from tca_wire.messages.controls import Monitor
 from tca_wire.messages.failures import MODULE_LOST
 from tca_wire.packets import headers
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import MessageClass
 
 _AWAITED = Await(0).kind
-
-_NEED_NO_HANDLER = (MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE)
 
 
 class Exchange:
@@ -145,7 +142,7 @@ class Exchange:
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
         for message in step.declares:
-            is_free = is_conditional or message.message_class in _NEED_NO_HANDLER or isinstance(message, Monitor)
+            is_free = is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
             if message.name not in self._known and not is_free:
                 text = f"{line.run.name} sends {message.message_class} '{message.name}', which no module of the"
                 raise ScenarioError(f"{text} scenario handles: give one a handler for it")

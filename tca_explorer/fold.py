@@ -14,14 +14,8 @@ from tca_explorer.under_way import Situation, Tracked
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ALL_MOMENTS, ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import Condition, MessageClass, Role
-
-_HELD = {
-    Condition.BEFORE_HANDLING: (Moment.START_HANDLING, Moment.END_HANDLING),
-    Condition.BEFORE_PLANNING: (Moment.START_PLANNING, Moment.END_PLANNING),
-    Condition.BEFORE_ACHIEVING: (Moment.START_ACHIEVING, Moment.END_ACHIEVING),
-}
-"""By condition: which moment of the tapped task comes no sooner than which of the listener."""
+from tca_wire.rules import CONDITIONS
+from tca_wire.vocabulary import Condition, Role
 
 
 class Fold(Situation):
@@ -57,7 +51,7 @@ class Fold(Situation):
             self.seen[key] = replace(seen, **changes)
 
     def _received(self, fact: facts.Received) -> None:
-        is_original = fact.message_class in (MessageClass.BROADCAST, MessageClass.MULTI_QUERY)
+        is_original = fact.message_class.fans_out and not fact.message_class.keeps_value
         parent, about = self.seen.get(fact.parent), self.seen.get(fact.about)
         self.seen[fact.id] = Tracked(
             id=fact.id, message=fact.message, message_class=fact.message_class, sender=fact.sender,
@@ -179,9 +173,10 @@ class Fold(Situation):
         listener, tapped = self.seen.get(fact.listener), self.seen.get(fact.tapped)
         if listener is None or tapped is None or not (listener.is_task and tapped.is_task):
             return
-        if held := _HELD.get(self._conditions[fact.tap]):
-            moment, end = held
-            self._change(tapped.id, after=(*tapped.after, (int(moment), Point(TaskId(listener.id), end))))
+        rule = CONDITIONS[self._conditions[fact.tap]]
+        if rule.holds_until:
+            point = Point(TaskId(listener.id), Moment(rule.holds_until))
+            self._change(tapped.id, after=(*tapped.after, (rule.before, point)))
 
     def _joined(self, fact: facts.ModuleJoined) -> None:
         self.modules = (*self.modules, fact.module)

@@ -8,9 +8,8 @@ others have locked or reserved the resource; no task is handled twice at once, o
 from tca_explorer.under_way import Situation, Tracked
 from tca_wire.journal.facts import Delivered
 from tca_wire.points import Moment, Point, TaskId
+from tca_wire.rules import CHILDREN_FIRST, PARENT_FIRST
 
-_STARTS = int(Moment.START_PLANNING | Moment.START_ACHIEVING)
-_ENDS = (int(Moment.END_PLANNING), int(Moment.END_ACHIEVING))
 _ROUNDING = 1e-9  # seconds
 
 
@@ -20,9 +19,9 @@ def reached(now: Situation, task: Tracked, moments: int) -> str:
     if not task.is_killed:
         too_early += _not_met(now, task, moments)
         parent = now.parent(task)
-        if parent is not None and moments & _STARTS & ~parent.reached and not task.role:
+        if parent is not None and moments & PARENT_FIRST & ~parent.reached and not task.role:
             too_early.append(f"the start of {parent}")
-    for end in _ENDS:
+    for end in (one for one in Moment if one & CHILDREN_FIRST):
         if moments & end and task.message_class.is_goal:
             too_early += [f"the end of {child}" for child in now.children(task) if not child.reached & end]
     if task.is_over and task.is_handled:

@@ -2,47 +2,73 @@
 
 from enum import IntEnum, StrEnum
 from functools import cached_property
+from typing import Self
+
+_TRAITS = (
+    "is_task", "is_goal", "is_monitor", "has_reply", "fans_out", "keeps_value", "may_react", "has_condition",
+    "is_aside", "handles_failures",
+)  # fmt: skip
 
 
 class MessageClass(StrEnum):
-    """How a message is routed and whether it becomes a task (semantics: TCA 8.5, message classes)."""
+    """How a message is routed and whether it becomes a task (TCA 8.5, message classes): one row each."""
 
-    INFORM = "inform"
-    QUERY = "query"
-    BROADCAST = "broadcast"
-    MULTI_QUERY = "multi-query"
-    GOAL = "goal"
-    COMMAND = "command"
-    EXCEPTION = "exception handler"
-    POINT_MONITOR = "point monitor"
-    POLLING_MONITOR = "polling monitor"
-    DEMON_MONITOR = "demon monitor"
-    VARIABLE = "variable"
+    is_task: bool
+    """It becomes a node of the task tree."""
+    is_goal: bool
+    """Such a task expands into others and is planned; other tasks only act."""
+    is_monitor: bool
+    """Central itself carries such a task out."""
+    has_reply: bool
+    """Its handlers answer the sender."""
+    fans_out: bool
+    """Every handler gets a copy."""
+    keeps_value: bool
+    """Central keeps the newest value: it is set, not sent."""
+    may_react: bool
+    """Central may send it for a wiretap, a monitor or a kill."""
+    has_condition: bool
+    """Such a monitor tests by asking a query; one without is fired from outside."""
+    is_aside: bool
+    """Such a monitor watches over its siblings: it is in no order with them."""
+    handles_failures: bool
+    """It is attached to tasks, not sent."""
 
-    @cached_property
-    def is_task(self) -> bool:
-        """Whether such a message becomes a node of the task tree."""
-        return self in _TASKS
+    INFORM = "inform", "may_react"
+    QUERY = "query", "has_reply"
+    BROADCAST = "broadcast", "fans_out", "may_react"
+    MULTI_QUERY = "multi-query", "fans_out", "has_reply"
+    GOAL = "goal", "is_task", "is_goal", "may_react"
+    COMMAND = "command", "is_task", "may_react"
+    EXCEPTION = "exception handler", "is_task", "is_goal", "handles_failures"
+    POINT_MONITOR = "point monitor", "is_task", "is_monitor", "has_condition"
+    POLLING_MONITOR = "polling monitor", "is_task", "is_monitor", "has_condition", "is_aside"
+    DEMON_MONITOR = "demon monitor", "is_task", "is_monitor", "is_aside"
+    VARIABLE = "variable", "fans_out", "keeps_value"
 
-    @cached_property
-    def is_goal(self) -> bool:
-        """Whether such a task expands into others and is planned; other tasks only act."""
-        return self in _GOALS
+    def __new__(cls, word: str, *traits: str) -> Self:
+        """A class with its traits as attributes, True or False."""
+        assert set(traits) <= set(_TRAITS), f"{word}: unknown trait"
+        member = str.__new__(cls, word)
+        member._value_ = word
+        for trait in _TRAITS:
+            setattr(member, trait, trait in traits)
+        return member
 
-    @cached_property
-    def is_monitor(self) -> bool:
-        """Whether central itself carries such a task out."""
-        return self in _MONITORS
+    @property
+    def asks_one(self) -> bool:
+        """Whether it is a question to one handler."""
+        return self.has_reply and not self.fans_out
 
-    @cached_property
-    def has_reply(self) -> bool:
-        """Whether the sender of such a message is answered by its handlers."""
-        return self in (MessageClass.QUERY, MessageClass.MULTI_QUERY)
+    @property
+    def asks_many(self) -> bool:
+        """Whether it is a question to every handler."""
+        return self.has_reply and self.fans_out
 
-
-_GOALS = frozenset((MessageClass.GOAL, MessageClass.EXCEPTION))
-_MONITORS = frozenset((MessageClass.POINT_MONITOR, MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR))
-_TASKS = _GOALS | _MONITORS | {MessageClass.COMMAND}
+    @property
+    def only_acts(self) -> bool:
+        """Whether it is a task that a handler carries out, and that expands into no others."""
+        return self.is_task and not self.is_goal and not self.is_monitor
 
 
 class Role(StrEnum):
@@ -121,17 +147,6 @@ class Condition(StrEnum):
     AFTER_ACHIEVED = "after achieved"
     WHEN_ACHIEVED = "when achieved"
     WHEN_KILLED = "when killed"
-
-    @cached_property
-    def is_of_handling(self) -> bool:
-        """Whether it is met each time that its message is handled, and so again when that is retried."""
-        return self in _OF_HANDLING
-
-
-_OF_HANDLING = frozenset((
-    Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING, Condition.AFTER_HANDLED, Condition.AFTER_SUCCESS,
-    Condition.AFTER_FAILURE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE,
-))  # fmt: skip
 
 
 class Scope(StrEnum):

@@ -64,6 +64,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "endpoint": set(),
         "user_file": set(),
         "waits": set(),
+        "rules": {"points", "vocabulary"},
         "constraints": {"points"},
         "packets": {"constraints", "errors", "points", "vocabulary"},
         "messages": {"errors", "packets", "vocabulary"},

@@ -15,7 +15,7 @@ from tca_wire.messages.failures import TIMEOUT
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
 from tca_wire.points import ROOT, Point, TaskId, describe_moments
-from tca_wire.vocabulary import MessageClass, Refusal, Role, Scope
+from tca_wire.vocabulary import Refusal, Role, Scope
 
 MOST_PARTING = 100
 """Messages that may be kept for the termination of one task."""
@@ -117,7 +117,7 @@ def _moment(point: Point) -> int:
 
 def check_parting(message: MessageType, task_id: int) -> None:
     """Raises RequestError if that message can't be kept for the termination of that task."""
-    if message.message_class not in (MessageClass.GOAL, MessageClass.COMMAND):
+    if not (message.message_class.is_task and message.message_class.may_react):
         text = f"{message.message_class} '{message.name}' can't be sent on termination: goals and commands can"
         raise RequestError(Refusal.PROTOCOL, text)
     if task_id == ROOT:

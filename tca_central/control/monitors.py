@@ -10,7 +10,6 @@ else under its parent has ended.
 from tca_central.errors import RequestError
 from tca_central.failing.failures import fail_task, raise_failure
 from tca_central.model.clock import Due
-from tca_central.model.intervals import DELIVERED
 from tca_central.model.registry import Connection
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make, make_delivery
@@ -24,13 +23,12 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Answer
 from tca_wire.packets.parts import MessageFormat
 from tca_wire.points import Point, TaskId
+from tca_wire.rules import DELIVERED
 from tca_wire.vocabulary import MessageClass, Outcome, Refusal, Role
 
 FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
 
 _FIRST, _ACTION = 0, 1  # which part of a monitor
-
-_ACTS = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.INFORM, MessageClass.BROADCAST)
 
 
 # --- birth -----------------------------------------------------------------------------------------------------------
@@ -39,17 +37,17 @@ _ACTS = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.INFORM, MessageCl
 def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
     """Raises RequestError if the parts of a monitor are not what it needs; *new* are messages declared with it."""
     message_class = declared.message_class
-    wanted = 3 if message_class is MessageClass.DEMON_MONITOR else 2 if message_class.is_monitor else 0
+    wanted = 0 if not message_class.is_monitor else 2 if message_class.has_condition else 3
     if len(declared.parts) != wanted:
         text = f"{message_class} '{declared.name}' has {len(declared.parts)} parts: {wanted} are needed"
         raise RequestError(Refusal.PROTOCOL, text)
     for number, part in enumerate(declared.parts):
         known = central.registry.messages.get(part)
         part_class = new.get(part) or (known.message_class if known else None)
-        is_condition = number == _FIRST and message_class is not MessageClass.DEMON_MONITOR
-        allowed = (MessageClass.QUERY,) if is_condition else _ACTS
-        is_optional = message_class is MessageClass.DEMON_MONITOR or number == _ACTION
-        if part_class not in allowed and not (part == "" and is_optional):
+        is_condition = number == _FIRST and message_class.has_condition
+        is_query = part_class is not None and part_class.asks_one
+        is_fit = is_query if is_condition else part == "" or (part_class is not None and part_class.may_react)
+        if not is_fit:
             what = f"a {part_class}" if part_class else "not declared"
             which = "a query" if is_condition else "a goal, command, inform or broadcast"
             text = f"{message_class} '{declared.name}' needs {which}, and '{part}' is {what}"
@@ -76,10 +74,10 @@ def start(central: State, task: Task) -> None:
         watch.timers.append(central.clock.after(options.duration, Due.WATCHED, watch))
     if options.until is not None and not _wait_until(central, watch, options.until):
         return
-    if message_class is MessageClass.DEMON_MONITOR:
+    if not message_class.has_condition:
         if (set_up := watch.parts[_FIRST]) is not None:
             make(central, set_up, data_for(set_up, task.body), task, Role.SET_UP, context=watch)
-    elif message_class is MessageClass.POLLING_MONITOR and options.initial_wait:
+    elif message_class.is_aside and options.initial_wait:
         _test_later(central, watch)
     else:
         _test(central, watch)
@@ -127,10 +125,10 @@ def _test(central: State, watch: Watch) -> None:
     """Ask the condition."""
     query, task = watch.parts[_FIRST], watch.task
     assert query is not None
-    if task.message.message_class is MessageClass.POLLING_MONITOR:
+    if task.message.is_aside:
         _test_later(central, watch)
     if central.dispatcher.is_full(query):
-        if task.message.message_class is MessageClass.POINT_MONITOR:  # it has no later test to wait for
+        if not task.message.is_aside:  # it has no later test to wait for
             stop(central, watch, "its condition could not be asked")
             text = f"its condition '{query.name}' could not be asked: {why_full(query)}"
             fail_task(central, task, Failure(OVERLOAD, text))
@@ -147,7 +145,7 @@ def tested(central: State, watch: Watch, answer: Answer, body: bytes, kinds: tup
     """
     watch.condition = None
     task = watch.task
-    is_point = task.message.message_class is MessageClass.POINT_MONITOR
+    is_point = not task.message.is_aside
     if answer.outcome is not Outcome.DONE:
         text = f"its condition: {answer.text}" if answer.text else "its condition failed"
         failure = Failure(answer.failure, text, body, kinds)
@@ -194,7 +192,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
 def _check_fire(watch: Watch, wanted: str) -> None:
     """Raises RequestError if a monitor can't be fired from outside, or has another action than who fires it thinks."""
     task, action = watch.task, watch.parts[_ACTION]
-    if task.message.message_class is not MessageClass.DEMON_MONITOR:
+    if task.message.message_class.has_condition:
         raise RequestError(Refusal.PROTOCOL, f"{task} is no demon monitor: it is not fired from outside")
     if wanted and (action is None or wanted != action.name):
         has = f"its action is '{action.name}'" if action is not None else "it has no action: fire it without"

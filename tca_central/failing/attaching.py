@@ -11,7 +11,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
 from tca_wire.packets.parts import Attachment
 from tca_wire.points import ROOT, TaskId
-from tca_wire.vocabulary import MessageClass, Refusal
+from tca_wire.vocabulary import Refusal
 
 MOST_ATTACHED = 1000
 """Exception handlers of one task, or of one message."""
@@ -45,7 +45,7 @@ def check_attachments(central: State, wanted: list[Attachment]) -> None:
         raise RequestError(Refusal.OVERLOAD, f"{len(wanted)} exception handlers: {MOST_ATTACHED} are allowed")
     for attachment in wanted:
         handler = central.registry.messages.get(attachment.handler)
-        if handler is None or handler.message_class is not MessageClass.EXCEPTION:
+        if handler is None or not handler.message_class.handles_failures:
             what = f"a {handler.message_class}" if handler else "not declared"
             raise RequestError(Refusal.UNKNOWN, f"'{attachment.handler}' is {what}, and no exception handler")
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 
 from tca_central.errors import RequestError
 from tca_central.locks import claims
-from tca_central.model.intervals import KILLED
 from tca_central.model.registry import Attached, Connection, Delivery
 from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Place, find_path
@@ -25,6 +24,7 @@ from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_HANDLING, END_PLANNING, ROOT, START_HANDLING, TaskId
+from tca_wire.rules import KILLED
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_TEXT = 16_384

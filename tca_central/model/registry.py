@@ -11,13 +11,12 @@ from tca_wire.messages.notices import NOTICES, PREFIX
 from tca_wire.packets.headers import ToModule
 from tca_wire.packets.parts import MessageFormat, WatchOptions
 from tca_wire.packets.routes import Entrance
-from tca_wire.vocabulary import Condition, Limit, MessageClass, Refusal, Role
+from tca_wire.vocabulary import Condition, Limit, Refusal, Role
 
 REMEMBERED_ANSWERS = 64
 """Answers kept per connection for a request that is repeated after a reconnect."""
 
 REMEMBERED_CONNECTIONS = 256
-FANS_OUT = frozenset({MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE})
 """Classes of messages that go to all who handle them."""
 
 MESSAGES = 10_000
@@ -146,9 +145,9 @@ class MessageType:
         self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
-        self.is_aside = declared.message_class in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
+        self.is_aside = declared.message_class.is_aside
         self.is_notice = declared.name in NOTICES
-        self.fans_out = declared.message_class in FANS_OUT
+        self.fans_out = declared.message_class.fans_out
         self.first_declared_by = by
 
     def candidates(self) -> Iterator[ModuleResource]:
@@ -336,7 +335,7 @@ def _refuse_difference(declared: MessageFormat, module: Module, known: MessageFo
     if known.message_class != declared.message_class:
         difference = f"a {declared.message_class} here, a {known.message_class} there"
     else:
-        what = "result" if declared.message_class is MessageClass.COMMAND else "reply"
+        what = "result" if declared.message_class.is_task else "reply"
         data = first_difference(declared.data, known.data)
         reply = first_difference(declared.reply, known.reply)
         difference = f"data {data}" if data else f"{what} {reply}" if reply else ""

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from tca_central.errors import RequestError
-from tca_central.model.intervals import STARTS, STARTS_OF_COMMAND, STARTS_OF_GOAL
+from tca_central.model.intervals import STARTS
 from tca_central.model.registry import Attached, Connection, Delivery, MessageType, Module, Tap
 from tca_wire.points import ALL_MOMENTS, ROOT, START_HANDLING, TaskId
+from tca_wire.rules import DELIVERY
 from tca_wire.vocabulary import Outcome, Refusal, Role
 
 
@@ -322,7 +323,7 @@ def first_moments(task: Task) -> int:
     """The moments that a task reaches when it is given to a handler; given to another one later, it is handled anew."""
     if task.reached & START_HANDLING:
         return START_HANDLING
-    return STARTS if task.delayed else STARTS_OF_GOAL if task.is_goal else STARTS_OF_COMMAND
+    return STARTS if task.delayed else DELIVERY[task.is_goal]
 
 
 def to_be_fired(task: Task, moments: int) -> list[Tap]:

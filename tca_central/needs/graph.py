@@ -18,7 +18,6 @@ from tca_central.model.task_tree import Task
 from tca_central.order.cycles import Each, Place, predecessors
 from tca_central.state import State, TaskWait
 from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_ACHIEVING, START_HANDLING, START_PLANNING
-from tca_wire.vocabulary import MessageClass
 
 
 class Waiting(NamedTuple):
@@ -209,7 +208,7 @@ def _of_test(monitor: Task) -> Groups:
     watch = monitor.more.watch
     if watch is None or (condition := watch.condition) is None or watch.options.duration:
         return
-    is_point = monitor.message.message_class is MessageClass.POINT_MONITOR
+    is_point = not monitor.message.is_aside
     if (is_point or watch.options.maximum) and (condition.slot is not None or condition.queues):
         ends: list[Node] = [Returning(condition) if condition.slot is not None else Turn(condition)]
         if watch.waits_for is not None:

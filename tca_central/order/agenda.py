@@ -12,14 +12,7 @@ from typing import Any
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock
-from tca_central.model.intervals import (
-    KILLED,
-    MUST_FOLLOW_IN_COMMAND,
-    MUST_FOLLOW_IN_GOAL,
-    REACHED_AT_BIRTH_BY_COMMAND,
-    STARTS,
-    delivered_at,
-)
+from tca_central.model.intervals import STARTS, delivered_at
 from tca_central.model.registry import Delivery, Tap
 from tca_central.model.task_tree import Task, TaskTree, first_moments, taps_of, to_be_fired
 from tca_central.order.holds import Holds, Release, from_flags, is_held, resolve
@@ -35,6 +28,7 @@ from tca_wire.points import (
     START_PLANNING,
     TaskId,
 )
+from tca_wire.rules import AT_BIRTH, KILLED, ORDER
 from tca_wire.text.facts_in_words import kill_reason
 from tca_wire.vocabulary import CENTRAL
 
@@ -65,9 +59,8 @@ class Agenda:
         sender = task.sender.module.name if task.sender else ""
         last = self.tree.last_sibling(parent, sender)
         self.tree.attach(task, parent)
-        if not task.is_goal:
-            task.reached |= REACHED_AT_BIRTH_BY_COMMAND
-        else:
+        task.reached |= AT_BIRTH[task.is_goal]
+        if task.is_goal:
             parent.unplanned += 1
         added: list[Constraint] = []
         try:
@@ -219,7 +212,7 @@ class Agenda:
         if task.reached == ALL_MOMENTS:
             return
         now = STARTS & ~task.reached if task.killed and not task.is_running else 0
-        for moment, needed in MUST_FOLLOW_IN_GOAL if task.is_goal else MUST_FOLLOW_IN_COMMAND:
+        for moment, needed in ORDER[task.is_goal]:
             reached = task.reached | now
             if not reached & moment and reached & needed == needed and self._may_reach(task, moment):
                 if not self._may_pass(task, moment):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Clock, Due, checked_seconds
-from tca_central.model.intervals import SINGLE_MOMENTS, STARTS, comes_after, unified
+from tca_central.model.intervals import SINGLE_MOMENTS, STARTS, unified
 from tca_central.model.task_tree import Task, TaskTree
 from tca_central.order.cycles import Place, find_path
 from tca_wire.constraints import (
@@ -32,6 +32,7 @@ from tca_wire.points import (
     Point,
     TaskId,
 )
+from tca_wire.rules import NO_LATER
 from tca_wire.vocabulary import Refusal
 
 _SEQ_ACH, _SEQ_PLANNING = int(Flags.SEQ_ACH), int(Flags.SEQ_PLANNING)
@@ -258,7 +259,7 @@ class Holds:
             for its_own, leader_id, its_moment in task.leaders or ():
                 leader, place = self.tree.tasks.get(leader_id), (leader_id, its_moment)
                 first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & its_moment or moment not in comes_after(task.is_goal, first):
+                if leader is None or leader.reached & its_moment or not NO_LATER[task.is_goal][moment] & first:
                     continue
                 if leader not in self.ending:
                     found[place] = leader

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from tca_central.model.intervals import REACHED_AT_BIRTH_BY_COMMAND
 from tca_central.model.registry import Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.fan_out import route_statement
@@ -12,6 +11,7 @@ from tca_wire.journal import facts
 from tca_wire.messages.formats import NIL, NO_DATA
 from tca_wire.packets.headers import Suspended
 from tca_wire.points import ROOT, TaskId
+from tca_wire.rules import AT_BIRTH
 from tca_wire.vocabulary import CENTRAL, Role
 
 
@@ -77,7 +77,7 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 def at_birth(task: Task) -> list[facts.Fact]:
     """What is reached as soon as there is such a task."""
-    return [] if task.is_goal else [facts.Reached(TaskId(task.id), REACHED_AT_BIRTH_BY_COMMAND)]
+    return [] if task.is_goal else [facts.Reached(TaskId(task.id), AT_BIRTH[False])]
 
 
 def suspend(central: State, task: Task, *, resume: bool, by: str = CENTRAL) -> None:

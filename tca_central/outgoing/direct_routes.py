@@ -18,9 +18,6 @@ from tca_wire.packets.parts import HandlerFormat
 from tca_wire.packets.routes import MOST_NOTES, Entrance, EntranceGone, Note, Noted, Route, WatchEntrance
 from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Refusal
 
-DIRECT = frozenset({MessageClass.INFORM, MessageClass.QUERY})
-"""Classes of messages that may go directly: tasks belong into the tree, and the others go to many."""
-
 
 def check_entrance(entrance: Entrance) -> None:
     """Raises RequestError if modules can't be sent there."""
@@ -33,7 +30,8 @@ def check_entrance(entrance: Entrance) -> None:
 
 def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
     """Raises RequestError if messages of that class can't be handled so."""
-    if handled.direct and message_class not in DIRECT:
+    # Tasks belong into the tree, and other messages go to many.
+    if handled.direct and (message_class.is_task or message_class.fans_out):
         text = f"{message_class} '{handled.message}' can't be sent directly: only informs and queries can"
         raise RequestError(Refusal.PROTOCOL, text)
 

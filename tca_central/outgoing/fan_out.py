@@ -4,7 +4,6 @@ from tca_central.model.registry import Delivery, ModuleResource
 from tca_central.state import State
 from tca_central.status.whereabouts import why_full
 from tca_wire.journal import facts
-from tca_wire.vocabulary import MessageClass
 
 
 def copy_of(central: State, original: Delivery) -> Delivery:
@@ -23,7 +22,7 @@ def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleRes
 
 def route_statement(central: State, original: Delivery) -> None:
     """Send an inform on its way to its handler, or a broadcast to every handler."""
-    if original.message.message_class is MessageClass.INFORM:
+    if not original.message.fans_out:
         route_or_drop(central, original)
         return
     for_each = copies(central, original)

@@ -5,7 +5,6 @@ from tca_central.control.monitors import check_parts
 from tca_central.errors import RequestError
 from tca_central.events import ConnectionId
 from tca_central.locks import claims
-from tca_central.model.intervals import FAILURE, RETURNED
 from tca_central.model.registry import Connection, Delivery, Handler, Module
 from tca_central.model.task_tree import Task, to_be_fired
 from tca_central.outgoing import direct_routes as direct
@@ -23,7 +22,8 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import PROTOCOL_VERSION, Accepted, Cancelled
 from tca_wire.packets.parts import HandlerFormat
 from tca_wire.points import START_HANDLING
-from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal
+from tca_wire.rules import FAILURE, RETURNED
+from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 MOST_LATE = 8
 """Answers of a lost connection that are expected to come all the same; more than one if nested."""
@@ -239,7 +239,7 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
     central.facts.append(facts.HandlerAdded(handled.message, module.name, resource.name))
     message = central.registry.messages[handled.message]
     # Of a variable only the newest value is wanted.
-    pending = 1 if message.message_class is MessageClass.VARIABLE else handled.pending
+    pending = 1 if message.message_class.keeps_value else handled.pending
     handler = Handler(message, module, resource, handled.pool, pending, direct=handled.direct)
     central.dispatcher.handler_came(handler)
     direct.review(central, [message])

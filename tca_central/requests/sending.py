@@ -16,7 +16,6 @@ from tca_central.failing.attaching import attach, check_attachments
 from tca_central.failing.failures import fail_task, failure_of, kill, reissue
 from tca_central.locks.claims import end_with, outlive, taken_from
 from tca_central.model.clock import checked_seconds
-from tca_central.model.intervals import FAILURE, REPLIED, RETURNED, SENT, SUCCESS
 from tca_central.model.registry import Connection, Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import at_birth
@@ -34,6 +33,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Answer
 from tca_wire.packets.parts import WatchOptions
 from tca_wire.points import END_ACHIEVING, ROOT, Moment, TaskId
+from tca_wire.rules import FAILURE, REPLIED, RETURNED, SENT, SUCCESS
 from tca_wire.vocabulary import Limit, MessageClass, Outcome, Refusal, Role
 
 MOST_CONSTRAINTS = 1000
@@ -51,7 +51,7 @@ def on_send(central: State, connection: Connection, header: headers.Send, body: 
     if message is None:
         text = f"nobody has declared message '{header.message}': register it before it is sent"
         raise RequestError(Refusal.UNKNOWN, text)
-    if message.message_class is MessageClass.VARIABLE:
+    if message.message_class.keeps_value:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a variable: it is set, not sent")
     if message.is_notice:
         raise RequestError(Refusal.PROTOCOL, f"'{message.name}' is a notice: only central sends it")

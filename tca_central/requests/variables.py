@@ -14,7 +14,7 @@ from tca_wire.messages.formats import first_difference
 from tca_wire.packets import headers
 from tca_wire.packets.headers import Accepted, Answer
 from tca_wire.points import ROOT
-from tca_wire.vocabulary import MessageClass, Refusal
+from tca_wire.vocabulary import Refusal
 
 NEVER_SET = b""
 """The body that says that a variable has no value; no value is empty."""
@@ -24,7 +24,7 @@ def _variable(central: State, name: str) -> MessageType:
     message = central.registry.messages.get(name)
     if message is None:
         raise RequestError(Refusal.UNKNOWN, f"nobody has declared variable '{name}': register it first")
-    if message.message_class is not MessageClass.VARIABLE:
+    if not message.message_class.keeps_value:
         raise RequestError(Refusal.PROTOCOL, f"'{name}' is no variable but a message of class {message.message_class}")
     return message
 
@@ -70,7 +70,7 @@ def on_set_variable(central: State, connection: Connection, header: headers.SetV
 def tell_new_watcher(central: State, handler: Handler) -> None:
     """Who begins to watch a variable is given its value at once."""
     message = handler.message
-    if message.message_class is MessageClass.VARIABLE and (value := central.variables.values.get(message.name)):
+    if message.message_class.keeps_value and (value := central.variables.values.get(message.name)):
         copy = Delivery(central.new_id(), message, value.body, None)
         copy.message_id = value.message_id
         central.dispatcher.route(copy, handler.resource)

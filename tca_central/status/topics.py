@@ -10,7 +10,7 @@ from tca_central.order.holds import held_counts
 from tca_central.state import State
 from tca_central.status.load import load
 from tca_wire.points import ALL_MOMENTS, Moment, describe_moments
-from tca_wire.vocabulary import CENTRAL, MessageClass, Outcome
+from tca_wire.vocabulary import CENTRAL, Outcome
 
 SHOWN_TASKS = 10_000
 SHOWN_BYTES = 512  # of a variable's value
@@ -184,7 +184,7 @@ def variables(central: State) -> list[dict[str, Any]]:
     """Each variable with its value as MessagePack (left out if it is long), who set it and who watches it."""
     found = []
     for message in central.registry.messages.values():
-        if message.message_class is not MessageClass.VARIABLE:
+        if not message.message_class.keeps_value:
             continue
         value = central.variables.values.get(message.name)
         found.append(

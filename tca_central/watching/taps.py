@@ -7,22 +7,11 @@ under the root, so that an observer's failure is not the observed one's. What is
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from tca_central.errors import RequestError
-from tca_central.model.intervals import (
-    DELIVERED,
-    FAILURE,
-    KILLED,
-    REPLIED,
-    RETURNED,
-    SENT,
-    STARTS,
-    SUCCESS,
-    delivered_at,
-)
+from tca_central.model.intervals import STARTS, delivered_at
 from tca_central.model.registry import Connection, Delivery, MessageType, Module, Tap
 from tca_central.model.task_tree import Task, first_moments, taps_of, to_be_fired
 from tca_central.outgoing import direct_routes as direct
@@ -36,77 +25,24 @@ from tca_wire.packets.headers import Accepted
 from tca_wire.packets.parts import Tapped, WatchOptions
 from tca_wire.points import (
     ALL_MOMENTS,
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
     ROOT,
-    START_ACHIEVING,
     START_HANDLING,
-    START_PLANNING,
     Moment,
     Point,
     TaskId,
 )
-from tca_wire.vocabulary import Condition, MessageClass, Refusal, Role
+from tca_wire.rules import CONDITIONS, DELIVERED, LISTENERS
+from tca_wire.vocabulary import Condition, Refusal, Role
 
 MOST_TAPS = 1000
 """Wiretaps of one message or task."""
 
-
-class _Rule(NamedTuple):
-    """When a tap is fired, and of which classes. A child of the tapped task, if *is_child*; *interval* is which of its
-    ends the tapped moment waits for.
-    """
-
-    classes: frozenset[MessageClass]
-    before: int = 0
-    at: int = 0
-    is_child: bool = False
-    interval: int = 0
-
-
-_ANY = frozenset(MessageClass)
-_QUERIES = frozenset((MessageClass.QUERY, MessageClass.MULTI_QUERY))
-_TASKS = frozenset(one for one in MessageClass if one.is_task)
-_HANDLED = frozenset(one for one in _TASKS if not one.is_monitor)
-_GOALS = frozenset(one for one in _TASKS if one.is_goal)
-
-RULES = {
-    Condition.WHEN_SENT: _Rule(_ANY, at=SENT),
-    Condition.BEFORE_HANDLING: _Rule(_ANY, before=START_HANDLING, is_child=True, interval=END_HANDLING),
-    Condition.WHILE_HANDLING: _Rule(_ANY, at=DELIVERED),
-    Condition.AFTER_HANDLED: _Rule(_ANY, at=RETURNED),
-    Condition.AFTER_REPLIED: _Rule(_QUERIES, at=REPLIED),
-    Condition.AFTER_SUCCESS: _Rule(_HANDLED, at=SUCCESS),
-    Condition.AFTER_FAILURE: _Rule(_HANDLED, at=FAILURE),
-    Condition.WHEN_SUCCESS: _Rule(_HANDLED, at=SUCCESS, is_child=True),
-    Condition.WHEN_FAILURE: _Rule(_HANDLED, at=FAILURE, is_child=True),
-    Condition.BEFORE_PLANNING: _Rule(_GOALS, before=START_PLANNING, is_child=True, interval=END_PLANNING),
-    Condition.WHILE_PLANNING: _Rule(_GOALS, at=START_PLANNING),
-    Condition.AFTER_PLANNED: _Rule(_GOALS, at=END_PLANNING),
-    Condition.WHEN_PLANNED: _Rule(_GOALS, before=END_PLANNING, is_child=True),
-    Condition.BEFORE_ACHIEVING: _Rule(_TASKS, before=START_ACHIEVING, is_child=True, interval=END_ACHIEVING),
-    Condition.WHILE_ACHIEVING: _Rule(_TASKS, at=START_ACHIEVING),
-    Condition.AFTER_ACHIEVED: _Rule(_TASKS, at=END_ACHIEVING),
-    Condition.WHEN_ACHIEVED: _Rule(_TASKS, before=END_ACHIEVING, is_child=True),
-    Condition.WHEN_KILLED: _Rule(_TASKS, at=KILLED),
-}
-"""One row per condition. *When* conditions need no constraint: a task does not end before its children have."""
-
-_WHILE = {
-    Condition.WHILE_HANDLING: Moment.END_HANDLING,
-    Condition.WHILE_PLANNING: Moment.END_PLANNING,
-    Condition.WHILE_ACHIEVING: Moment.END_ACHIEVING,
-}
-"""Their listeners die with the tapped task; those that are monitors watch until this moment of it."""
 
 _PLANNED_BY = {
     Condition.BEFORE_PLANNING: "'before handling' holds a goal's planning, too, until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
 """Conditions that hold a goal until the listener is planned, and what to do with one that has nothing to plan."""
-
-_LISTENERS = _TASKS - {MessageClass.EXCEPTION} | {MessageClass.INFORM, MessageClass.BROADCAST}
 
 
 class Listening:
@@ -155,14 +91,14 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
 
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
     """Raises RequestError if such a message can't be tapped so, or the listener can't listen to it."""
-    if tapped.message_class not in RULES[condition].classes:
+    if tapped.message_class not in CONDITIONS[condition].classes:
         text = f"{tapped.message_class} '{tapped.name}' can't be tapped '{condition}'"
         raise RequestError(Refusal.PROTOCOL, f"{text}: that never happens to messages of this class")
-    if listener.message_class not in _LISTENERS or listener.is_notice:
+    if listener.message_class not in LISTENERS or listener.is_notice:
         what = "notice" if listener.is_notice else listener.message_class
         text = f"{what} '{listener.name}' can't listen: informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, text)
-    if condition in _PLANNED_BY and listener.message_class in _TASKS - _GOALS:
+    if condition in _PLANNED_BY and listener.message_class.is_task and not listener.message_class.is_goal:
         who = f"{listener.message_class} '{listener.name}'"
         text = f"{who} has nothing to plan: '{condition}' it would not hold any planning"
         raise RequestError(Refusal.PROTOCOL, f"{text}; let a goal listen, or mind that {_PLANNED_BY[condition]}")
@@ -175,7 +111,7 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
 
 def _check_in_time(condition: Condition, task: Task) -> None:
     """Raises RequestError if what a task is to be tapped for is past. Its handling may come again, with a retry."""
-    rule = RULES[condition]
+    rule = CONDITIONS[condition]
     moments = (rule.before | rule.at) & ALL_MOMENTS & ~START_HANDLING
     is_killed = condition is Condition.WHEN_KILLED and bool(task.killed)
     if condition is Condition.WHEN_SENT or is_killed or task.reached & moments:
@@ -189,7 +125,7 @@ def _check_monitor(central: State, header: headers.Tap, tapped: MessageType, lis
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     is_bounded = ends_by_itself(listener, options) or options.for_ever
-    if not is_bounded and not (header.condition in _WHILE and tapped.message_class.is_task):
+    if not is_bounded and not (CONDITIONS[header.condition].lasts_until and tapped.message_class.is_task):
         text = f"{listener.message_class} '{listener.name}' that listens '{header.condition}' would never end"
         raise RequestError(Refusal.PROTOCOL, f"{text}: say how often, how long or until when it watches, or for ever")
 
@@ -213,7 +149,7 @@ def _add(
     if len(others) >= MOST_TAPS:
         raise RequestError(Refusal.OVERLOAD, f"{place} has {MOST_TAPS} wiretaps already")
     tap = Tap(central.new_id(), condition, listener, place)
-    rule = RULES[condition]
+    rule = CONDITIONS[condition]
     tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
     if rule.before and not tapped.message_class.is_task:
         tap.before, tap.at = 0, DELIVERED  # what is no task can't be held
@@ -307,7 +243,7 @@ def fire_before(central: State, task: Task, taps: list[Tap]) -> None:
             continue
         listener = _fire(central, tap, task, task.body)
         task.more.fired[tap.id] = listener is not None
-        interval = RULES[tap.condition].interval
+        interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
         if tap.before == START_HANDLING and task.reached & START_HANDLING:  # it is handled once more
@@ -338,19 +274,19 @@ def _fire(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Delivery |
 
 def _make_task(central: State, tap: Tap, tapped: Delivery, body: bytes) -> Task:
     """A listener that is a task."""
-    is_child = isinstance(tapped, Task) and RULES[tap.condition].is_child
+    is_child = isinstance(tapped, Task) and CONDITIONS[tap.condition].is_child
     parent = tapped if isinstance(tapped, Task) and is_child else central.tree.root
     context = Listening(tap, tapped)
     listener = make_task(central, tap.listener, body, parent, Role.LISTENER, about=tapped, context=context)
     options = tap.watch or WatchOptions()
-    if isinstance(tapped, Task) and tap.condition in _WHILE:
+    if isinstance(tapped, Task) and (end := CONDITIONS[tap.condition].lasts_until):
         living = [other for other in tapped.more.listeners if other.reached != ALL_MOMENTS]
         for other in living:
             if other.context.tap is tap and other.more.watch is not None:
                 end_watch(central, other.more.watch, f"{tapped} is handled anew")
         tapped.more.listeners = [*living, listener]
         if not ends_by_itself(tap.listener, options) and not options.for_ever:
-            options = replace(options, until=Point(TaskId(tapped.id), _WHILE[tap.condition]))
+            options = replace(options, until=Point(TaskId(tapped.id), Moment(end)))
     if tap.listener.message_class.is_monitor:
         become_monitor(central, listener, options)
         enlist(central, listener)

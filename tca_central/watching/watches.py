@@ -2,7 +2,6 @@
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import Timer, checked_seconds
-from tca_central.model.intervals import RETURNED
 from tca_central.model.registry import Delivery, MessageType
 from tca_central.model.task_tree import Task
 from tca_central.outgoing.central_messages import data_for, make
@@ -10,7 +9,8 @@ from tca_central.state import State, involved
 from tca_wire.journal import facts
 from tca_wire.packets.parts import Watching, WatchOptions
 from tca_wire.points import TaskId
-from tca_wire.vocabulary import MessageClass, Refusal, Role
+from tca_wire.rules import RETURNED, is_of_handling
+from tca_wire.vocabulary import Refusal, Role
 
 SHORTEST_PERIOD = 0.001
 """Seconds between two tests of a condition."""
@@ -56,7 +56,7 @@ class Watch:
 
 def check_options(central: State, message: MessageType, options: WatchOptions) -> None:
     """Raises RequestError if a monitor can't watch so."""
-    polls = message.message_class is MessageClass.POLLING_MONITOR
+    polls = message.message_class.has_condition and message.is_aside
     what = f"{message.message_class} '{message.name}'"
     checked_seconds(options.duration, f"{what} with a duration")
     if polls:
@@ -75,7 +75,7 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
 def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
     """Whether a monitor has an end of its own: a point monitor tests once."""
     is_bounded = options.maximum or options.duration or options.until is not None
-    return bool(is_bounded) or message.message_class is MessageClass.POINT_MONITOR
+    return bool(is_bounded) or not message.is_aside
 
 
 def become_monitor(central: State, task: Task, options: WatchOptions) -> None:
@@ -104,7 +104,7 @@ def is_put_by_others(central: State, parent: Task, origin: int) -> bool:
         if one.role is Role.LISTENER:
             tapped, tap = central.tree.tasks.get(one.context.tapped.task), central.taps.get(one.context.tap.id)
             if tapped is parent:
-                return tap is None or not tap.condition.is_of_handling
+                return tap is None or not is_of_handling(tap.condition)
             one = tapped
         elif one.role.is_of_monitor:
             one = one.context.task
@@ -138,7 +138,7 @@ def stop(central: State, watch: Watch, why: str) -> None:
         return
     central.facts.append(facts.MonitorEnded(TaskId(watch.task.id), why))
     central.agenda.happened.append((watch.task, RETURNED))
-    if watch.task.message.message_class is MessageClass.DEMON_MONITOR and (cancel := watch.parts[_CANCEL]) is not None:
+    if not watch.task.message.message_class.has_condition and (cancel := watch.parts[_CANCEL]) is not None:
         make(central, cancel, data_for(cancel, watch.task.body), watch.task, Role.CANCEL, context=watch)
 
 

@@ -19,7 +19,6 @@ from tca_module.sockets.transport import DealerTransport
 from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, Send, ToCentral
 from tca_wire.packets.routes import Entrance, Noted
-from tca_wire.vocabulary import MessageClass
 
 
 class Entry:
@@ -29,7 +28,7 @@ class Entry:
         """Open it. Raises OSError where that can't be."""
         self.socket = EntranceSocket(central)
         self.entrance = Entrance(self.socket.endpoint, token_hex(16))
-        self.queries = {message.name: message.message_class is MessageClass.QUERY for message in messages}
+        self.queries = {message.name: message.message_class.has_reply for message in messages}
 
 
 class DirectMessages:

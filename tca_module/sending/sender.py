@@ -41,7 +41,6 @@ from tca_wire.messages.declarations import (
 )
 from tca_wire.packets.headers import Constrain, Send
 from tca_wire.points import ROOT, THIS, TaskId
-from tca_wire.vocabulary import MessageClass
 
 
 class Sender(Watching):
@@ -83,7 +82,7 @@ class Sender(Watching):
         pairs = checked_pairs(options.get("on_failure", ()))
         connection = self._declare(message, *(handler for _, handler in pairs))
         sequential = options.get("sequential", True)
-        is_goal = message.message_class is MessageClass.GOAL
+        is_goal = message.message_class.is_goal
         flags, constraints = self._ordering.place(connection.session.epoch, is_goal=is_goal, sequential=sequential)
         flags |= flags_of(options)
         constraints += listed(options.get("constraints", ()))

@@ -23,7 +23,7 @@ from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.waiting import why_waiting
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.vocabulary import Role
 
 _PLANNING = (Moment.START_HANDLING, Moment.START_PLANNING)
 _REACTIONS = (Role.LISTENER, Role.EXCEPTION, Role.TERMINATION)
@@ -111,7 +111,7 @@ def _acting(run: Run) -> dict[Key, list[Handling]]:
 
 def _is_command(run: Run, message_id: int) -> bool:
     message = run.messages.get(message_id)
-    return message is not None and message.message_class is MessageClass.COMMAND and message.role not in _REACTIONS
+    return message is not None and message.message_class.only_acts and message.role not in _REACTIONS
 
 
 def _chances(run: Run, causes: Causes, free: "_Free", acting: Key, runs: list[Handling]) -> Iterator[Chance]:
@@ -179,7 +179,7 @@ def _plans(run: Run, step: Step, acting: Key) -> bool:
     message = run.messages.get(step.message_id)
     if step.doing is not Doing.WORK or message is None or (step.module, step.resource) == acting:
         return False
-    return message.message_class is not MessageClass.COMMAND and message.role not in _REACTIONS
+    return not message.message_class.only_acts and message.role not in _REACTIONS
 
 
 # --- what held it back ---------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from tca_tools.check.rules import ANSWERED, WAITS
 from tca_tools.check.world import World
 from tca_wire.journal import facts
 from tca_wire.points import TaskId, describe_moments
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.vocabulary import Role
 
 
 def answered(world: World, fact: facts.Answered) -> None:
@@ -17,7 +17,7 @@ def answered(world: World, fact: facts.Answered) -> None:
         world.broken(ANSWERED, item.id, f"{item} was answered a second time")
     if item.is_dropped:
         world.broken(ANSWERED, item.id, f"{item} was answered, though nobody waited any more")
-    if item.message_class is MessageClass.QUERY and not item.returned and not item.is_stranger:
+    if item.message_class.asks_one and not item.returned and not item.is_stranger:
         world.broken(ANSWERED, item.id, f"{item} was answered before it was handled")
     item.is_answered = True
     world.finish(item)
@@ -33,9 +33,9 @@ def awaited(world: World, fact: facts.Awaited) -> None:
 def must_answer(world: World, item: Item) -> None:
     """A query was handled, or failed: who waits for it is told with the same event."""
     item.returned = True
-    if item.message_class is MessageClass.QUERY and item.role is not Role.CONDITION:
+    if item.message_class.asks_one and item.role is not Role.CONDITION:
         world.later.append(lambda: _check_answered(world, item))
-    elif item.message_class is MessageClass.MULTI_QUERY and item.original is not None and not item.is_over:
+    elif item.message_class.asks_many and item.original is not None and not item.is_over:
         asked = item.original
         asked.copies -= 1
         if not asked.copies:

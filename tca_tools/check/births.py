@@ -2,21 +2,21 @@
 
 from tca_tools.analysis import words
 from tca_tools.check.kills import check_below
-from tca_tools.check.records import FAN_OUT, Hold, Item
+from tca_tools.check.records import Hold, Item
 from tca_tools.check.rules import CONSTRAINT, DELAY, NUMBERS, ORDER, PARENT, PLAIN, PRESENT, SETTLED
 from tca_tools.check.taps import check_sent
 from tca_tools.check.world import World
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
-from tca_wire.points import END_PLANNING, ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.points import ROOT, START_ACHIEVING, START_HANDLING, START_PLANNING, describe_moments
+from tca_wire.rules import AT_BIRTH, is_of_handling
+from tca_wire.vocabulary import Role
 
 ROUNDING = 1e-9
 """Seconds by which sums of times may differ."""
 
 CENTRAL = "central"
 _WATCHING = (Role.CONDITION, Role.SET_UP, Role.ACTION)
-AT_BIRTH = START_PLANNING | END_PLANNING
 """What a task that is no goal has reached as soon as it is sent."""
 
 
@@ -35,13 +35,13 @@ def received(world: World, fact: facts.Received) -> None:
     world.add(item)
     if item.role:
         _made_by_central(world, item)
-    if item.message_class in (MessageClass.BROADCAST, MessageClass.VARIABLE):
+    if item.message_class.fans_out and not item.message_class.has_reply:
         world.finish(item)  # it goes on in its copies
     if item.is_task:
         _plant(world, item, fact)
     elif fact.parent != ROOT or fact.constraints:
         world.broken(PLAIN, fact.id, f"{fact.message_class} {name} is under {world.name(fact.parent)}, or constrained")
-    elif item.message_class not in FAN_OUT:
+    elif not item.message_class.fans_out:
         world.later.append(lambda: _check_on_its_way(world, item))
 
 
@@ -92,7 +92,7 @@ def _is_put_by_others(world: World, item: Item, parent: Item) -> bool:
         if one.role is Role.LISTENER:
             tapped = world.items.get(one.about)
             if tapped is parent:
-                return not any(world.taps[tap].condition.is_of_handling for tap in one.fired if tap in world.taps)
+                return not any(is_of_handling(world.taps[tap].condition) for tap in one.fired if tap in world.taps)
             one = tapped if tapped is not None and tapped.is_task else None
         elif one.role.is_of_monitor:
             one = world.items.get(one.about)
@@ -117,7 +117,7 @@ def _check_on_its_way(world: World, item: Item) -> None:
 
 
 def _check_birth(world: World, item: Item) -> None:
-    if item.reached & AT_BIRTH != AT_BIRTH:
+    if ~item.reached & AT_BIRTH[False]:
         world.broken(ORDER, item.id, f"{item.message_class} {item} is no leaf of planning: it was not planned at birth")
 
 

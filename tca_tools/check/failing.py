@@ -8,7 +8,7 @@ from tca_tools.check.world import World
 from tca_wire.journal import facts
 from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.points import ROOT
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.vocabulary import Role
 
 OWN, BESIDE = 0, -1  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
 
@@ -196,7 +196,7 @@ def attached(world: World, fact: facts.Attached) -> None:
     if fact.task != ROOT:
         world.task(fact.task, "got an exception handler")
     declared = world.classes.get(fact.handler)
-    if declared is not None and declared is not MessageClass.EXCEPTION:
+    if declared is not None and not declared.handles_failures:
         world.broken(HANDLER, 0, f"{declared} {fact.handler} was attached as exception handler")
     world.attached[fact.id] = fact
 

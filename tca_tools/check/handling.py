@@ -27,7 +27,7 @@ from tca_tools.check.taps import check_fired
 from tca_tools.check.world import World, said
 from tca_wire.journal import facts
 from tca_wire.points import START_ACHIEVING, START_HANDLING, START_PLANNING
-from tca_wire.vocabulary import MessageClass, Outcome, Role
+from tca_wire.vocabulary import Outcome, Role
 
 _NAMED = 6
 """Messages that a resource has and that a line names."""
@@ -94,7 +94,7 @@ def _check_begun(world: World, item: Item) -> None:
 
 def _may_be_begun(world: World, item: Item, what: str) -> None:
     """What keeps a message from being given to a handler."""
-    if item.is_dropped and not item.is_begun and item.message_class is not MessageClass.VARIABLE:
+    if item.is_dropped and not item.is_begun and not item.message_class.keeps_value:
         world.broken(ANSWERED, item.id, f"{item} {what}, though its sender gave up")
     elif item.returned and not item.is_task:
         world.broken(RETURNED, item.id, f"{item} {what}, and was handled before")
@@ -212,7 +212,7 @@ def failed(world: World, fact: facts.Failed) -> None:
 
 def dropped(world: World, fact: facts.Dropped) -> None:
     """A message comes to nothing: nobody is there to handle it, or nobody waits for it any more."""
-    if fact.id in world.over and world.over[fact.id].message_class is MessageClass.VARIABLE:
+    if fact.id in world.over and world.over[fact.id].message_class.keeps_value:
         return  # its value is forgotten
     item = _known(world, fact.id, "was dropped")
     if item is None:
@@ -223,7 +223,7 @@ def dropped(world: World, fact: facts.Dropped) -> None:
         world.broken(ANSWERED, item.id, f"{item} was dropped after its sender had got an answer, or given up")
     item.is_dropped = True
     _leave_queue(world, item)
-    if item.message_class not in (MessageClass.QUERY, MessageClass.MULTI_QUERY) or item.original is not None:
+    if not item.message_class.has_reply or item.original is not None:
         end_run(world, item)
     if item.place is None:
         world.finish(item)

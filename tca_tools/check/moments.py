@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from tca_tools.check.asking import check_waits
-from tca_tools.check.births import AT_BIRTH, not_met
+from tca_tools.check.births import not_met
 from tca_tools.check.failing import handler_ended
 from tca_tools.check.records import Item
 from tca_tools.check.rules import (
@@ -31,25 +31,9 @@ from tca_wire.points import (
     START_PLANNING,
     describe_moments,
 )
+from tca_wire.rules import AT_BIRTH, NO_LATER, PARENT_FIRST
 from tca_wire.vocabulary import Role
 
-_ORDER = {
-    True: (
-        (START_HANDLING, START_PLANNING),
-        (START_PLANNING, START_HANDLING),
-        (START_ACHIEVING, START_PLANNING),
-        (END_HANDLING, START_HANDLING),
-        (END_PLANNING, END_HANDLING),
-        (END_ACHIEVING, START_ACHIEVING | END_PLANNING),
-    ),
-    False: (
-        (START_HANDLING, AT_BIRTH | START_ACHIEVING),
-        (START_ACHIEVING, START_HANDLING),
-        (END_HANDLING, START_HANDLING),
-        (END_ACHIEVING, END_HANDLING),
-    ),
-}
-"""For a goal, and for any other task: each moment with those that are past when it is."""
 _REACHED = [f"reached {', '.join(describe_moments(moments))}" for moments in range(ALL_MOMENTS + 1)]
 
 
@@ -96,8 +80,8 @@ def _words(moments: int) -> str:
 
 
 def _check_order(world: World, item: Item, moments: int) -> None:
-    for moment, needed in _ORDER[item.is_goal]:
-        if moments & moment and (missing := needed & ~item.reached):
+    for moment, needed in NO_LATER[item.is_goal].items():
+        if moments & moment and (missing := (needed | AT_BIRTH[item.is_goal]) & ~item.reached):
             rule = COMMAND if moment in (START_HANDLING, START_ACHIEVING, START_PLANNING) else ORDER
             world.broken(rule, item.id, f"{item} reached {_words(moment)} before {_words(missing)}")
 
@@ -106,7 +90,7 @@ def _check_starts(world: World, item: Item, moments: int, before: int) -> None:
     if missing := not_met(item, moments):
         world.broken(CONSTRAINT, item.id, f"{item} reached {_words(moments)} before {missing}")
     parent = item.parent
-    starts = START_PLANNING | START_ACHIEVING if item.is_goal else START_ACHIEVING
+    starts = PARENT_FIRST & ~AT_BIRTH[item.is_goal]
     if parent is not None and not item.role and (early := moments & starts & ~parent.reached):
         world.broken(FAMILY, item.id, f"{item} reached {_words(early)} before {parent}, under which it is, did")
     if moments & START_HANDLING:

@@ -10,10 +10,8 @@ from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.messages.formats import decode_untyped
 from tca_wire.points import ALL_MOMENTS, END_ACHIEVING, END_PLANNING, START_ACHIEVING
-from tca_wire.vocabulary import MessageClass, Role
+from tca_wire.vocabulary import Role
 
-FAN_OUT = frozenset((MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE))
-"""What goes to all who handle it, in a copy for each."""
 _FIRES = (Role.LISTENER, Role.ACTION)
 
 

@@ -6,33 +6,14 @@ from tca_tools.check.world import World
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import (
-    END_ACHIEVING,
-    END_HANDLING,
-    END_PLANNING,
     ROOT,
-    START_ACHIEVING,
     START_HANDLING,
-    START_PLANNING,
     Moment,
     Point,
     TaskId,
 )
-from tca_wire.vocabulary import Condition, Role
-
-_FIRED_BEFORE = {
-    Condition.BEFORE_HANDLING: START_HANDLING,
-    Condition.BEFORE_PLANNING: START_PLANNING,
-    Condition.BEFORE_ACHIEVING: START_ACHIEVING,
-    Condition.WHEN_PLANNED: END_PLANNING,
-    Condition.WHEN_ACHIEVED: END_ACHIEVING,
-}
-"""Which moment of the tapped task comes after the wiretap has fired."""
-_HELD_UNTIL = {
-    Condition.BEFORE_HANDLING: END_HANDLING,
-    Condition.BEFORE_PLANNING: END_PLANNING,
-    Condition.BEFORE_ACHIEVING: END_ACHIEVING,
-}
-"""Which moment of the listener that moment comes after."""
+from tca_wire.rules import CONDITIONS
+from tca_wire.vocabulary import Role
 
 
 def tap_added(world: World, fact: facts.TapAdded) -> None:
@@ -42,7 +23,7 @@ def tap_added(world: World, fact: facts.TapAdded) -> None:
     if fact.task != ROOT:
         world.task(fact.task, "got a wiretap")
     world.taps[fact.id] = fact
-    if fact.condition in _FIRED_BEFORE:
+    if CONDITIONS[fact.condition].before:
         world.taps_before.setdefault(fact.message, {})[fact.id] = fact
 
 
@@ -82,8 +63,8 @@ def _sent(world: World, tap: facts.TapAdded, fact: facts.TapFired, tapped: Item 
         world.broken(
             TAPPED, listener.id, f"{listener} was sent for {world.name(fact.tapped)}: {tap.listener} should be"
         )
-    if tapped is not None and tapped.is_task and listener.is_task and (end := _HELD_UNTIL.get(tap.condition)):
-        _hold(tapped, listener, _FIRED_BEFORE[tap.condition], end)
+    if tapped is not None and tapped.is_task and listener.is_task and (end := CONDITIONS[tap.condition].holds_until):
+        _hold(tapped, listener, CONDITIONS[tap.condition].before, end)
 
 
 def _hold(tapped: Item, listener: Item, moment: int, end: int) -> None:
@@ -103,7 +84,7 @@ def check_fired(world: World, item: Item, moments: int) -> None:
     if not of_message or not item.is_tapped or not item.is_task:
         return
     for tap in of_message.values():
-        if not _FIRED_BEFORE[tap.condition] & moments or tap.task not in (ROOT, item.id):
+        if not CONDITIONS[tap.condition].before & moments or tap.task not in (ROOT, item.id):
             continue
         which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
         if tap.id not in item.passed:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from sys import intern
 from typing import NamedTuple
 
-from tca_tools.check.records import FAN_OUT, Claims, Item, Place
+from tca_tools.check.records import Claims, Item, Place
 from tca_tools.check.rules import ENDED, KNOWN, Rule, Violation
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.whole_run import Run
@@ -198,7 +198,7 @@ class World:
         return self._copy(fact, original or self.over[fact.message_id], what)
 
     def _copy(self, fact: facts.Queued | facts.Delivered, original: Item | Gone, what: str) -> Item | None:
-        if original.message_class not in FAN_OUT:
+        if not original.message_class.fans_out:
             name = f"{original.message} {{{fact.message_id}}}"
             self.broken(ENDED, fact.message_id, f"{name} {what} as {{{fact.id}}}, though it is over, or another one")
             return None

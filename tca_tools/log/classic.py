@@ -32,7 +32,6 @@ _CLASSES = {
     MessageClass.POLLING_MONITOR: "Monitor",
     MessageClass.DEMON_MONITOR: "Monitor",
 }
-_SUCCEED = (MessageClass.GOAL, MessageClass.COMMAND, MessageClass.EXCEPTION)
 _ON_HOLD = "ON HOLD"
 
 
@@ -177,7 +176,7 @@ class _Log:
             yield self._timed(self._start("  Reply", number, route))
             yield from _data(fact.body)
         else:
-            kind = "  Success" if known.message_class in _SUCCEED else "  Done"
+            kind = "  Success" if known.message_class.is_task and not known.message_class.is_monitor else "  Done"
             yield self._timed(self._start(kind, number))
         if not known.message_class.is_task:
             self._forget(number)

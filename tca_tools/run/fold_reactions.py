@@ -8,14 +8,8 @@ from tca_tools.run.records import Ahead, Exhausted, Hold, Task
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point, TaskId
-from tca_wire.vocabulary import Condition, Refusal
-
-_HOLDS = {
-    Condition.BEFORE_HANDLING: (Moment.END_HANDLING, Moment.START_HANDLING),
-    Condition.BEFORE_PLANNING: (Moment.END_PLANNING, Moment.START_PLANNING),
-    Condition.BEFORE_ACHIEVING: (Moment.END_ACHIEVING, Moment.START_ACHIEVING),
-}
-"""Of wiretaps that hold: which moment of the listener comes no later than which of the tapped task."""
+from tca_wire.rules import CONDITIONS
+from tca_wire.vocabulary import Refusal
 
 
 class ReactionFold(RecordFold):
@@ -126,9 +120,12 @@ class ReactionFold(RecordFold):
     def _tap_fired(self, fact: facts.TapFired) -> None:
         """What has to be done before a task goes on holds it, as a constraint does."""
         tap, tapped, listener = self.taps.get(fact.tap), self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
-        if tap is None or tapped is None or listener is None or tap.condition not in _HOLDS:
+        if tap is None or tapped is None or listener is None:
             return
-        before, after = _HOLDS[tap.condition]
+        rule = CONDITIONS[tap.condition]
+        if not rule.holds_until:
+            return
+        before, after = Moment(rule.holds_until), Moment(rule.before)
         if after not in tapped.reached and before not in listener.reached:
             points = Point(TaskId(listener.id), before), Point(TaskId(tapped.id), after)
             tapped.holds.append(Hold(Constraint(*points), self.time, tap=tap))

@@ -15,7 +15,6 @@ from tca_tools.why.whereabouts import NAMED
 from tca_wire.messages.failures import TIMEOUT
 from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import by_whom, place
-from tca_wire.vocabulary import MessageClass
 
 _FAR = 500
 """Waits: what a task that ran out of time waited for beyond so many is not looked for."""
@@ -50,7 +49,7 @@ def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, boo
         claim, message = at.run.claims.get(number), at.run.messages.get(number)
         if claim is not None and claim.granted is not None and at.is_granted(claim):
             since, what = claim.granted, f"{claim.sender} had the {claim}"
-        elif message is None or message.message_class is MessageClass.MULTI_QUERY:
+        elif message is None or message.message_class.asks_many:
             continue
         elif (run := at.handling_of(message)) is not None:
             since, what = run.start, f"{message} was being handled by {place(run.module, run.resource)}"

@@ -11,8 +11,9 @@ from tca_tools.run.at_time import RunAt, TaskAt
 from tca_tools.run.records import Ahead, Hold, State
 from tca_tools.why.whereabouts import NAMED, claim_and_why, kept_busy, listed, whereabouts
 from tca_wire.points import ROOT, Moment, Point, TaskId, describe_moments
+from tca_wire.rules import NO_LATER
 from tca_wire.text.facts_in_words import by_whom, place
-from tca_wire.vocabulary import MessageClass, Role, Scope
+from tca_wire.vocabulary import Role, Scope
 
 _CLAUSES = {
     Moment.START_HANDLING: "is being handled",
@@ -31,28 +32,6 @@ _NEXT = {
     State.ACHIEVING: (Moment.END_HANDLING, Moment.END_PLANNING, Moment.END_ACHIEVING),
 }
 """The moments that a task may be kept from."""
-_BEFORE = {  # all that comes no later than a moment, and the moment, within a goal and within what only acts
-    True: {
-        Moment.START_HANDLING: (Moment.START_HANDLING, Moment.START_PLANNING),
-        Moment.START_PLANNING: (Moment.START_HANDLING, Moment.START_PLANNING),
-        Moment.END_HANDLING: (Moment.START_HANDLING, Moment.START_PLANNING, Moment.END_HANDLING),
-        Moment.END_PLANNING: (
-            Moment.START_HANDLING, Moment.START_PLANNING, Moment.END_HANDLING, Moment.END_PLANNING,
-        ),
-        Moment.START_ACHIEVING: (Moment.START_HANDLING, Moment.START_PLANNING, Moment.START_ACHIEVING),
-        Moment.END_ACHIEVING: tuple(Moment),
-    },
-    False: {
-        Moment.START_HANDLING: (Moment.START_HANDLING, Moment.START_ACHIEVING),
-        Moment.START_PLANNING: (),
-        Moment.END_HANDLING: (Moment.START_HANDLING, Moment.START_ACHIEVING, Moment.END_HANDLING),
-        Moment.END_PLANNING: (),
-        Moment.START_ACHIEVING: (Moment.START_HANDLING, Moment.START_ACHIEVING),
-        Moment.END_ACHIEVING: (
-            Moment.START_HANDLING, Moment.START_ACHIEVING, Moment.END_HANDLING, Moment.END_ACHIEVING,
-        ),
-    },
-}  # fmt: skip
 UNTIL_CHILDREN = {State.PLANNING: Moment.END_PLANNING, State.ACHIEVING: Moment.END_ACHIEVING}
 """States in which a task waits for what is under it, and until what has come."""
 
@@ -246,7 +225,7 @@ def _of_watching(at: RunAt, monitor: TaskAt) -> str:
 
 
 def _has_condition(monitor: TaskAt) -> bool:
-    return monitor.message_class is not MessageClass.DEMON_MONITOR
+    return monitor.message_class.has_condition
 
 
 def _of_ending(at: RunAt, task: TaskAt) -> Iterator[str]:
@@ -291,7 +270,8 @@ def blockers(at: RunAt, task: TaskAt) -> Iterator[Hold | Moment]:
 def up_to(task: TaskAt, moment: Moment) -> list[Moment]:
     """The moments that a task has to reach before that one, and that one, unless it has."""
     reached = task.reached
-    return [one for one in _BEFORE[task.message_class.is_goal][moment] if one not in reached]
+    before = NO_LATER[task.message_class.is_goal][moment]
+    return [one for one in Moment if one & before and one not in reached]
 
 
 def blockers_of(at: RunAt, task: TaskAt, moments: list[Moment]) -> Iterator[Hold | Moment]:

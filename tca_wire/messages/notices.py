@@ -2,8 +2,7 @@
 
 import msgspec
 
-from tca_wire.messages.declarations import D, Message
-from tca_wire.vocabulary import MessageClass
+from tca_wire.messages.declarations import Broadcast, D, Message
 
 PREFIX = "tca: "
 """Names of messages that begin so are central's own."""
@@ -15,7 +14,7 @@ COMMANDS = "tca "
 class Notice(Message[D, None]):
     """A broadcast of central's. Nothing is sent or recorded while nobody listens."""
 
-    message_class = MessageClass.BROADCAST
+    message_class = Broadcast.message_class
 
 
 class Arrival(msgspec.Struct, frozen=True):

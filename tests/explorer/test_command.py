@@ -11,7 +11,7 @@ from tca_explorer.command import explore_file
 
 SCENARIO = """
 from tca_explorer import Scenario, never, handled
-from tca_wire.declarations import Command
+from tca_wire.messages.declarations import Command
 STEP = Command("step")
 GOOD = Scenario("good one")
 BAD = Scenario("bad one", never(handled(STEP)))
@@ -94,7 +94,9 @@ boss.does(lambda me: [me.command(WAIT, deadline=20.0)])
 
 def test_a_scenario_imports_the_robot_s_own_messages(tmp_path: Path) -> None:
     """As ``python scenarios.py`` would: what lies beside it, wherever the command is called."""
-    (tmp_path / "stepping.py").write_text("from tca_wire.declarations import Command\nSTEP = Command('step')\n")
+    (tmp_path / "stepping.py").write_text(
+        "from tca_wire.messages.declarations import Command\nSTEP = Command('step')\n"
+    )
     text = SCENARIO.replace('STEP = Command("step")', "from stepping import STEP").replace("never(handled(STEP))", "")
     path = tmp_path / "scenarios.py"
     path.write_text(text)

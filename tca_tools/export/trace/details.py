@@ -6,11 +6,8 @@ from tca_tools.data import plain_data
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
 from tca_wire.points import describe_moments
-from tca_wire.vocabulary import MessageClass
 
 Details = dict[str, Any]
-
-_TO_MANY = {MessageClass.BROADCAST, MessageClass.MULTI_QUERY, MessageClass.VARIABLE}
 
 
 def of_message(run: Run, message: Message) -> Details:
@@ -58,7 +55,7 @@ def of_wait(run: Run, wait: HandlerWait) -> Details:
 
 def flows_from(message: Message) -> list[int]:
     """The arrows that begin where a message is sent: one along all its stations, but to each receiver of many one."""
-    if message.message_class in _TO_MANY:
+    if message.message_class.fans_out:
         return [handling.delivery for handling in message.handlings]
     return [message.id] if message.handlings or message.queueings else []
 
@@ -68,10 +65,10 @@ def flow_to(run: Run, handling: Handling) -> list[int]:
     message = run.messages.get(handling.message_id)
     if message is None:
         return []
-    return [handling.delivery if message.message_class in _TO_MANY else message.id]
+    return [handling.delivery if message.message_class.fans_out else message.id]
 
 
 def flow_through(run: Run, message_id: int) -> list[int]:
     """The arrow that leads to a wait in a queue, and on from there."""
     message = run.messages.get(message_id)
-    return [message.id] if message and message.message_class not in _TO_MANY else []
+    return [message.id] if message and not message.message_class.fans_out else []

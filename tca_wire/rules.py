@@ -1,0 +1,129 @@
+"""The rules of moments and wiretaps, as tables: central carries them out, the tools explain and check by them.
+
+Theory of operation (TCA 8.5 and TCM: intra-node rules). A goal's handling and planning start together, as soon as
+planning may start, even while its achievement is still held back: that is planning ahead. A command is a leaf of
+planning: its planning interval is over when it is created; its handling and achieving start together. Both end
+achieving last.
+
+    goal      start handling = start planning ─► start achieving ─────────────► end achieving
+                     └─► end handling ─► end planning ─────────────────────────────┘
+    command   start handling = start achieving ─► end handling ─► end achieving
+"""
+
+from typing import NamedTuple
+
+from tca_wire.points import (
+    END_ACHIEVING,
+    END_HANDLING,
+    END_PLANNING,
+    MOMENTS,
+    START_ACHIEVING,
+    START_HANDLING,
+    START_PLANNING,
+)
+from tca_wire.vocabulary import Condition, MessageClass
+
+# --- moments of one task ---------------------------------------------------------------------------------------------
+
+DELIVERY = {True: START_HANDLING | START_PLANNING, False: START_HANDLING | START_ACHIEVING}
+"""The moments that a goal (True) and any other task reach together when a handler gets them."""
+
+AT_BIRTH = {True: 0, False: START_PLANNING | END_PLANNING}
+"""The moments that a task has reached when it is created."""
+
+ORDER = {
+    True: (
+        (START_ACHIEVING, START_HANDLING),
+        (END_HANDLING, START_HANDLING),
+        (END_PLANNING, END_HANDLING),
+        (END_ACHIEVING, START_ACHIEVING | END_PLANNING),
+    ),
+    False: (
+        (END_HANDLING, START_HANDLING),
+        (END_ACHIEVING, END_HANDLING),
+    ),
+}
+"""Moments, each with those of the same task that come directly before it, in an order in which one pass reaches all."""
+
+
+def _no_later(is_goal: bool, moment: int) -> int:
+    found = moment | (DELIVERY[is_goal] if moment & DELIVERY[is_goal] else 0)
+    for last, before in reversed(ORDER[is_goal]):
+        if found & last:
+            found |= before
+    return found | (DELIVERY[is_goal] if found & START_HANDLING else 0)
+
+
+NO_LATER = {
+    is_goal: {int(moment): 0 if moment & AT_BIRTH[is_goal] else _no_later(is_goal, moment) for moment in MOMENTS}
+    for is_goal in (True, False)
+}
+"""Of each moment, it and all that a task reaches no later; nothing of those reached at birth."""
+
+# --- parents and children --------------------------------------------------------------------------------------------
+
+PARENT_FIRST = START_PLANNING | START_ACHIEVING
+"""Moments that a task reaches no sooner than its parent; what central sends for a reason of its own is free."""
+
+CHILDREN_FIRST = END_PLANNING | END_ACHIEVING
+"""Moments that a task reaches no sooner than all its children."""
+
+# --- wiretaps --------------------------------------------------------------------------------------------------------
+
+DELIVERED, RETURNED, SENT, SUCCESS, FAILURE, REPLIED, KILLED = (64 << i for i in range(7))
+"""What happens to a message beside its moments, as further bits: a wiretap may be fired by it."""
+
+_ANY = frozenset(MessageClass)
+_REPLIES = frozenset(one for one in MessageClass if one.has_reply)
+_TASKS = frozenset(one for one in MessageClass if one.is_task)
+_HANDLED = frozenset(one for one in _TASKS if not one.is_monitor)
+_GOALS = frozenset(one for one in _TASKS if one.is_goal)
+
+
+class TapRule(NamedTuple):
+    """What a wiretap's condition means."""
+
+    classes: frozenset[MessageClass]
+    """What can be tapped so."""
+    before: int = 0
+    """The moment of the tapped task that waits until the listener has been sent."""
+    at: int = 0
+    """What has happened when the listener is sent: a moment, or a bit of those above."""
+    holds_until: int = 0
+    """The listener's moment that the tapped task's moment waits for."""
+    is_child: bool = False
+    """The listener is a child of the tapped task: its failure is looked after there, and it dies with it."""
+    lasts_until: int = 0
+    """The moment of the tapped task at which its listeners end."""
+
+
+CONDITIONS = {
+    Condition.WHEN_SENT: TapRule(_ANY, at=SENT),
+    Condition.BEFORE_HANDLING: TapRule(_ANY, before=START_HANDLING, holds_until=END_HANDLING, is_child=True),
+    Condition.WHILE_HANDLING: TapRule(_ANY, at=DELIVERED, lasts_until=END_HANDLING),
+    Condition.AFTER_HANDLED: TapRule(_ANY, at=RETURNED),
+    Condition.AFTER_REPLIED: TapRule(_REPLIES, at=REPLIED),
+    Condition.AFTER_SUCCESS: TapRule(_HANDLED, at=SUCCESS),
+    Condition.AFTER_FAILURE: TapRule(_HANDLED, at=FAILURE),
+    Condition.WHEN_SUCCESS: TapRule(_HANDLED, at=SUCCESS, is_child=True),
+    Condition.WHEN_FAILURE: TapRule(_HANDLED, at=FAILURE, is_child=True),
+    Condition.BEFORE_PLANNING: TapRule(_GOALS, before=START_PLANNING, holds_until=END_PLANNING, is_child=True),
+    Condition.WHILE_PLANNING: TapRule(_GOALS, at=START_PLANNING, lasts_until=END_PLANNING),
+    Condition.AFTER_PLANNED: TapRule(_GOALS, at=END_PLANNING),
+    Condition.WHEN_PLANNED: TapRule(_GOALS, before=END_PLANNING, is_child=True),
+    Condition.BEFORE_ACHIEVING: TapRule(_TASKS, before=START_ACHIEVING, holds_until=END_ACHIEVING, is_child=True),
+    Condition.WHILE_ACHIEVING: TapRule(_TASKS, at=START_ACHIEVING, lasts_until=END_ACHIEVING),
+    Condition.AFTER_ACHIEVED: TapRule(_TASKS, at=END_ACHIEVING),
+    Condition.WHEN_ACHIEVED: TapRule(_TASKS, before=END_ACHIEVING, is_child=True),
+    Condition.WHEN_KILLED: TapRule(_TASKS, at=KILLED),
+}
+"""One row per condition. *When* conditions hold nothing: a task does not end before its children have."""
+
+LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_monitor)
+"""The classes that a wiretap may send."""
+
+
+def is_of_handling(condition: Condition) -> bool:
+    """Whether it is met each time that its message is handled, and so again when that is retried."""
+    rule = CONDITIONS[condition]
+    return bool((rule.before | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE))
