@@ -15,11 +15,11 @@ from tca_tools.analysis.failures import Kind
 from tca_tools.analysis.queues import Growing, growing
 from tca_tools.analysis.resources import Use
 from tca_tools.analysis.slow_waits import bottleneck, on_waits
-from tca_tools.analysis.spans import Cover, Span
 from tca_tools.analysis.summary import span_of
 from tca_tools.analysis.words import listed, moment, seconds
 from tca_tools.analysis.words import times as say_times
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover, Span
 from tca_tools.why.coping import GOOD_FATES
 from tca_wire.text.facts_in_words import by_whom, place
 

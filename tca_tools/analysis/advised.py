@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
 
-from tca_tools.analysis.spans import Cover, Span
+from tca_tools.spans import Cover, Span
 
 
 class Topic(StrEnum):

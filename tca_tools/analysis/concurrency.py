@@ -17,10 +17,10 @@ from math import nextafter
 from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import named
 from tca_tools.analysis.resources import Key, capacity_of
-from tca_tools.analysis.spans import Cover
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.records import HandlerWait, Handling, Message, Task
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover
 from tca_tools.why.waiting import why_waiting
 from tca_wire.points import ROOT, Moment, Point, TaskId
 from tca_wire.vocabulary import Role

@@ -15,9 +15,9 @@ from typing import NamedTuple
 from tca_tools.analysis.causes import Causes, Doing, Step
 from tca_tools.analysis.critical_path import CriticalPath, queueing_before
 from tca_tools.analysis.locks import Locks
-from tca_tools.analysis.spans import Cover, Span
 from tca_tools.run.records import Claim, HandlerWait, Queueing
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover, Span
 from tca_tools.why.whereabouts import why_in_vain
 from tca_wire.text.facts_in_words import called, place
 

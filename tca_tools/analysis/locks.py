@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from itertools import accumulate
 from operator import attrgetter
 
-from tca_tools.analysis.spans import Cover
 from tca_tools.run.records import Claim
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover
 from tca_wire.text.facts_in_words import called
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from math import ceil, sqrt
 
 from tca_tools.analysis.resources import Key, capacity_of
-from tca_tools.analysis.spans import levels
 from tca_tools.run.records import Queueing
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import levels
 
 _LENGTH = 5
 """A shorter queue is no sign."""

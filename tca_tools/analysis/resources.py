@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tca_tools.analysis.spans import Cover, Span, levels
 from tca_tools.run.records import Handling, Queueing
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover, Span, levels
 from tca_wire.text.facts_in_words import place
 
 Key = tuple[str, str]

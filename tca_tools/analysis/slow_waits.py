@@ -10,11 +10,11 @@ from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.given_up import still_handled
 from tca_tools.analysis.held_up import HeldUp, Reason, held_up
 from tca_tools.analysis.resources import Use
-from tca_tools.analysis.spans import Span
 from tca_tools.analysis.words import moment, percent, seconds
 from tca_tools.analysis.words import times as say_times
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Span
 from tca_tools.why.story import awaited
 from tca_tools.why.whereabouts import why_in_vain
 

@@ -4,11 +4,14 @@ from pathlib import Path
 
 import click
 
-from tca_tools.gantt.bars import chart
-from tca_tools.gantt.files import KINDS, WIDTH_OF_TEXT, write_chart
+from tca_tools.drawing.pictures import converted
+from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Chart
+from tca_tools.gantt.svg import page_text, svg_text
 from tca_tools.gantt.text import ASCII, UNICODE, chart_lines
 from tca_tools.gantt.window import ROOM, Pick
 from tca_tools.options import Asked, check_output, check_span, shared_options
+from tca_tools.output import write_output
 from tca_tools.run.folding import folded
 from tca_tools.run.garbage import no_garbage
 from tca_tools.run.journals import open_log
@@ -18,6 +21,10 @@ from tca_tools.run.whole_run import Run
 from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.points import Moment
 from tca_wire.text.printable import printable
+
+_KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
+_WIDTH = 120
+"""Columns where nobody knows how wide the terminal is."""
 
 
 @click.command()
@@ -30,7 +37,7 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
 
     LOG is a journal directory or one of its segments; without it, the newest run is shown.
     """
-    check_output(output, KINDS, force=asked.force)
+    check_output(output, _KINDS, force=asked.force)
     if asked.task is not None and story:
         raise click.UsageError("--task and --story exclude each other: ask for one of them")
     journal = open_log(asked.log_path)
@@ -38,22 +45,24 @@ def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: boo
     check_span(asked.start, history.time if asked.end is None else asked.end)
     with no_garbage():
         drawing = chart(history, asked.start, asked.end, _picked(history, asked, story))
-    what = (
-        f", task {printable(asked.task)}"
-        if asked.task is not None
-        else f", story of {printable(story)}"
-        if story
-        else ""
-    )
-    still = " (still running)" * (history.is_live and drawing.end >= history.time)
-    title = f"{printable(journal.name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s{still}"
     blocks = ASCII if as_ascii or (output is None and not can_show("".join(UNICODE))) else UNICODE
-    if output is None:
-        width = line_width() or WIDTH_OF_TEXT
-        click.echo("\n".join([cut(title, width), *chart_lines(drawing, width, blocks)]))
+    title = _title(journal.name, drawing, asked.task, story, is_live=history.is_live and drawing.end >= history.time)
+    width = _WIDTH if output else line_width() or _WIDTH
+    if output is None or output.suffix == ".txt":
+        lines = "\n".join([cut(title, width), *chart_lines(drawing, width, blocks)])
+        click.echo(lines) if output is None else write_output(output, click.unstyle(lines) + "\n")
+    elif output.suffix == ".html":
+        write_output(output, page_text(drawing, title))
     else:
-        write_chart(output, drawing, title, blocks)
+        svg = svg_text(drawing, title)
+        write_output(output, svg if output.suffix == ".svg" else converted(svg, output.suffix[1:]))
     journal.check()
+
+
+def _title(name: str, drawing: Chart, task: str | None, story: str | None, *, is_live: bool) -> str:
+    what = f", task {printable(task)}" if task is not None else f", story of {printable(story)}" if story else ""
+    still = " (still running)" * is_live
+    return f"{printable(name)}{what}: {drawing.start:.2f} to {drawing.end:.2f} s{still}"
 
 
 def _picked(run: Run, asked: Asked, story: str | None) -> Pick:

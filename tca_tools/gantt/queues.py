@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from tca_tools.drawing.svg import rectangle, width_of
+from tca_tools.gantt.axis import Scale
 from tca_tools.gantt.blocks import queue_lengths
-from tca_tools.gantt.parts import Row
-from tca_tools.gantt.scale import Scale
+from tca_tools.gantt.chart import Row, lanes_of
 
 QUEUE_LANE = 9.0
 MOST_QUEUE_LANES, _MOST_OF_NOBODYS = 6, 3
@@ -21,7 +21,7 @@ _Steps = list[tuple[float, float, int]]
 
 def is_curve(row: Row, scale: Scale) -> bool:
     """Whether only the length of its queue is drawn: of a long one, and of one that is mostly in bars too narrow."""
-    if row.queue_lanes > (_MOST_OF_NOBODYS if row.is_nobodys else MOST_QUEUE_LANES):
+    if lanes_of(row.queued) > (_MOST_OF_NOBODYS if row.is_nobodys else MOST_QUEUE_LANES):
         return True
     widths = [scale.x(bar.end) - scale.x(bar.start) for bar in row.queued]
     return 2 * sum(width for width in widths if width < _HATCHED) > sum(widths)
@@ -29,8 +29,8 @@ def is_curve(row: Row, scale: Scale) -> bool:
 
 def queue_height(row: Row, *, is_curve: bool) -> float:
     """How much room its queue takes."""
-    tall = row.queue_lanes * QUEUE_LANE
-    return min(max(tall, _LOWEST), _HIGHEST) if is_curve and row.queue_lanes > 1 else tall
+    tall = lanes_of(row.queued) * QUEUE_LANE
+    return min(max(tall, _LOWEST), _HIGHEST) if is_curve and lanes_of(row.queued) > 1 else tall
 
 
 def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
@@ -42,7 +42,7 @@ def curve(row: Row, scale: Scale, column: float, top: float) -> Iterator[str]:
         left, right, y = scale.x(start), scale.x(end), top + tall - 2 - height
         title = f"at most {number} {row.queue_kind} from {start:.3f} s to {end:.3f} s"
         yield rectangle(f'fill="{CURVE}"', left, y, right, height, title)
-    if row.queue_lanes == 1:
+    if lanes_of(row.queued) == 1:
         return  # there is nothing to compare
     words = f"up to {most} {row.queue_kind}"
     x, is_before = _beside(steps, most, scale, width_of(words), (tall - 2 - _LETTERS) / (tall - 4) * most)

@@ -1,16 +1,16 @@
-"""A chart as SVG: dark bars where a handler runs, light where it waits, hatched below where messages queue."""
+"""A chart as an SVG picture or page: dark bars where a handler runs, light where it waits, hatched where it queues."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import median
 
+from tca_tools.drawing.page import wide_page
 from tca_tools.drawing.svg import document, text, width_of
-from tca_tools.gantt.axis import ticks
+from tca_tools.gantt.axis import Scale, ticks
+from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.legend import legend, meanings, patterns
-from tca_tools.gantt.parts import Chart
+from tca_tools.gantt.looks import MARGIN, OWN_STYLE, STYLE, label_room
 from tca_tools.gantt.rows import Painter
-from tca_tools.gantt.scale import Scale
-from tca_tools.gantt.shapes import MARGIN, OWN_STYLE, label_room
 
 _NARROWEST, _WIDEST = 1100.0, 1700.0
 _USUAL_BAR = 8.0
@@ -21,8 +21,10 @@ _DEPTHS = (1, 4, 16)
 """A page can be zoomed: what only shows when it is that much wider is in it from the beginning."""
 _MOST_SHAPES = {16: 20_000, 4: 80_000}
 """How many bars a page may have to show so much detail: it must not be too large for a browser."""
-_PAGE = 1200.0
+_WINDOW = 1200.0
 """A width that most windows have."""
+_PAGE = 1000.0
+"""Pixels: of a page's plot that it is made wider from; what has room there has it in most windows."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,20 @@ def svg_text(chart: Chart, title: str) -> str:
     return document(width, height, title, OWN_STYLE, body)
 
 
+def page_text(chart: Chart, title: str) -> str:
+    """The chart as a page that can be zoomed."""
+    pieces = pieces_of(chart, title, can_zoom=True, widest=_PAGE)
+    left = MARGIN + pieces.label_width
+    head = _svg(pieces.head_width, pieces.head_height, f"<style>{STYLE}</style>{pieces.head}")
+    labels = _svg(left, pieces.height, f'<g transform="translate({MARGIN:.0f} 0)">{pieces.labels}</g>')
+    return wide_page(title, head, labels, _svg(pieces.plot_width, pieces.height, pieces.plot))
+
+
+def _svg(width: float, height: float, inner: str) -> str:
+    size = f'width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.0f} {height:.0f}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{inner}</svg>'
+
+
 def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float = _WIDEST) -> Pieces:
     """The chart in pieces; *can_zoom*: with what shows only when the plot is made wider than *widest* (pixels)."""
     width = min(_plot_width(chart), widest)
@@ -73,7 +89,7 @@ def pieces_of(chart: Chart, title: str, *, can_zoom: bool = False, widest: float
         bars += painter.bars(row, bottom)
         bottom += painter.height(row) + _ROW_GAP
     meant = meanings(chart, scale)
-    head_width = _PAGE if can_zoom else MARGIN * 2 + label_width + width
+    head_width = _WINDOW if can_zoom else MARGIN * 2 + label_width + width
     head, head_height = _head(chart, meant, title, head_width)
     plot = [patterns(chart), *bands, *_grid(scale, bottom, _DEPTHS if can_zoom else _DEPTHS[:1]), *bars]
     return Pieces(head, meant, head_width, head_height, "\n".join(labels), label_width, "\n".join(plot), width, bottom)
@@ -97,7 +113,10 @@ def _head(chart: Chart, meant: list[tuple[str, str]], title: str, width: float) 
 def _grid(scale: Scale, bottom: float, depths: tuple[int, ...]) -> Iterator[str]:
     drawn: set[str] = set()
     for depth in depths:
-        for time, label in _new(ticks(scale.start, scale.end, int(scale.width * depth / _TICK_DISTANCE)), drawn):
+        for time, label in ticks(scale.start, scale.end, int(scale.width * depth / _TICK_DISTANCE)):
+            if f"{time:.9g}" in drawn:
+                continue  # a coarser one stands there
+            drawn.add(f"{time:.9g}")
             x, kind = scale.x(time), "" if depth == 1 else f" z{depth}"
             yield f'<line class="grid{kind}" x1="{x:.2f}" y1="18" x2="{x:.2f}" y2="{bottom - 6:.1f}"/>'
             yield f'<text class="faint tick{kind}{_side(label, x, scale)}" x="{x:.2f}" y="13">{label}</text>'
@@ -107,11 +126,3 @@ def _side(label: str, x: float, scale: Scale) -> str:
     """Where a label stands that would be cut at the edge, also of a plot that is made narrower."""
     room = width_of(label)
     return " after" if x < room else " before" if x > scale.width - room else ""
-
-
-def _new(marks: Iterable[tuple[float, str]], drawn: set[str]) -> Iterator[tuple[float, str]]:
-    """The ticks that stand where no coarser one does."""
-    for time, label in marks:
-        if f"{time:.9g}" not in drawn:
-            drawn.add(f"{time:.9g}")
-            yield time, label

@@ -55,7 +55,7 @@ def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
     return f"{task} suspended{by} {_span(run, start, end)}"
 
 
-def held_back(run: Run, task: Task, part: Stretch) -> str:
+def held(run: Run, task: Task, part: Stretch) -> str:
     """``take steps {3} held until take steps {2} is achieved from ...``."""
     return f"{task} held{part.why and f' {part.why}'} {_span(run, part.start, part.end)}"
 
@@ -66,7 +66,7 @@ def why_held(task: Task, part: Stretch, *, is_named: bool) -> str:
     return f"{task}: {why}" if is_named else why
 
 
-def held(run: Run, claim: Claim) -> str:
+def claimed(run: Run, claim: Claim) -> str:
     """``controller locked by scanner from ...``."""
     where, how = place(claim.module, claim.resource), "reserved" if claim.is_reserved else "locked"
     start = claim.start if claim.granted is None else claim.granted

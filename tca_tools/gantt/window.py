@@ -3,7 +3,7 @@
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from tca_tools.gantt.parts import Row
+from tca_tools.gantt.chart import Row
 from tca_tools.run.records import OVER, Task
 from tca_tools.run.whole_run import Run
 from tca_tools.why.coping import watches
@@ -61,7 +61,7 @@ def _moments(rows: list[Row], *, with_locks: bool) -> Iterator[float]:
     for row in rows:
         for bar in row.bars:
             yield from (bar.start, bar.end, *(mark.time for mark in bar.raised))
-        for one in row.held if with_locks else ():
+        for one in row.claims if with_locks else ():
             yield one.start
             if not one.is_open:
                 yield one.end

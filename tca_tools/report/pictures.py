@@ -4,14 +4,14 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from math import ceil
 
-from tca_tools.analysis.spans import Cover
-from tca_tools.gantt.bars import chart
+from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.legend import patterns
-from tca_tools.gantt.parts import Chart
-from tca_tools.gantt.shapes import STYLE
+from tca_tools.gantt.looks import STYLE
 from tca_tools.gantt.svg import pieces_of
 from tca_tools.report.contents import Contents
 from tca_tools.run.fold import History
+from tca_tools.spans import Cover
 from tca_tools.why.coping import GOOD_FATES
 
 _BARS_AT_MOST = 2500

@@ -8,10 +8,10 @@ from math import ceil
 from operator import itemgetter
 
 from tca_tools.analysis.resources import Busy, Key, busy
-from tca_tools.analysis.spans import Span
 from tca_tools.analysis.summary import span_of
 from tca_tools.run.records import OVER, Handling, Message, State, Task
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Span
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 

@@ -10,8 +10,8 @@ from heapq import heapify, heappop, heappush
 from operator import attrgetter
 from typing import Any
 
-from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED
-from tca_tools.gantt.colours import dark
+from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
+from tca_tools.gantt.looks import dark
 from tca_tools.run.fold import History
 from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
 from tca_tools.tasktree_viz.arrows import kind_of_arrow

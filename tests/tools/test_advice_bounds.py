@@ -19,11 +19,11 @@ from tca_tools.analysis.concurrency import overlaps
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
-from tca_tools.analysis.spans import Cover
 from tca_tools.analysis.summary import summary
 from tca_tools.report.contents import contents
 from tca_tools.run.fold import History
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover
 from tca_wire.journal import facts
 from tca_wire.points import Moment
 from tca_wire.text.facts_in_words import called

@@ -13,12 +13,12 @@ from tca_tools.analysis.causes import Causes
 from tca_tools.analysis.critical_path import critical_path
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.resources import uses
-from tca_tools.analysis.spans import Cover, levels
 from tca_tools.analysis.summary import summary
 from tca_tools.analysis.waits import WaitKind, waits
 from tca_tools.export.tables import TABLES
 from tca_tools.run.records import State
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import Cover, levels
 from tca_tools.why.coping import Fate
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId

@@ -10,8 +10,8 @@ from tools.story import QUERY, Story
 
 from tca_tools.analysis.failures import failures
 from tca_tools.analysis.summary import summary
-from tca_tools.gantt.bars import chart
-from tca_tools.gantt.shapes import COPED, FAILED
+from tca_tools.gantt.build import chart
+from tca_tools.gantt.chart import Ending
 from tca_tools.gantt.svg import svg_text
 from tca_tools.run.fold import History
 from tca_tools.tasktree_viz.failing import failure_chain
@@ -119,7 +119,7 @@ def test_who_had_given_up_is_not_told_and_nothing_of_his_fails_later() -> None:
     assert [one.text for one in links if one.depth] == ["where {2} failed: blind: fog"]
     assert max(one.time for one in links) == 2.0
     bar = next(bar for row in chart(run).rows for bar in row.handled if bar.name == "look")
-    assert bar.title.endswith(f": failed, {told}")
+    assert bar.title().endswith(f": failed, {told}")
 
 
 def test_who_had_ended_is_not_told() -> None:
@@ -209,9 +209,8 @@ def test_charts_have_a_colour_of_its_own_for_it(tca: Tca, tmp_path: Path) -> Non
     assert 'class="failed"' not in coped
     assert 'class="coped"' not in failed
     assert 'class="failed"' in failed
-    assert COPED != FAILED
     bar = next(bar for row in chart(asking().fold()).rows for bar in row.handled if bar.name == "look")
-    assert bar.title.endswith(": failed, told to maps, whose handler of where {2} went on")
+    assert bar.title().endswith(": failed, told to maps, whose handler of where {2} went on")
     text = tca("gantt", asking().write(tmp_path / "ask"), COLUMNS="100").stdout
     assert "█~ failed, and handled" in text
     assert "█! failed" not in text
@@ -222,7 +221,7 @@ def test_what_was_sent_directly_and_failed_was_told_to_who_asked() -> None:
     for name, kind in (("look", QUERY), ("log", MessageClass.INFORM)):
         story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
         story.say(facts.HandledDirectly(name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"))
-    bars = {bar.name: bar.has_coped for row in chart(story.fold()).rows for bar in row.handled}
+    bars = {bar.name: bar.ending is Ending.COPED for row in chart(story.fold()).rows for bar in row.handled}
     assert bars == {"look": True, "log": False}
 
 
@@ -241,8 +240,8 @@ def test_who_asked_directly_is_followed_too() -> None:
         story.say(facts.HandledDirectly("look", "eye", "eye", "cook", bake, 1, 2.0, 0.2, Outcome.FAILED, "blind"))
         bar = next(bar for row in chart(story.fold()).rows for bar in row.handled if bar.name == "look")
         went = "failed then" if task_fails else "went on"
-        assert bar.has_coped is not task_fails
-        assert bar.title.endswith(f": failed, told to cook, whose handler of bake {{1}} {went}")
+        assert (bar.ending is Ending.COPED) is not task_fails
+        assert bar.title().endswith(f": failed, told to cook, whose handler of bake {{1}} {went}")
 
 
 def replacing(*, top_fails: bool = False) -> Story:

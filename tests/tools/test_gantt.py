@@ -8,9 +8,9 @@ from click.testing import Result
 from tools.story import QUERY, Story, stumbling, walking
 
 from tca_tools.gantt.axis import ticks
-from tca_tools.gantt.bars import NO_HANDLER, chart
-from tca_tools.gantt.colours import dark, light
-from tca_tools.gantt.parts import Chart
+from tca_tools.gantt.build import NO_HANDLER, chart
+from tca_tools.gantt.chart import Chart, lanes_of
+from tca_tools.gantt.looks import dark, light
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_wire.journal import facts
@@ -51,9 +51,9 @@ def test_bars_of_handlers_and_their_waits() -> None:
     ]
     planner, controller = drawing.rows[1], drawing.rows[3]
     assert [(wait.start, wait.end) for bar in planner.handled for wait in bar.waits] == [(0.8, 1.22), (1.5, 1.98)]
-    assert planner.handled[1].title == "take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s"
+    assert planner.handled[1].title() == "take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s"
     assert (
-        planner.handled[1].waits[0].title
+        planner.handled[1].waits[0].title()
         == "take steps {2} waits for elevation map {5} from 0.800 s to 1.220 s, 0.420 s"
     )
     assert [(bar.name, bar.is_open) for bar in controller.handled] == [("move leg", False), ("move body", True)]
@@ -62,8 +62,8 @@ def test_bars_of_handlers_and_their_waits() -> None:
 def test_queued_messages_have_lanes_of_their_own() -> None:
     planner = chart(walking().fold()).rows[1]
     assert [(bar.start, bar.end, bar.lane) for bar in planner.queued] == [(0.6, 0.7, 0), (0.6, 1.4, 1)]
-    assert (planner.lanes, planner.queue_lanes) == (1, 2)
-    assert planner.queued[0].title == "take steps {2} queued for gait planner from 0.600 s to 0.700 s, 0.100 s"
+    assert (planner.lanes, lanes_of(planner.queued)) == (1, 2)
+    assert planner.queued[0].title() == "take steps {2} queued for gait planner from 0.600 s to 0.700 s, 0.100 s"
 
 
 def test_a_wait_outside_of_any_handler_is_a_bar_of_its_module() -> None:
@@ -99,8 +99,8 @@ def test_a_row_only_of_queues_has_no_room_for_bars() -> None:
     story = Story().module("legs", "walk")
     story.queued(story.goal("dance", "x")).at(1.0)
     legs, nobody = chart(story.fold()).rows
-    assert (legs.lanes, legs.queue_lanes) == (1, 0)
-    assert (nobody.lanes, nobody.queue_lanes) == (0, 1)
+    assert (legs.lanes, lanes_of(legs.queued)) == (1, 0)
+    assert (nobody.lanes, lanes_of(nobody.queued)) == (0, 1)
 
 
 def test_a_chart_begins_and_ends_where_something_happens() -> None:

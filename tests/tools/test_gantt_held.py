@@ -9,8 +9,8 @@ from click.testing import Result
 from tools.made_robots import stepping
 from tools.story import COMMAND, THIS, Story, walking
 
-from tca_tools.gantt.bars import NO_HANDLER, chart
-from tca_tools.gantt.parts import Chart
+from tca_tools.gantt.build import NO_HANDLER, chart
+from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import Pick
@@ -27,7 +27,7 @@ def held(drawing: Chart) -> dict[str, list[tuple[float, float]]]:
     """What stands on the bars of what is held, and from when until when they go."""
     found: dict[str, list[tuple[float, float]]] = {}
     for row in drawing.rows:
-        for bar in row.held_back:
+        for bar in row.held:
             found.setdefault(f"{row.label}: {bar.words(200)}", []).append((bar.start, bar.end))
     return found
 
@@ -41,9 +41,9 @@ def test_it_shows_until_what_a_task_is_held(tca: Tca, tmp_path: Path, expect: Ca
 def test_a_task_that_was_planned_is_held_until_it_may_be_achieved() -> None:
     drawing = chart(walking().fold(), pick=Pick(messages={3}, held={3}))
     assert held(drawing) == {"gait planner: take steps {3}: until take steps {2} is achieved": [(2.2, 4.0)]}
-    (bar,) = next(row for row in drawing.rows if row.held_back).held_back
+    (bar,) = next(row for row in drawing.rows if row.held).held
     assert bar.is_open
-    assert bar.title == "take steps {3} held until take steps {2} is achieved from 2.200 s on, 1.800 s"
+    assert bar.title() == "take steps {3} held until take steps {2} is achieved from 2.200 s on, 1.800 s"
 
 
 def test_a_wiretap_is_named() -> None:
@@ -72,15 +72,15 @@ def waiting_for_two() -> Chart:
 
 
 def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
-    (row,) = (row for row in waiting_for_two().rows if row.held_back)
-    assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held_back) == [
+    (row,) = (row for row in waiting_for_two().rows if row.held)
+    assert sorted((bar.lane, bar.start, bar.end, bar.words(200)) for bar in row.held) == [
         (0, 1.0, 3.0, "move {3}: until move {1}, look {2} are achieved"),
         (0, 3.0, 4.0, "until look {2} is achieved"),
         (1, 1.0, 3.0, "move {4}: until move {1}, look {2} are achieved"),
         (1, 3.0, 4.0, "until look {2} is achieved"),
     ]
-    last = max(row.held_back, key=lambda bar: (bar.lane, bar.start))
-    assert last.title == "move {4} held until look {2} is achieved from 3.000 s to 4.000 s, 1.000 s"
+    last = max(row.held, key=lambda bar: (bar.lane, bar.start))
+    assert last.title() == "move {4} held until look {2} is achieved from 3.000 s to 4.000 s, 1.000 s"
 
 
 def test_the_text_shows_where_the_cause_changes() -> None:

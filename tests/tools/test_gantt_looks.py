@@ -8,11 +8,11 @@ from tools.story import COMMAND, Story
 from tools.test_coping import asking
 
 from tca_tools.drawing.svg import width_of
-from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
-from tca_tools.gantt.colours import dark
-from tca_tools.gantt.parts import Bar, Row
+from tca_tools.gantt.axis import Scale
+from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
+from tca_tools.gantt.chart import Bar, Row
+from tca_tools.gantt.looks import dark
 from tca_tools.gantt.queues import curve, is_curve, queue_height
-from tca_tools.gantt.scale import Scale
 from tca_tools.gantt.svg import svg_text
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
@@ -73,7 +73,7 @@ def test_no_name_has_the_grey_of_something_else() -> None:
 
 def queue(*bars: tuple[float, float], is_nobodys: bool = False) -> Row:
     """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
-    waiting = [Bar("step", str, start, end, is_open=False, lane=lane) for lane, (start, end) in enumerate(bars)]
+    waiting = [Bar("step", start, end, str, lane=lane) for lane, (start, end) in enumerate(bars)]
     return Row("legs", queued=waiting, is_nobodys=is_nobodys)
 
 

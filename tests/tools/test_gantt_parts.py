@@ -10,9 +10,9 @@ import pytest
 from click.testing import Result
 from tools.story import COMMAND, Story, locking, stumbling, walking
 
-from tca_tools.gantt.bars import NO_HANDLER, SUSPENDED, chart
-from tca_tools.gantt.blocks import in_blocks, queue_lengths
-from tca_tools.gantt.parts import Chart
+from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
+from tca_tools.gantt.build import NO_HANDLER, SUSPENDED, chart
+from tca_tools.gantt.chart import Chart, Kind
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.window import ALL, Pick
 from tca_wire.journal import facts
@@ -53,7 +53,9 @@ def test_a_lock_is_in_the_row_of_the_copy_that_it_was_asked_of() -> None:
     """It is for all of them, yet one row shows it, as the journal says."""
     story = Story().module("legs", "move").module("legs#2", "move").module("eyes").at(1.0)
     story.say(facts.Claimed(90, "legs#2", "legs#2", False, "eyes", TaskId(0)), facts.Granted(90))
-    held = {row.label: len(row.held) for row in chart(story.at(3.0).say(facts.ClaimEnded(90, "released")).fold()).rows}
+    held = {
+        row.label: len(row.claims) for row in chart(story.at(3.0).say(facts.ClaimEnded(90, "released")).fold()).rows
+    }
     assert held == {"legs": 0, "legs#2": 1}
 
 
@@ -65,12 +67,13 @@ def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
 
 def test_who_has_a_resource_for_himself() -> None:
     legs = chart(locking().fold()).rows[1]
-    assert [(one.start, one.end, one.is_reserved, one.owner) for one in legs.held] == [
-        (2.0, 3.0, False, "eyes"),
-        (4.0, 5.0, True, "planner"),
+    assert [(one.start, one.end, one.kind, one.name) for one in legs.claims] == [
+        (2.0, 3.0, Kind.LOCKED, "eyes"),
+        (4.0, 5.0, Kind.RESERVED, "planner"),
     ]
     assert (
-        legs.held[0].title == "legs locked by eyes while handling look {3} from 2.000 s to 3.000 s, 1.000 s: released"
+        legs.claims[0].title()
+        == "legs locked by eyes while handling look {3} from 2.000 s to 3.000 s, 1.000 s: released"
     )
     picture = svg_text(chart(locking().fold()), "locking")
     assert "locked by eyes" in picture
@@ -81,13 +84,13 @@ def test_suspended_tasks_have_a_row_below_the_modules_as_in_the_page() -> None:
     run = locking().fold()
     last = chart(run).rows[-1]
     assert (last.label, [(bar.name, bar.start, bar.end) for bar in last.queued]) == (SUSPENDED, [("adjust", 1.0, 3.5)])
-    assert not any(bar.is_suspended for row in chart(run).rows[:-1] for bar in row.queued)
+    assert not any(bar.kind is Kind.SUSPENDED for row in chart(run).rows[:-1] for bar in row.queued)
     story = Story().module("legs", "walk")
     walk = story.goal("walk", "x")
     story.at(1.0).say(facts.SuspendedOrResumed(TaskId(walk), True, "panel")).at(2.0)
     bar = chart(story.fold()).rows[-1].queued[0]
-    assert (bar.is_suspended, bar.start, bar.end, bar.is_open) == (True, 1.0, 2.0, True)
-    assert bar.title == "walk {1} suspended by panel from 1.000 s on, 1.000 s"
+    assert (bar.kind, bar.start, bar.end, bar.is_open) == (Kind.SUSPENDED, 1.0, 2.0, True)
+    assert bar.title() == "walk {1} suspended by panel from 1.000 s on, 1.000 s"
 
 
 def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_that_has_left() -> None:
@@ -103,7 +106,7 @@ def test_a_suspended_task_is_its_modules_who_would_have_handled_it_even_when_tha
 
     def suspended(*modules: str) -> list[float]:
         rows = chart(run, pick=Pick(modules=modules) if modules else ALL).rows
-        return [bar.start for row in rows for bar in row.queued if bar.is_suspended]
+        return [bar.start for row in rows for bar in row.queued if bar.kind is Kind.SUSPENDED]
 
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
 
@@ -118,7 +121,7 @@ def test_a_row_only_of_what_is_not_shown_is_left_out() -> None:
 def test_a_wait_for_a_lock_is_a_wait_of_its_handler() -> None:
     look = chart(locking().fold()).rows[2].handled[0]
     assert [(wait.start, wait.end) for wait in look.waits] == [(1.0, 2.0)]
-    assert look.waits[0].title == "look {3} waits for lock of legs {90} from 1.000 s to 2.000 s, 1.000 s"
+    assert look.waits[0].title() == "look {3} waits for lock of legs {90} from 1.000 s to 2.000 s, 1.000 s"
 
 
 def test_only_some_modules(tca: Tca, run: Path) -> None:
@@ -244,8 +247,8 @@ def test_ten_thousand_bars_of_ten_modules() -> None:
 def test_narrow_bars_are_put_together_only_with_neighbours() -> None:
     bars = chart(busy(steps=3).fold()).rows[0].handled
     wide, blocks = in_blocks(bars, 0.0, 2.0, 0.5)
-    assert ([bar.start for bar in wide], [len(block.bars) for block in blocks]) == ([2.0], [2])
-    assert (round(blocks[0].start, 6), blocks[0].end, round(blocks[0].busy, 3)) == (0.0, 1.01, 0.02)
+    assert ([bar.start for bar in wide], [len(block.parts) for block in blocks]) == ([2.0], [2])
+    assert (round(blocks[0].start, 6), blocks[0].end, round(share_of(blocks[0]), 3)) == (0.0, 1.01, 0.02)
 
 
 def test_what_failed_is_seen_in_a_block() -> None:

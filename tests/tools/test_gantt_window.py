@@ -8,7 +8,7 @@ import pytest
 from click.testing import Result
 from tools.story import COMMAND, THIS, Story, silent_for, walking
 
-from tca_tools.gantt.bars import chart
+from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.gantt.window import Pick

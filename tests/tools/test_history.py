@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.story import PLANNING, QUERY, THIS, Story, arcs, stumbling, walking
 
-from tca_tools.gantt.bars import chart
+from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.run.at_time import RunAt
@@ -342,9 +342,9 @@ def test_direct_messages_are_counted_and_shown_though_central_never_saw_them() -
     assert history.lost_directly == {"pose": 3}
     assert not history.messages
     (row,) = chart(history).rows
-    assert [bar.has_failed for bar in row.handled] == [False, True]
+    assert [bar.ending for bar in row.handled] == ["", "failed"]
     title = "height, directly from walker, handled by map from 1.250 s to 1.500 s, 0.250 s"
-    assert row.handled[0].title == title
+    assert row.handled[0].title() == title
 
 
 def test_a_note_of_a_direct_message_with_impossible_times() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from tools.story import Story
 
 from tca_tools.analysis.failures import failures
-from tca_tools.gantt.bars import chart
+from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_tools.gantt.text import chart_lines
 from tca_tools.run.fold import History

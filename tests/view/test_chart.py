@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from tools.story import Story
 from view.conftest import Look, until, written
 
-from tca_tools.gantt.bars import chart
+from tca_tools.gantt.build import chart
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome

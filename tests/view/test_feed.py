@@ -12,8 +12,8 @@ from properties.test_then import WatchedPlayer
 from tools.story import Story, stumbling, walking
 
 from tca_central.events import Effect, Record
-from tca_tools.gantt.bars import chart
-from tca_tools.gantt.colours import dark
+from tca_tools.gantt.build import chart
+from tca_tools.gantt.looks import dark
 from tca_tools.run.at_time import RunAt
 from tca_tools.run.fold import History
 from tca_tools.run.records import State

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from tools.story import Story, walking
 from view.conftest import Look, until, written
 
-from tca_tools.gantt.bars import chart
+from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_wire.journal import facts
 

@@ -1,5 +1,6 @@
-"""Spans of time: how many go on at once, and how much of a window they cover. Pure."""
+"""Spans of time: in which lanes they have room, how many go on at once, and how much of a window they cover. Pure."""
 
+import heapq
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from itertools import accumulate, groupby
@@ -41,10 +42,23 @@ class Cover:
         return self._before[place] - max(self._ends[place - 1] - time, 0.0)
 
 
+def lanes(spans: Iterable[Span]) -> Iterator[int]:
+    """The lane of each span, given in the order of their starts: the first that is free. In a lane none overlap."""
+    busy: list[tuple[float, int]] = []
+    free: list[int] = []
+    for start, end in spans:
+        while busy and busy[0][0] <= start:
+            heapq.heappush(free, heapq.heappop(busy)[1])
+        lane = heapq.heappop(free) if free else len(busy)
+        heapq.heappush(busy, (end, lane))
+        yield lane
+
+
 def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
     """How many of the spans go on, from each time on at which that changes."""
     changes = sorted(change for start, end in spans if end > start for change in ((start, 1), (end, -1)))
     count = 0
     for time, group in groupby(changes, key=itemgetter(0)):
-        count += sum(change for _, change in group)
-        yield time, count
+        if change := sum(change for _, change in group):
+            count += change
+            yield time, count

@@ -1,0 +1,229 @@
+"""From a history to rows of bars: what every resource did, waited for and kept waiting. Pure; draws nothing."""
+
+from collections.abc import Iterable, Iterator
+from functools import partial
+from itertools import chain
+from math import inf
+from operator import attrgetter
+from typing import Any
+
+from tca_tools.gantt import titles
+from tca_tools.gantt.chart import Bar, Chart, Ending, Kind, Mark, Row
+from tca_tools.gantt.window import ALL, Pick, span_of
+from tca_tools.run.records import Claim, HandlerWait, Handling, ModuleRecord, Queueing, State, Task
+from tca_tools.run.whole_run import Run
+from tca_tools.spans import lanes
+from tca_tools.why.coping import has_coped, went_on
+from tca_tools.why.stretches import in_state
+from tca_wire.text.facts_in_words import place
+from tca_wire.vocabulary import Outcome
+
+NO_HANDLER = "(no handler)"
+"""The row of what waits for a module that handles it."""
+SUSPENDED = "(suspended)"
+"""The row of suspended tasks."""
+_NOBODYS = (("", SUSPENDED), ("", ""))
+"""Below all modules, as in the viewer's chart: what is no module's may stay for long, and is little to look at."""
+_HELD = (State.HELD, State.PLANNED)
+"""States in which a task may not go on yet: it may not be handled, or may not be achieved."""
+
+
+def chart(run: Run, start: float | None = None, end: float | None = None, pick: Pick = ALL) -> Chart:
+    """What happened between *start* and *end*, a row for each resource; by default all that happened."""
+    rows = _Filler(run, pick, start, end).filled()
+    names = [message.name for message in run.messages.values()]
+    names += [bar.name for row in rows.values() for bar in row.bars]
+    start, end = span_of(list(rows.values()), run, pick, start, end)
+    for row in rows.values():
+        row.handled = _laid_out(row.handled, start, end)
+        row.queued = _laid_out(row.queued, start, end)
+        row.held = _laid_out(row.held, start, end)
+    shown = [row for row in _in_order(rows) if any(row.bars) or _shows_empty(row, pick)]
+    return Chart(start, end, shown, list(dict.fromkeys(names)))
+
+
+def _in_order(rows: dict[tuple[str, str], Row]) -> Iterator[Row]:
+    """Those of a module side by side, the modules in the order in which they came."""
+    for module in filter(None, dict.fromkeys(module for module, _ in rows)):
+        yield from (row for (name, _), row in rows.items() if name == module)
+    yield from (rows[key] for key in _NOBODYS if key in rows)
+
+
+def _shows_empty(row: Row, pick: Pick) -> bool:
+    """Whether an empty row is shown: that of a module that only sends has to be asked for."""
+    return pick.messages is None and bool(row.connected) and (row.is_offered or pick.modules is not None)
+
+
+def _laid_out(bars: list[Bar], start: float, end: float) -> list[Bar]:
+    """The bars that show between *start* and *end*, with their lanes."""
+    shown = sorted((bar for bar in bars if bar.start <= end and bar.end >= start), key=attrgetter("start"))
+    chains: dict[int, list[Bar]] = {}
+    for bar in shown:
+        chains.setdefault(id(bar.follows or bar), []).append(bar)
+    spans = ((some[0].start, some[-1].end) for some in chains.values())
+    for some, lane in zip(chains.values(), lanes(spans), strict=True):
+        for bar in some:
+            bar.lane = lane
+    return shown
+
+
+def _resources(module: ModuleRecord) -> list[str]:
+    """Its resources; the first shows what the module waits for outside of handlers."""
+    return sorted(module.resources, key=lambda resource: resource not in ("", module.name)) or [""]
+
+
+class _Filler:
+    """Puts bars into rows."""
+
+    def __init__(self, run: Run, pick: Pick, start: float | None, end: float | None) -> None:
+        self.run = run
+        self.pick = pick
+        self.start = -inf if start is None else start
+        self.end = inf if end is None else end
+        self.rows: dict[tuple[str, str], Row] = {}
+
+    def filled(self) -> dict[tuple[str, str], Row]:
+        """The rows, with the bars of everything that is asked for and shows."""
+        run, modules = self.run, [one for one in self.run.modules.values() if self.pick.row(one.name)]
+        for module in modules:
+            self._add_module(module)
+        for handling in filter(self._wants, self._showing(run.handlings)):
+            self._row(handling.module, handling.resource).handled.append(self._handled(handling))
+        for module in modules:
+            self._add_waits(module)
+        for queueing in filter(self._wants, self._showing(run.queueings)):
+            self._row(queueing.module, queueing.resource).queued.append(self._queued(queueing))
+        for task in run.tasks.values():
+            self._add_kept(task)
+        for claim in chain.from_iterable(run.grants.values()):
+            if self.pick.row(claim.module):
+                self._row(claim.module, claim.resource).claims.append(self._claimed(claim))
+        return self.rows
+
+    def _add_module(self, module: ModuleRecord) -> None:
+        """A row for each of its resources."""
+        for resource in _resources(module):
+            row = self._row(module.name, resource)
+            row.connected = [(start, self._until(end)) for start, end in module.joined]
+            row.is_offered = bool(module.resources)
+
+    def _add_waits(self, module: ModuleRecord) -> None:
+        """What it waits for outside of handlers."""
+        row = self._row(module.name, _resources(module)[0])
+        for wait in self._showing(_lasting(module.waits)):
+            if self.pick.message(wait.awaited):
+                row.handled.append(self._awaited(module.name, wait))
+
+    def _row(self, module: str, resource: str) -> Row:
+        key = (module, resource)
+        if key not in self.rows:
+            self.rows[key] = Row(place(*key) if module else resource or NO_HANDLER, is_nobodys=not module)
+        return self.rows[key]
+
+    def _wants(self, one: Handling | Queueing) -> bool:
+        return self.pick.row(one.module) and self.pick.message(one.message_id)
+
+    def _showing(self, spans: Iterable[Any]) -> Iterator[Any]:
+        """Those of some spans that lie between start and end."""
+        return (one for one in spans if one.start <= self.end and (one.end is None or one.end >= self.start))
+
+    def _until(self, end: float | None) -> float:
+        return self.run.time if end is None else end
+
+    def _bar(
+        self, kind: Kind, name: str, start: float, end: float | None, title: Any, *about: Any, of: int | None = None
+    ) -> Bar:
+        """A bar *of* a message; *title* tells of the run *about* what."""
+        is_beside = of is not None and self.pick.messages is not None and of not in self.pick.messages
+        return Bar(name, start, self._until(end), partial(title, self.run, *about), kind, end is None, is_beside)
+
+    def _handled(self, one: Handling) -> Bar:
+        bar = self._bar(Kind.HANDLED, one.name, one.start, one.end, titles.handled, one, of=one.message_id)
+        if one.outcome is Outcome.FAILED:
+            bar.ending = Ending.COPED if has_coped(self.run, one) else Ending.FAILED
+        elif one.outcome is Outcome.KILLED:
+            bar.ending = Ending.KILLED
+        for wait in _lasting(one.waits):
+            part = self._bar(Kind.WAITING, one.name, wait.start, wait.end, titles.handler_waits, one, wait)
+            part.end = min(part.end, bar.end)
+            bar.waits.append(part)
+        bar.raised = self._raised(one.message_id, bar)
+        return bar
+
+    def _awaited(self, module: str, wait: HandlerWait) -> Bar:
+        what = (titles.awaited_name(self.run, wait), wait.start, wait.end, titles.module_waits, module, wait)
+        bar = self._bar(Kind.AWAITED, *what)
+        bar.waits = [self._bar(Kind.WAITING, *what)]
+        return bar
+
+    def _queued(self, one: Queueing) -> Bar:
+        number = one.message_id
+        bar = self._bar(Kind.QUEUED, self.run.name(number), one.start, one.end, titles.queued, one, of=number)
+        bar.raised = self._raised(number, bar)
+        return bar
+
+    def _claimed(self, claim: Claim) -> Bar:
+        kind = Kind.RESERVED if claim.is_reserved else Kind.LOCKED
+        start = claim.start if claim.granted is None else claim.granted
+        return self._bar(kind, claim.sender, start, claim.end, titles.claimed, claim)
+
+    def _raised(self, number: int, bar: Bar) -> list[Mark]:
+        """The failures that were raised on a task in a bar of it, or after its last one."""
+        task = self.run.tasks.get(number)
+        failures = self.run.raised.get(number, []) if task is not None else []
+        if task is None or not failures:
+            return []
+        starts = [one.start for one in task.handlings] + [one.start for one in task.queueings]
+        after = min((start for start in starts if start > bar.start), default=inf)
+        return [
+            Mark(
+                one.time,
+                Ending.COPED if went_on(self.run, task, one.time) else Ending.FAILED,
+                titles.raised(self.run, task, one),
+            )
+            for one in failures
+            if bar.start <= one.time < after
+        ]
+
+    def _add_kept(self, task: Task) -> None:
+        """The spans in which a task was held, where it was or would be handled, or suspended, in a row of their own."""
+        wanted = (State.SUSPENDED, *_HELD) if task.id in self.pick.held else (State.SUSPENDED,)
+        if not any(state in wanted for _, state in task.states) or not self.pick.message(task.id):
+            return
+        ends = [*(time for time, _ in task.states[1:]), None]
+        for number, ((start, state), end) in enumerate(zip(task.states, ends, strict=True)):
+            where = _home(self.run, task, start, end) if state in wanted else None
+            if where is None or not self.pick.row(where[0]):
+                continue
+            if state is State.SUSPENDED:
+                about = (titles.suspended, task, start, end)
+                bar = self._bar(Kind.SUSPENDED, task.name, start, end, *about, of=task.id)
+                self._row("", SUSPENDED).queued.append(bar)
+            else:
+                self._row(*where).held += self._held(task, number)
+
+    def _held(self, task: Task, number: int) -> list[Bar]:
+        """A bar for each cause, one after the other in a lane."""
+        bars: list[Bar] = []
+        for part in self._showing(in_state(self.run, task, number)):
+            bar = self._bar(Kind.HELD, task.name, part.start, part.end, titles.held, task, part, of=task.id)
+            bar.why = partial(titles.why_held, task, part, is_named=not bars)
+            bar.follows = bars[0] if bars else None
+            bars.append(bar)
+        return bars
+
+
+def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:
+    """The waits that took any time: what was there at once is nothing to look at."""
+    return (wait for wait in waits if wait.end is None or wait.end > wait.start)
+
+
+def _home(run: Run, task: Task, start: float, end: float | None) -> tuple[str, str]:
+    """Where a task was handled or, if it was not, would have been while it was kept, from *start* to *end*."""
+    spans: list[Handling | Queueing] = [*task.handlings[:1], *filter(attrgetter("module"), task.queueings)]
+    if spans:
+        return spans[0].module, spans[0].resource
+    for offer in reversed(run.offers.get(task.name, [])):
+        if (end is None or offer.start < end) and (offer.end is None or offer.end > start):
+            return offer.module, offer.resource
+    return "", ""

@@ -1,0 +1,154 @@
+"""What a chart consists of: rows of bars, and what there is to say about each."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import chain
+
+from tca_tools.terminal import cut
+from tca_wire.text.printable import printable
+
+_FEWEST = 8
+"""Columns of a reason."""
+
+
+class Kind(StrEnum):
+    """What a bar shows of a message, or of a resource."""
+
+    HANDLED = "handling"
+    AWAITED = "awaited"  # a module waits for it outside of any handler
+    WAITING = "waiting"  # a part of a bar: its handler waits
+    QUEUED = "queued"
+    SUSPENDED = "suspended"
+    HELD = "held"
+    LOCKED = "locked"
+    RESERVED = "reserved"
+
+
+class Ending(StrEnum):
+    """What became of a handler, where that is no success; or of a failure."""
+
+    NONE = ""
+    FAILED = "failed"
+    COPED = "coped"  # it failed, and the run went on
+    KILLED = "killed"  # its handler was at work when it was killed
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A failure that was raised beside the handler."""
+
+    time: float
+    ending: Ending
+    title: str
+
+
+@dataclass(slots=True)
+class Bar:
+    """A span of time in a row; of a lock or reservation the name is its owner's."""
+
+    name: str
+    start: float
+    end: float
+    title: Callable[[], str]
+    """Tells all there is to say about it."""
+    kind: Kind = Kind.HANDLED
+    is_open: bool = False
+    """Whether it went on when the journal ended."""
+    is_beside: bool = False
+    """Whether it is not what was asked for, but what that waited for."""
+    ending: Ending = Ending.NONE
+    waits: "list[Bar]" = field(default_factory=list)
+    raised: list[Mark] = field(default_factory=list)
+    why: Callable[[], str] | None = None
+    """Of what is held: what that waits for. It stands on the bar if some of it has room."""
+    follows: "Bar | None" = None
+    """Of what is held by one thing after the other: the first bar, in whose lane it is."""
+    lane: int = 0
+    """Bars of one lane do not overlap."""
+    parts: "list[Bar]" = field(default_factory=list)
+    """The bars for which it stands, if they are too narrow to be drawn one by one."""
+
+    @property
+    def seconds(self) -> float:
+        """How long it is; of several bars, how long those are together."""
+        return sum(part.seconds for part in self.parts) if self.parts else self.end - self.start
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether its handler mostly waited: it looks so where there is no room for more."""
+        return 2 * sum(wait.seconds for wait in self.waits) > self.seconds
+
+    def words(self, columns: int) -> str:
+        """Why it is held, in so many columns; "" if that are too few to say anything."""
+        return cut(printable(self.why()), columns) if self.why and columns >= _FEWEST else ""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What may stand on it, the best first: ``waits for walk``, ``walk``."""
+        return (f"waits for {self.name}", self.name) if self.kind is Kind.AWAITED else (self.name,)
+
+
+@dataclass(slots=True)
+class Row:
+    """One resource, or what is no module's."""
+
+    label: str
+    connected: list[tuple[float, float]] = field(default_factory=list)
+    handled: list[Bar] = field(default_factory=list)
+    queued: list[Bar] = field(default_factory=list)
+    """What waits for the resource, or is suspended."""
+    held: list[Bar] = field(default_factory=list)
+    """What constraints hold that would be handled there."""
+    claims: list[Bar] = field(default_factory=list)
+    """Its locks and reservations."""
+    is_offered: bool = False
+    """Whether its module offers to handle something."""
+    is_nobodys: bool = False
+
+    @property
+    def lanes(self) -> int:
+        """How many lanes the handled bars need."""
+        return lanes_of(self.handled) or bool(self.connected or self.claims)
+
+    @property
+    def queue_kind(self) -> str:
+        """What those do that wait for it."""
+        return " or ".join(sorted({bar.kind for bar in self.queued}))
+
+    @property
+    def bars(self) -> Iterator[Bar]:
+        """All its bars but locks and reservations."""
+        return chain(self.handled, self.queued, self.held)
+
+
+@dataclass(slots=True)
+class Chart:
+    """Rows over a span of time."""
+
+    start: float
+    end: float
+    rows: list[Row]
+    names: list[str]
+    """Messages in the order in which they were first sent, whatever the span: a name's place tells its colour."""
+
+    def shows(self, start: float, end: float | None = None) -> bool:
+        """Whether some of a span is in sight, or a moment."""
+        return start <= self.end and (start if end is None else end) >= self.start
+
+    def bars(self) -> Iterator[Bar]:
+        """All bars but locks and reservations."""
+        return chain.from_iterable(row.bars for row in self.rows)
+
+    def claims(self) -> set[Kind]:
+        """Whether there are locks or reservations to be seen."""
+        return {one.kind for row in self.rows for one in row.claims if self.shows(one.start, one.end)}
+
+    def marks(self) -> Iterator[Mark]:
+        """The failures beside handlers that can be seen."""
+        return (mark for bar in self.bars() for mark in bar.raised if self.shows(mark.time))
+
+
+def lanes_of(bars: list[Bar]) -> int:
+    """How many lanes some bars need."""
+    return max((bar.lane + 1 for bar in bars), default=0)
