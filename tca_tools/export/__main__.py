@@ -1,20 +1,24 @@
 """``tca export``: a run as a file, or a folder of files, for other tools."""
 
-from collections.abc import Callable, Iterator
-from itertools import islice
+import json
+from collections.abc import Callable
+from importlib import import_module
+from itertools import count, islice
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import click
 
 from tca_tools.errors import ToolError
+from tca_tools.export.csv_files import write_csv
 from tca_tools.export.tables import TABLES, Table
+from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import force_option
 from tca_tools.output import check_free, made_for, make_folder, new_file
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import Log, open_log
 from tca_tools.run.whole_run import Run
-from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.printable import printable
 
@@ -32,46 +36,44 @@ class Format(NamedTuple):
 
 
 def _perfetto(journal: Log, output: Path) -> None:
-    try:
-        from tca_tools.export.trace.packets import write_trace  # noqa: PLC0415 - exports are extras
-    except ImportError as error:
-        raise _missing("perfetto", "exports", error) from None
+    write_trace = _imported("trace.packets", "perfetto", "exports").write_trace
     run = folded(journal)
     with new_file(output) as stream:
         write_trace(run, stream)
 
 
 def _mcap(journal: Log, output: Path) -> None:
-    try:
-        from tca_tools.export.mcap_file import write_mcap  # noqa: PLC0415
-    except ImportError as error:
-        raise _missing("mcap", "exports", error) from None
-    entries = _Counted(journal)
-    run = folded(journal, entries=entries)
-    again = islice(Log(journal.path), entries.count)  # a run that goes on has more of them by now
+    write_mcap = _imported("mcap_file", "mcap", "exports").write_mcap
+    number = count()
+    run = folded(journal, entries=(entry for entry, _ in zip(journal, number, strict=False)))
+    again = islice(Log(journal.path), next(number))  # a run that goes on has more of them by now
     with new_file(output) as stream:
         write_mcap(run, again, stream)
 
 
 def _json_lines(journal: Log, output: Path) -> None:
-    from tca_tools.export.json_lines import write_json_lines  # noqa: PLC0415
-
     with new_file(output) as stream:
-        write_json_lines(journal, stream)
+        for entry in journal:
+            stream.writelines(json.dumps(fact_row(entry, fact)).encode() + b"\n" for fact in entry.facts)
 
 
 def _csv(journal: Log, output: Path) -> None:
-    from tca_tools.export.csv_files import write_csv  # noqa: PLC0415
-
     _tables("csv", folded(journal), output, write_csv)
 
 
 def _parquet(journal: Log, output: Path) -> None:
-    try:
-        from tca_tools.export.parquet_files import write_parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise _missing("pyarrow", "parquet", error) from None
+    write_parquet = _imported("parquet_files", "pyarrow", "parquet").write_parquet
     _tables("parquet", folded(journal), output, write_parquet)
+
+
+def _imported(module: str, package: str, extra: str) -> ModuleType:
+    """A module that needs a package of an extra. Raises ToolError if that is not there."""
+    try:
+        return import_module(f"tca_tools.export.{module}")
+    except ImportError as error:
+        raise ToolError(
+            f"the Python package '{package}' can't be loaded ({error}): pip install 'tca-central[{extra}]'"
+        ) from None
 
 
 def _tables(name: str, run: Run, output: Path, write: Callable[..., None]) -> None:
@@ -140,23 +142,6 @@ def _named_by(output: Path) -> str:
                 f"{output}: {name} is no single file but a folder of tables: name the folder: --to {name} -o {folder}"
             )
     raise click.UsageError(f"{output}: its name tells no format: add --to with one of {', '.join(FORMATS)}")
-
-
-class _Counted:
-    """The entries of a journal, counted."""
-
-    def __init__(self, journal: Log) -> None:
-        self._journal = journal
-        self.count = 0
-
-    def __iter__(self) -> Iterator[Entry]:
-        for entry in self._journal:
-            self.count += 1
-            yield entry
-
-
-def _missing(package: str, extra: str, error: ImportError) -> ToolError:
-    return ToolError(f"the Python package '{package}' can't be loaded ({error}): pip install 'tca-central[{extra}]'")
 
 
 if __name__ == "__main__":

@@ -7,13 +7,13 @@ from typing import Any
 
 import click
 
-from tca_tools.analysis.words import counted
 from tca_tools.options import MOMENT
 from tca_tools.run.folding import folded
 from tca_tools.run.journals import open_log
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
 from tca_tools.stats.text import stats_lines
 from tca_tools.terminal import cut, line_width
+from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
 _ENDS = ("failed", "killed", "dropped", "open")

@@ -1,17 +1,14 @@
 """Counts and times of a run, or of a part of it. Pure; percentiles are exact (nearest rank)."""
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import groupby
-from math import ceil
-from operator import itemgetter
+from math import ceil, inf
 
 from tca_tools.analysis.resources import Busy, Key, busy
 from tca_tools.analysis.summary import span_of
 from tca_tools.run.records import OVER, Handling, Message, State, Task
 from tca_tools.run.whole_run import Run
-from tca_tools.spans import Span
+from tca_tools.spans import Span, levels
 from tca_wire.points import Moment
 from tca_wire.vocabulary import MessageClass, Outcome
 
@@ -237,23 +234,14 @@ def _resources(run: Run, first: float, busy_in: Span) -> list[ResourceStats]:
 
 
 def _add_queues(found: dict[Key, ResourceStats], run: Run, first: float) -> None:
-    steps: dict[Key, list[tuple[float, int]]] = defaultdict(list)
+    spans: dict[Key, list[Span]] = defaultdict(list)
     for queueing in run.queueings:
         key = (queueing.module, queueing.resource)
         found.setdefault(key, ResourceStats(*key, 0))
         if queueing.end is None or queueing.end >= first:
-            steps[key].append((max(queueing.start, first), 1))
-            if queueing.end is not None:
-                steps[key].append((queueing.end, -1))
-            if queueing.start >= first:
-                found[key].queued.add(queueing.start, queueing.end, run.time)
-    for key, changes in steps.items():
-        found[key].longest_queue = max(_levels(changes))
+            spans[key].append((max(queueing.start, first), inf if queueing.end is None else queueing.end))
+        if queueing.start >= first:
+            found[key].queued.add(queueing.start, queueing.end, run.time)
+    for key, some in spans.items():
+        found[key].longest_queue = max((number for _, number in levels(some)), default=0)
         found[key].queued.sort()
-
-
-def _levels(changes: list[tuple[float, int]]) -> Iterator[int]:
-    level = 0
-    for _, group in groupby(sorted(changes), key=itemgetter(0)):
-        level += sum(step for _, step in group)
-        yield level

@@ -1,12 +1,13 @@
 """Statistics as tables for the terminal. Knows how they look; measures nothing."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import accumulate, compress
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
 
-from tca_tools.analysis.words import counted, seconds
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times
 from tca_tools.terminal import columns_of, cut, padded
 from tca_wire.text.facts_in_words import place
+from tca_wire.text.measures import counted, duration, run_time
 from tca_wire.text.printable import printable
 
 _NO_HANDLER = "(no handler)"
@@ -18,18 +19,66 @@ _SHORT = {"sent to start": "start", "handling": "run", "sent to end": "end", "in
 _SELDOM = 0.01
 """Of rates below this two digits are shown."""
 _AT_LEAST = "+"
-_NO_TIME = 0.5e-6
-_UNITS = ((86400.0, "d", 3600.0, "h"), (3600.0, "h", 60.0, "m"), (60.0, "m", 1.0, "s"))
+_NONE = "-"
 
-Cells = Sequence[str]
-Groups = list[tuple[str, int]]
-"""What stands over how many columns."""
-Spare = Sequence[Sequence[int]]
-"""Columns by their places, those that are left out first."""
-_OPEN, _DROPPED, _OPEN_WAITS = 2, 3, 6
-"""Columns that are shown where there is something in them."""
-_SPARE_OF_MESSAGES: Spare = ((7, 10, 13), (1,), (5, 8, 11), (6,), (4,), (_DROPPED,), (12,), (_OPEN,), (9,))
-_SPARE_OF_RESOURCES: Spare = ((9,), (2,), (7,), (0,), (10,), (5,), (4,), (_OPEN_WAITS,), (8,), (1,))
+
+class _Column(NamedTuple):
+    """A column of a table."""
+
+    group: str
+    """What stands over it and its neighbours."""
+    head: str
+    cell: Callable[[Any, float], object]
+    """Makes a cell from the statistics of a row, and the seconds of the run."""
+    spare: int = 0
+    """Where there is no room, columns of the highest number are left out first; 0: never."""
+    if_any: bool = False
+    """Whether it is shown only where there is something in it."""
+
+
+def _spread(group: str, name: str, *spare: int) -> list[_Column]:
+    """Three columns of times; *spare* are their numbers."""
+
+    def cell(share: int) -> Callable[[Any, float], str]:
+        return lambda one, _: _time(getattr(one, name), share)
+
+    return [
+        _Column(group, head, cell(share), rank)
+        for head, share, rank in zip(("p50", "p99", "max"), (50, 99, 100), spare, strict=True)
+    ]
+
+
+def _time(times: Times, share: int) -> str:
+    seconds = times.percentile(share)
+    return _NONE if seconds is None else duration(seconds) + _AT_LEAST * times.is_at_least(seconds)
+
+
+def _rate(number: int, seconds: float) -> str:
+    rate = number / (seconds or 1)
+    return f"{rate:.{2 if rate < _SELDOM else 3}g}" if seconds > 0 and rate < 1000 else f"{rate:.0f}"
+
+
+_MESSAGES = (
+    _Column("", "sent", lambda one, _: one.sent),
+    _Column("", "/s", lambda one, seconds: _rate(one.sent, seconds), 8),
+    _Column("", "open", lambda one, _: one.open or _NONE, 2, if_any=True),
+    _Column("", "dropped", lambda one, _: one.dropped or _NONE, 4, if_any=True),
+    _Column("runs", "failed", lambda one, _: one.failed_runs or _NONE, 5),
+    *_spread("sent to start", "to_start", 7, 6, 9),
+    *_spread("handling", "handling", 7, 1, 9),
+    *_spread("sent to end", "to_end", 7, 3, 9),
+)
+_RESOURCES = (
+    _Column("", "slots", lambda one, _: one.capacity or _NONE, 7),
+    _Column("", "handled", lambda one, _: one.handled, 1),
+    _Column("", "/s", lambda one, seconds: _rate(one.handled, seconds), 9),
+    _Column("", "busy", lambda one, _: f"{one.busy.share:.0%}"),
+    _Column("", "waiting", lambda one, _: f"{one.busy.waiting / one.busy.seconds:.0%}" if one.busy.seconds else "-", 4),
+    _Column("in the queue", "queued", lambda one, _: len(one.queued) or _NONE, 5),
+    _Column("in the queue", "open", lambda one, _: len(one.queued.going_on) or _NONE, 3, if_any=True),
+    *_spread("in the queue", "queued", 8, 2, 10),
+    _Column("in the queue", "longest", lambda one, _: one.longest_queue or _NONE, 6),
+)
 
 
 def stats_lines(
@@ -41,23 +90,15 @@ def stats_lines(
     width = width or _WIDTH
     lines: list[str] = []
     if messages:
-        groups = [("", 4), ("runs", 1), ("sent to start", 3), ("handling", 3), ("sent to end", 3)]
-        heads = ["sent", "/s", "open", "dropped", "failed", *("p50", "p99", "max") * 3]
-        rows = [(printable(one.name), _message_cells(one, stats.seconds)) for one in messages]
-        lines += _table("message", groups, heads, rows, _SPARE_OF_MESSAGES, width, if_any=(_OPEN, _DROPPED))
-        lines += [cut(line, width) for line in _left_out(stats)]
+        rows = [(printable(one.name), one) for one in messages]
+        lines += [*_table("message", _MESSAGES, rows, stats.seconds, width), *_left_out(stats)]
     if resources:
-        groups = [("", 5), ("in the queue", 6)]
-        heads = ["slots", "handled", "/s", "busy", "waiting", "queued", "open", "p50", "p99", "max", "longest"]
         titled = [(printable(place(one.module, one.resource) or _NO_HANDLER), one) for one in resources]
-        rows = [(title, _resource_cells(one, stats.seconds)) for title, one in titled]
-        table = _table("resource", groups, heads, rows, _SPARE_OF_RESOURCES, width, if_any=(_OPEN_WAITS,))
-        lines += ["", *table, *(cut(line, width) for line in _notes(stats, table))]
+        table = _table("resource", _RESOURCES, titled, stats.seconds, width)
+        lines += ["", *table, *_notes(stats, table)]
     if stats.deadlocks:
-        lines.append(
-            cut(f"{counted(stats.deadlocks, 'deadlock')} found: who was refused to wait is in tca report", width)
-        )
-    return lines
+        lines.append(f"{counted(stats.deadlocks, 'deadlock')} found: 'tca report' tells which waits were refused")
+    return [cut(line, width) for line in lines]
 
 
 def _left_out(stats: Stats) -> Iterator[str]:
@@ -73,109 +114,49 @@ def _notes(stats: Stats, table: list[str]) -> Iterator[str]:
     """What has to be said of a table's figures."""
     start, end = stats.busy_in
     since = "" if stats.is_part else ", first task to last end" if stats.has_tasks else ", from the first message on"
-    yield f"busy: of {seconds(max(end - start, 0.0))} ({start:.2f} to {end:.2f} s{since})"
+    yield f"busy: of {duration(max(end - start, 0.0))} ({run_time(start)} to {run_time(end)}{since})"
     if any(_AT_LEAST in line for line in table[2:]):
         yield f"{_AT_LEAST}: at least so long; some still wait"
 
 
-def _message_cells(stats: MessageStats, seconds: float) -> list[str]:
-    counts = [str(stats.sent), _rate(stats.sent, seconds)]
-    counts += [str(number or "-") for number in (stats.open, stats.dropped, stats.failed_runs)]
-    return [*counts, *_spread(stats.to_start), *_spread(stats.handling), *_spread(stats.to_end)]
-
-
-def _resource_cells(stats: ResourceStats, seconds: float) -> list[str]:
-    waiting = f"{stats.busy.waiting / stats.busy.seconds:.0%}" if stats.busy.seconds else "-"
-    handled = [str(stats.capacity or "-"), str(stats.handled), _rate(stats.handled, seconds)]
-    handled += [f"{stats.busy.share:.0%}", waiting]
-    queued = [str(len(stats.queued) or "-"), str(len(stats.queued.going_on) or "-"), *_spread(stats.queued)]
-    return [*handled, *queued, str(stats.longest_queue or "-")]
-
-
-def _spread(times: Times) -> list[str]:
-    found = [times.percentile(share) for share in (50, 99, 100)]
-    return [duration(one) + _AT_LEAST * (one is not None and times.is_at_least(one)) for one in found]
-
-
-def _rate(number: int, seconds: float) -> str:
-    rate = number / (seconds or 1)
-    return f"{rate:.{2 if rate < _SELDOM else 3}g}" if seconds > 0 and rate < 1000 else f"{rate:.0f}"
-
-
-def duration(seconds: float | None) -> str:
-    """A time in at most six characters: ``850us``, ``1.25ms``, ``12.5s``, ``3m20s``, ``2h05m``."""
-    if seconds is None or seconds < _NO_TIME:
-        return "-" if seconds is None else "0"
-    if seconds < 99.95:
-        for factor, unit in ((1e6, "us"), (1e3, "ms"), (1.0, "s")):
-            if seconds * factor < 999.5 or unit == "s":
-                return _three_digits(seconds * factor) + unit
-    for length, name, part, part_name in _UNITS:
-        if seconds >= length:
-            whole, rest = divmod(seconds, length)
-            return f"{whole:.0f}{name}{rest // part:02.0f}{part_name}"
-    return f"{seconds:.0f}s"
-
-
-def _three_digits(number: float) -> str:
-    digits = 2 if number < 9.995 else 1 if number < 99.95 else 0
-    return f"{number:.{digits}f}".rstrip("0").rstrip(".") if digits else f"{number:.0f}"
-
-
 def _table(
-    title: str,
-    groups: Groups,
-    heads: list[str],
-    rows: list[tuple[str, list[str]]],
-    spare: Spare,
-    width: int,
-    *,
-    if_any: Sequence[int],
+    title: str, columns: Sequence[_Column], rows: Sequence[tuple[str, object]], seconds: float, width: int
 ) -> list[str]:
-    """A line over groups of columns, a line of heads, and the rows; columns *if_any* only if something is in them.
-    Where there is no room, columns are left out, those of *spare* one after the other, and names are cut.
+    """A line over groups of columns, a line of heads, and the rows. Where there is no room, columns are left out one
+    after the other, then names are cut.
     """
-    all_sizes = [max(map(len, cells)) for cells in zip(heads, *(cells for _, cells in rows), strict=True)]
-    kept = [n not in if_any or any(cells[n] != "-" for _, cells in rows) for n in range(len(heads))]
-    waiting = list(spare)
-    while True:
-        sizes, left = list(compress(all_sizes, kept)), _left(groups, kept)
-        gaps = [2 if place in _starts(left) else 1 for place in range(len(sizes))]
-        room = width - sum(sizes) - sum(gaps)
-        if room >= _NARROWEST_NAME or not waiting:
+    made = [(one, [one.head, *(str(one.cell(row, seconds)) for _, row in rows)]) for one in columns]
+    kept = [(one, cells) for one, cells in made if not one.if_any or {*cells[1:]} != {_NONE}]
+    while (room := width - sum(map(len, _line("", kept, 0)))) < _NARROWEST_NAME:
+        spared = max(one.spare for one, _ in kept)
+        if not spared:
             break
-        for spared in waiting.pop(0):
-            kept[spared] = False
-    name_width = min(max(columns_of(name) for name, _ in [(title, []), *rows]), max(room, _LEAST_NAME))
-    over, place = " " * name_width, 0
-    for name, number in left:
-        size = sum(sizes[place : place + number]) + sum(gaps[place : place + number])
-        over += "  " + _over(name, size - 2) if name and number else " " * size
-        place += number
-    told = [(name, list(compress(cells, kept))) for name, cells in [(title, heads), *rows]]
-    lines = [over.rstrip(), *(_line(padded(name, name_width), cells, sizes, gaps) for name, cells in told)]
-    return [cut(line, width) for line in lines]
+        kept = [(one, cells) for one, cells in kept if one.spare != spared]
+    names = [title, *(name for name, _ in rows)]
+    name_width = min(max(map(columns_of, names)), max(room, _LEAST_NAME))
+    return [_heads(name_width, kept)] + [
+        "".join(_line(padded(name, name_width), kept, place)) for place, name in enumerate(names)
+    ]
 
 
-def _left(groups: Groups, kept: list[bool]) -> Groups:
-    """The groups with as many columns as are left of them."""
-    ends = list(accumulate(number for _, number in groups))
-    return [(name, sum(kept[end - number : end])) for (name, number), end in zip(groups, ends, strict=True)]
+def _line(name: str, columns: list[tuple[_Column, list[str]]], place: int) -> Iterator[str]:
+    """A line of the table in pieces: the name, and cells as wide as their columns."""
+    yield name
+    for _, group in _groups(columns):
+        for number, (_, cells) in enumerate(group):
+            yield " " * (2 if number == 0 else 1) + cells[place].rjust(max(map(len, cells)))
 
 
-def _over(name: str, size: int) -> str:
-    """What stands over a group of columns."""
-    name = next((one for one in (name, name.removeprefix("sent ")) if len(one) <= size), _SHORT.get(name, name))
-    return f" {name} ".center(size, "-") if len(name) + 2 <= size else cut(name, size).center(size)
+def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
+    """What stands over the groups of columns."""
+    over = " " * name_width
+    for name, group in _groups(columns):
+        size = sum(max(map(len, cells)) + 1 for _, cells in group) - 1
+        short = next((one for one in (name, name.removeprefix("sent ")) if len(one) <= size), _SHORT.get(name, name))
+        told = f" {short} ".center(size, "-") if name and len(short) + 2 <= size else cut(short, size).center(size)
+        over += "  " + told
+    return over.rstrip()
 
 
-def _starts(groups: Iterable[tuple[str, int]]) -> set[int]:
-    starts, place = set(), 0
-    for _, number in groups:
-        starts.add(place)
-        place += number
-    return starts
-
-
-def _line(name: str, cells: Cells, sizes: list[int], gaps: list[int]) -> str:
-    return name + "".join(" " * gap + cell.rjust(size) for cell, size, gap in zip(cells, sizes, gaps, strict=True))
+def _groups(columns: list[tuple[_Column, list[str]]]) -> Iterator[tuple[str, list[tuple[_Column, list[str]]]]]:
+    return ((name, list(group)) for name, group in groupby(columns, key=lambda pair: pair[0].group))

@@ -175,7 +175,7 @@ def test_files_that_cant_be_finished_leave_nothing(run: Path, tmp_path: Path, mo
     def full(*_: object) -> Callable[..., None]:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("tca_tools.export.json_lines.fact_row", full)
+    monkeypatch.setattr("tca_tools.export.__main__.fact_row", full)
     result = exported(run, "-o", tmp_path / "run.jsonl")
     assert "run.jsonl: can't be written: No space left on device" in result.stderr
     assert [found.name for found in tmp_path.iterdir()] == ["run"]

@@ -9,12 +9,14 @@ import heapq
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from math import inf
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
-from tca_tools.export.lanes import Span
 from tca_tools.export.nanoseconds import Nanoseconds
+from tca_tools.export.trace.lanes import Span
 from tca_tools.run.whole_run import Run
+from tca_tools.spans import levels
 
 T = TypeVar("T")
 
@@ -122,9 +124,11 @@ def in_order(*events: Iterable[Event]) -> Iterator[Event]:
     return heapq.merge(*events, key=itemgetter(0))
 
 
-def counter(track: Track, levels: Iterable[tuple[int, int]]) -> Iterator[Event]:
-    """A counter's values."""
-    return (Event(time, False, track.uuid, Kind.COUNTER, value=level) for time, level in levels)
+def counter(track: Track, spans: Iterable[Span]) -> Iterator[Event]:
+    """How many of the spans there are at a time: an event wherever that changes."""
+    for time, number in levels((span.start, span.last) for span in spans):
+        if time < inf:
+            yield Event(int(time), False, track.uuid, Kind.COUNTER, value=number)
 
 
 def _end(track: Track, span: Span) -> Iterator[Event]:

@@ -5,18 +5,9 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, count, groupby
 from typing import Any
 
-from tca_tools.export.lanes import Span, in_lanes, levels, nested
 from tca_tools.export.trace.details import flow_through, flow_to, flows_from, of_handling, of_message, of_wait
-from tca_tools.export.trace.events import (
-    Event,
-    Kind,
-    Trace,
-    Track,
-    counter,
-    in_order,
-    slices,
-    within,
-)
+from tca_tools.export.trace.events import Event, Kind, Trace, Track, counter, in_order, slices, within
+from tca_tools.export.trace.lanes import Span, in_lanes, nested
 from tca_tools.run.records import Claim, HandlerWait, Handling, Message, Queueing
 from tca_tools.why.coping import has_coped
 from tca_wire.vocabulary import Outcome
@@ -86,7 +77,7 @@ class _Place:
         queued = [(trace.span(queueing.start, queueing.end), queueing) for queueing in self.queueings]
         if queued:
             length = trace.add(f"queue length of {name}", group, next(ranks), is_counter=True)
-            length.events = counter(length, levels([span for span, _ in queued]))
+            length.events = counter(length, [span for span, _ in queued])
         _add_lanes(trace, group, next(ranks), f"queue of {name}", queued, _queued)
 
     def _granted(self, trace: Trace) -> list[tuple[Span, Claim]]:

@@ -1,11 +1,11 @@
-"""Spans of time side by side in lanes, in none of which two overlap. Pure."""
+"""Spans of nanoseconds side by side in lanes, in none of which two overlap, or within each other. Pure."""
 
-import heapq
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections import defaultdict
+from collections.abc import Iterable
 from math import inf
-from operator import itemgetter
 from typing import NamedTuple, TypeVar
+
+from tca_tools.spans import lanes
 
 T = TypeVar("T")
 
@@ -27,18 +27,11 @@ class Span(NamedTuple):
 
 def in_lanes(spans: Iterable[tuple[Span, T]]) -> list[list[tuple[Span, T]]]:
     """Each span, with what belongs to it, in the first lane that is free when it starts."""
-    lanes: list[list[tuple[Span, T]]] = []
-    busy: list[tuple[float, int]] = []
-    free: list[int] = []
-    for span, thing in sorted(spans, key=lambda pair: pair[0].start):
-        while busy and busy[0][0] <= span.start:
-            heapq.heappush(free, heapq.heappop(busy)[1])
-        lane = heapq.heappop(free) if free else len(lanes)
-        if lane == len(lanes):
-            lanes.append([])
-        lanes[lane].append((span, thing))
-        heapq.heappush(busy, (span.last, lane))
-    return lanes
+    found: dict[int, list[tuple[Span, T]]] = defaultdict(list)
+    ordered = sorted(spans, key=lambda pair: pair[0].start)
+    for pair, lane in zip(ordered, lanes((span.start, span.last) for span, _ in ordered), strict=True):
+        found[lane].append(pair)
+    return list(found.values())
 
 
 def nested(spans: Iterable[tuple[Span, T]]) -> tuple[list[tuple[Span, T]], list[tuple[Span, T]]]:
@@ -56,17 +49,3 @@ def nested(spans: Iterable[tuple[Span, T]]) -> tuple[list[tuple[Span, T]], list[
         if fits:
             around.append(span)
     return fitting, others
-
-
-def levels(spans: Sequence[Span]) -> list[tuple[int, int]]:
-    """How many of the spans there are at a time, from when on: only where the number changes."""
-    steps = [(span.start, 1) for span in spans]
-    steps += [(span.end, -1) for span in spans if span.end is not None]
-    found: list[tuple[int, int]] = []
-    level = 0
-    for time, group in groupby(sorted(steps), key=itemgetter(0)):
-        change = sum(step for _, step in group)
-        if change or not found:
-            level += change
-            found.append((time, level))
-    return found
